@@ -1,0 +1,155 @@
+"""Time-stamped, frozen messages: the only things that travel between rooms.
+
+Every array is read-only. Frames: W world (z up), B hull, C camera (OpenCV axes), G tool (z out of the tool),
+T target (the frame of its model). Ground truth is not a message: it never leaves `sim`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from sim.interfaces.spatial import Array
+
+
+class WorkState(StrEnum):
+    """What the vehicle is doing; the supervisor moves through these in order, or falls to RETREAT and ABORT."""
+
+    SETTLE = "settle"  # hover until the hull is quiet
+    SCAN = "scan"  # a depth frame is asked for, identification runs
+    CLOSE_IN = "close-in"  # the hull moves to the work pose, the arm to the pose before contact
+    TARE = "tare"  # torque bias is removed, free of contact
+    APPROACH = "approach"  # guarded move along the tool axis until contact
+    PRESS = "press"  # force grows to its first set value; no motion along the path yet
+    WORK = "work"  # motion along the path under force control
+    RETREAT = "retreat"  # tool leaves the surface along its axis
+    DONE = "done"  # path finished and tool withdrawn
+    ABORT = "abort"  # tool withdrawn before the path was finished
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EncoderMeasurement:
+    """Joint encoders."""
+
+    time: float  # [s]
+    q: Array  # (n,) [rad]
+    qd: Array  # (n,) [rad/s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorqueMeasurement:
+    """One-component torque sensors on the gear outputs."""
+
+    time: float  # [s]
+    tau: Array  # (n,) [N m], along the joint axis, on the child
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ImuMeasurement:
+    """Inertial unit and attitude reference at the hull origin."""
+
+    time: float  # [s]
+    specific_force_B: Array  # (3,) [m/s^2], acceleration minus gravity
+    w_WB_B: Array  # (3,) [rad/s]
+    R_WB: Array  # (3, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DvlMeasurement:
+    """Velocity over ground."""
+
+    time: float  # [s]
+    v_WB_B: Array  # (3,) [m/s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VisionMeasurement:
+    """Position of the hull against the scene, from vision; `time` is when the picture was taken, not when it arrives."""
+
+    time: float  # [s]
+    p_WB: Array  # (3,) [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DepthImage:
+    """One frame of a depth camera, with the camera's place on the hull."""
+
+    time: float  # [s]
+    depth: Array  # (height, width) [m] along the optical axis, NaN where nothing came back
+    K: Array  # (3, 3) pinhole matrix [px]
+    X_BC: Array  # (4, 4) camera in hull
+
+
+Measurement = (
+    EncoderMeasurement | TorqueMeasurement | ImuMeasurement | DvlMeasurement | VisionMeasurement | DepthImage
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StateEstimate:
+    """What the vehicle believes of itself."""
+
+    time: float  # [s]
+    X_WB: Array  # (4, 4) hull pose
+    v_WB_B: Array  # (3,) [m/s]
+    w_WB_B: Array  # (3,) [rad/s]
+    a_WB_B: Array  # (3,) [m/s^2] acceleration of the hull origin, gravity removed
+    q: Array  # (n,) [rad]
+    qd: Array  # (n,) [rad/s]
+    tau: Array  # (n,) [N m] measured at the gear outputs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolPath:
+    """A tool path on the real surface, sampled densely over its arc length."""
+
+    s: Array  # (N,) [m] arc length, from 0, increasing
+    p: Array  # (N, 3) [m] points of the tool tip
+    z: Array  # (N, 3) unit tool axis, into the surface
+    x: Array  # (N, 3) unit axis across the tool axis, along the path
+    on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else carried over from the model alone)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Target:
+    """A known object, found: its pose and the tool path on it, in W."""
+
+    time: float  # [s] of the frame that it was found in
+    X_WT: Array  # (4, 4) pose of the model frame
+    accepted: bool  # the check held
+    check_m: float  # [m] the check's figure; inf if it could not be made
+    range_m: float  # [m] camera to the target's centre
+    reason: str  # why it was not accepted; empty if it was
+    path: ToolPath | None  # in W; None if not accepted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reference:
+    """What the controller is asked to do now."""
+
+    time: float  # [s]
+    state: WorkState
+    X_WB: Array  # (4, 4) hull pose to hold
+    v_WB_W: Array  # (3,) [m/s] velocity of that pose
+    X_WG: Array | None  # (4, 4) tool pose to follow, or None: hold `q`
+    v_WG_W: Array  # (3,) [m/s] velocity of the tool point
+    w_WG_W: Array  # (3,) [rad/s] angular velocity of the tool frame
+    q: Array  # (n,) [rad] joint angles to hold when X_WG is None; else the posture to start IK from
+    qd: Array  # (n,) [rad/s] velocity of `q`
+    force: float  # [N] set normal force; 0 when free of contact
+    force_control: bool  # close the force loop
+    tare: bool  # average the joint torques now, to remove their bias
+    scan: bool  # take a depth frame now
+    path_s: float  # [m] arc length reached on the tool path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Command:
+    """What goes to the drives, and what the controller believed when it sent it (for logs, not for the plant)."""
+
+    time: float  # [s]
+    joint_torque: Array  # (n,) [N m]
+    thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
+    scan: bool  # take a depth frame now
+    believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]

@@ -1,0 +1,136 @@
+"""Poses, rotations and wrenches on plain numpy arrays.
+
+A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coordinates in A. Quaternions are
+`wxyz` and say so in their name. Six-vectors are (linear; angular), at the body-frame origin, in body axes.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.interfaces.errors import ConfigurationError
+
+Array = NDArray[np.float64]
+
+
+def readonly(values: ArrayLike) -> Array:
+    """A private, read-only float64 copy of `values`."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name}: expected {shape} numbers, got {values!r}") from error
+    if array.shape != shape:
+        raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")
+    if not np.all(np.isfinite(array)):
+        raise ConfigurationError(f"{name}: every number must be finite, got {array.tolist()}")
+    array.setflags(write=False)
+    return array
+
+
+def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
+    """The pose with rotation `R` (3, 3), default identity, and position `p` (3,) [m], default zero."""
+    X = np.eye(4)
+    if R is not None:
+        X[:3, :3] = R
+    if p is not None:
+        X[:3, 3] = p
+    return X
+
+
+def inverse(X_AB: Array) -> Array:
+    """X_BA."""
+    X_BA = np.eye(4)
+    R_BA = X_AB[:3, :3].T
+    X_BA[:3, :3] = R_BA
+    X_BA[:3, 3] = -R_BA @ X_AB[:3, 3]
+    return X_BA
+
+
+def transform_points(X_AB: Array, p_B: Array) -> Array:
+    """Points (N, 3) or (3,) [m] in B, expressed in A."""
+    return p_B @ X_AB[:3, :3].T + X_AB[:3, 3]
+
+
+def skew(v: ArrayLike) -> Array:
+    """The matrix S with S @ u = v x u."""
+    x, y, z = np.asarray(v, dtype=np.float64)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def exp_so3(phi: ArrayLike) -> Array:
+    """Rotation matrix of the rotation vector `phi` (3,) [rad] (Rodrigues)."""
+    v = np.asarray(phi, dtype=np.float64)
+    angle = float(np.linalg.norm(v))
+    S = skew(v)
+    if angle < 1e-8:
+        return np.eye(3) + S + 0.5 * S @ S
+    return np.eye(3) + (np.sin(angle) / angle) * S + ((1.0 - np.cos(angle)) / angle**2) * S @ S
+
+
+def log_so3(R: Array) -> Array:
+    """Rotation vector (3,) [rad] of `R`, of length in [0, pi], exact near 0 and near pi."""
+    w, *xyz = quat_wxyz_from_rotation(R)
+    v = np.array(xyz)
+    if w < 0.0:
+        w, v = -w, -v
+    sine = float(np.linalg.norm(v))
+    if sine < 1e-12:
+        return 2.0 * v
+    return (2.0 * np.arctan2(sine, w) / sine) * v
+
+
+def rotation_angle(R_a: Array, R_b: Array) -> float:
+    """Angle [rad] of the rotation from `R_a` to `R_b`."""
+    return float(np.linalg.norm(log_so3(R_a.T @ R_b)))
+
+
+def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
+    """Rotation matrix of a quaternion (w, x, y, z), normalised first."""
+    q = np.asarray(quat_wxyz, dtype=np.float64)
+    w, x, y, z = q / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quat_wxyz_from_rotation(R: Array) -> Array:
+    """Unit quaternion (w, x, y, z) of `R`, by the largest component (Shepperd), so that it is exact near pi."""
+    trace = float(np.trace(R))
+    choice = int(np.argmax([trace, R[0, 0], R[1, 1], R[2, 2]]))
+    if choice == 0:
+        quat = np.array([1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        i = choice - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        quat = np.empty(4)
+        quat[0] = R[k, j] - R[j, k]
+        quat[1 + i] = 1.0 + R[i, i] - R[j, j] - R[k, k]
+        quat[1 + j] = R[j, i] + R[i, j]
+        quat[1 + k] = R[k, i] + R[i, k]
+    return quat / np.linalg.norm(quat)
+
+
+def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
+    """Rotation whose z axis is `z` (3,) and whose x axis is `x_hint` (3,) made perpendicular to it.
+
+    Raises ConfigurationError if either is zero or they are parallel.
+    """
+    z_axis = np.asarray(z, dtype=np.float64)
+    z_axis = z_axis / max(float(np.linalg.norm(z_axis)), 1e-300)
+    x_axis = np.asarray(x_hint, dtype=np.float64)
+    x_axis = x_axis - (x_axis @ z_axis) * z_axis
+    length = float(np.linalg.norm(x_axis))
+    if not length > 1e-9:
+        raise ConfigurationError(f"x_hint {x_hint} must not be zero or parallel to z {z}")
+    x_axis /= length
+    return np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis])

@@ -1,0 +1,497 @@
+"""What water does to each body: the coefficients, their table inside an MjSpec, and closed forms for plain shapes.
+
+Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's order). They travel
+in `body.userdata`, one row of `LAYOUT.size` numbers a body, so that a compiled `MjModel` carries them by itself and one
+stateless callback (`sim.hydrodynamics`) serves every model of the process.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import Final
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
+
+SEA_WATER: Final = 1025.0  # [kg/m^3]
+MAX_STRIPS: Final = 2  # segments with strip drag a body
+MAX_STATIONS: Final = 8  # Gauss-Legendre stations a segment
+
+_STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stations
+_UPPER: Final = np.triu_indices(6)
+
+# Where each number lies in a row of `body_user`. The world body has its own row; both begin with the stamp, which
+# changes with the layout, so that a table of another layout (or another project) is not taken for ours.
+LAYOUT: Final = SimpleNamespace(
+    stamp_value=6.20261121e8,
+    stamp=0,
+    # a body
+    volume=1,
+    center_of_buoyancy=2,  # 3
+    added_mass=5,  # 21, upper triangle by rows
+    linear_damping=26,  # 36, by rows
+    quadratic_damping=62,  # 6
+    strip_count=68,
+    strips=69,  # MAX_STRIPS times 9
+    size=69 + MAX_STRIPS * _STRIP_SIZE,
+    strip_size=_STRIP_SIZE,
+    # the world
+    density=1,
+    current_acceleration=2,  # 3
+    current_shear=5,  # 3
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StripDrag:
+    """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
+
+    Each station has its own velocity, so a swinging link is damped as it should be, which one 6x6 row cannot do.
+    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t` (cross-flow principle; Faltinsen 1990, section 7).
+
+    Raises ConfigurationError if a number is not finite, negative, or the segment has no length.
+    """
+
+    start: Array  # (3,) [m], body frame
+    end: Array  # (3,) [m], body frame
+    normal: float  # [kg/m^2] = 0.5 rho C_d d
+    tangential: float = 0.0  # [kg/m^2] = 0.5 rho C_f pi d
+    stations: int = 4  # 1..MAX_STATIONS
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", checked(self.start, (3,), "strip start"))
+        object.__setattr__(self, "end", checked(self.end, (3,), "strip end"))
+        object.__setattr__(self, "normal", _not_negative(self.normal, "strip normal drag [kg/m^2]"))
+        object.__setattr__(self, "tangential", _not_negative(self.tangential, "strip tangential drag [kg/m^2]"))
+        if not float(np.linalg.norm(self.end - self.start)) > 1e-9:
+            raise ConfigurationError(f"strip: start {self.start.tolist()} and end {self.end.tolist()} coincide")
+        if self.stations not in range(1, MAX_STATIONS + 1):
+            raise ConfigurationError(f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BodyHydrodynamics:
+    """Hydrodynamics of one body, in its body frame. Arrays are read-only copies.
+
+    Raises ConfigurationError if a shape is wrong, a number is not finite, the volume or a damping is negative, the
+    added mass is not symmetric or not positive semidefinite, or the symmetric part of the linear damping is not.
+    """
+
+    volume: float  # [m^3] of displaced water
+    center_of_buoyancy: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
+    added_mass: Array = field(default_factory=lambda: np.zeros((6, 6)))  # (6, 6) [kg, kg m, kg m^2]
+    linear_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) or (6, 6) [N s/m, N m s]; kept as (6, 6)
+    quadratic_damping: Array = field(default_factory=lambda: np.zeros(6))  # (6,) [N s^2/m^2, N m s^2]
+    strips: StripDrag | tuple[StripDrag, ...] | None = ()  # at most MAX_STRIPS; kept as a tuple
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "volume", _not_negative(self.volume, "volume [m^3]"))
+        object.__setattr__(self, "center_of_buoyancy", checked(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]"))
+        object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
+        object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
+        quadratic = checked(self.quadratic_damping, (6,), "quadratic_damping")
+        if np.any(quadratic < 0.0):
+            raise ConfigurationError(f"quadratic_damping: must not be negative, got {quadratic.tolist()}")
+        object.__setattr__(self, "quadratic_damping", quadratic)
+        object.__setattr__(self, "strips", _strips(self.strips))
+
+    @property
+    def segments(self) -> tuple[StripDrag, ...]:
+        """`strips`, as the tuple it is kept as."""
+        assert isinstance(self.strips, tuple)
+        return self.strips
+
+
+def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float = SEA_WATER) -> None:
+    """Write the coefficients of `bodies` (by name) and the water's density [kg/m^3] into `spec`.
+
+    May be called again, for other bodies or to replace; the last density holds for all. Call it on the final spec:
+    when a spec is attached to another, its bodies keep their rows but its world's row stays behind (an empty mapping
+    then gives the density alone). A body welded to the world keeps its coefficients but feels nothing.
+
+    Raises ConfigurationError for an unknown body, a density that is not positive, or user data that is not ours.
+    """
+    if not (np.isfinite(water_density) and water_density > 0.0):
+        raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {water_density}")
+    known = {body.name: body for body in spec.bodies[1:] if body.name}
+    if unknown := sorted(set(bodies) - set(known)):
+        raise ConfigurationError(f"no such body: {', '.join(unknown)}; the spec has {', '.join(sorted(known))}")
+    for name, coefficients in bodies.items():
+        if not isinstance(coefficients, BodyHydrodynamics):
+            raise ConfigurationError(f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}")
+    for body in [spec.worldbody, *(known[name] for name in bodies)]:
+        if len(body.userdata) and body.userdata[LAYOUT.stamp] != LAYOUT.stamp_value:
+            raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
+
+    spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
+    world = _row_of(spec.worldbody)
+    world[LAYOUT.density] = water_density
+    spec.worldbody.userdata = world
+    for name, coefficients in bodies.items():
+        known[name].userdata = pack(coefficients)
+        # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole block.
+        known[name].simple = 0
+
+
+def set_current(
+    spec: mujoco.MjSpec,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    acceleration: ArrayLike = (0.0, 0.0, 0.0),
+    shear: ArrayLike = (0.0, 0.0, 0.0),
+) -> None:
+    """Set the current: its velocity (3,) [m/s] at z = 0, acceleration (3,) [m/s^2] and shear dv/dz (3,) [1/s].
+
+    World axes; a body feels the current at its own origin. In a compiled model the velocity is `model.opt.wind` and the
+    others are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`.
+    Raises ConfigurationError for a wrong shape, or if `attach` has not been called.
+    """
+    world = _row_of(spec.worldbody)
+    if world[LAYOUT.density] == 0.0:
+        raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
+    world[LAYOUT.current_acceleration :][:3] = checked(acceleration, (3,), "current acceleration [m/s^2]")
+    world[LAYOUT.current_shear :][:3] = checked(shear, (3,), "current shear [1/s]")
+    spec.option.wind = checked(velocity, (3,), "current velocity [m/s]")
+    spec.worldbody.userdata = world
+
+
+def attached(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
+    """The coefficients that `spec` carries, by body name."""
+    return {body.name: unpack(body.userdata) for body in spec.bodies[1:] if carries(body.userdata)}
+
+
+def carries(row: ArrayLike) -> bool:
+    """Whether a row of user data is one of ours."""
+    row = np.asarray(row)
+    return len(row) >= LAYOUT.size and row[LAYOUT.stamp] == LAYOUT.stamp_value
+
+
+def pack(body: BodyHydrodynamics) -> Array:
+    """The row (LAYOUT.size,) of `body`."""
+    row = np.zeros(LAYOUT.size)
+    row[LAYOUT.stamp] = LAYOUT.stamp_value
+    row[LAYOUT.volume] = body.volume
+    row[LAYOUT.center_of_buoyancy :][:3] = body.center_of_buoyancy
+    row[LAYOUT.added_mass :][:21] = body.added_mass[_UPPER]
+    row[LAYOUT.linear_damping :][:36] = body.linear_damping.ravel()
+    row[LAYOUT.quadratic_damping :][:6] = body.quadratic_damping
+    row[LAYOUT.strip_count] = len(body.segments)
+    for k, strip in enumerate(body.segments):
+        row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE] = [
+            *strip.start,
+            *strip.end,
+            strip.normal,
+            strip.tangential,
+            strip.stations,
+        ]
+    return row
+
+
+def unpack(row: ArrayLike) -> BodyHydrodynamics:
+    """The coefficients in a row of `body_user`; the inverse of `pack`."""
+    row = np.asarray(row)
+    added_mass = np.zeros((6, 6))
+    added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
+    added_mass = added_mass + np.triu(added_mass, 1).T
+    strips = []
+    for k in range(int(row[LAYOUT.strip_count])):
+        numbers = row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE]
+        strips.append(
+            StripDrag(
+                start=numbers[:3],
+                end=numbers[3:6],
+                normal=float(numbers[6]),
+                tangential=float(numbers[7]),
+                stations=int(numbers[8]),
+            )
+        )
+    return BodyHydrodynamics(
+        volume=float(row[LAYOUT.volume]),
+        center_of_buoyancy=row[LAYOUT.center_of_buoyancy :][:3],
+        added_mass=added_mass,
+        linear_damping=np.reshape(row[LAYOUT.linear_damping :][:36], (6, 6)),
+        quadratic_damping=row[LAYOUT.quadratic_damping :][:6],
+        strips=tuple(strips),
+    )
+
+
+def trim(
+    spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
+) -> BodyHydrodynamics:
+    """Ballast the tree of `body`: choose that body's volume and centre of buoyancy so that the tree floats at rest.
+
+    Afterwards, in the pose `qpos` (nq,) (default: qpos0), the tree's buoyancy equals its weight and its centre of
+    buoyancy lies `metacentric_height` [m] straight above its centre of mass (against gravity). Every other coefficient
+    stays. All bodies must have theirs attached first. Returns what is now attached to `body`.
+
+    Raises ConfigurationError if `body` carries no coefficients, gravity is zero, `qpos` has the wrong shape, or the
+    other bodies alone already displace more than the tree weighs.
+    """
+    here = attached(spec)
+    if body not in here:
+        raise ConfigurationError(f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}")
+    if not np.isfinite(metacentric_height):
+        raise ConfigurationError(f"metacentric_height [m]: must be finite, got {metacentric_height}")
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    if qpos is not None:
+        data.qpos = checked(qpos, (model.nq,), "qpos")
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    gravity = np.array(model.opt.gravity)
+    if not np.any(gravity):
+        raise ConfigurationError("trim: gravity is zero")
+    up = -gravity / np.linalg.norm(gravity)
+
+    this = model.body(body).id
+    root = int(model.body_rootid[this])
+    density = float(model.body_user[0, LAYOUT.density])
+    mass = float(model.body_subtreemass[root])
+    displaced = 0.0  # [kg] by the other bodies
+    moment = np.zeros(3)  # [kg m]
+    for i in np.flatnonzero(model.body_rootid == root):
+        if i != this and carries(model.body_user[i]):
+            other = unpack(model.body_user[i])
+            p_W = data.xpos[i] + data.xmat[i].reshape(3, 3) @ other.center_of_buoyancy
+            displaced += density * other.volume
+            moment += density * other.volume * p_W
+    needed = mass - displaced
+    if needed <= 0.0:
+        raise ConfigurationError(
+            f"trim: the tree of {body} weighs {mass:.6g} kg, its other bodies displace {displaced:.6g} kg already"
+        )
+    p_W = (mass * (data.subtree_com[root] + metacentric_height * up) - moment) / needed
+    trimmed = replace(
+        here[body],
+        volume=needed / density,
+        center_of_buoyancy=data.xmat[this].reshape(3, 3).T @ (p_W - data.xpos[this]),
+    )
+    attach(spec, {body: trimmed}, density)
+    return trimmed
+
+
+# --------------------------------------------------------------------------------------------------------- plain shapes
+
+
+def sphere(
+    radius: float, *, center: ArrayLike = (0, 0, 0), drag_coefficient: float = 0.47, water_density: float = SEA_WATER
+) -> BodyHydrodynamics:
+    """A sphere of `radius` [m] at `center` (3,) [m].
+
+    Added mass half the displaced (Lamb, Hydrodynamics, art. 92); drag coefficient at Reynolds 1e4 to 1e5 (Hoerner 3-8).
+    Drag acts at the body origin, so keep `center` near it or use strips.
+    """
+    radius = _positive(radius, "radius [m]")
+    volume = 4.0 / 3.0 * np.pi * radius**3
+    local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
+    drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
+    return BodyHydrodynamics(
+        volume=volume,
+        center_of_buoyancy=readonly(center),
+        added_mass=moved_added_mass(local, np.eye(3), center),
+        quadratic_damping=np.array([drag] * 3 + [0.0] * 3),
+    )
+
+
+def ellipsoid(
+    semi_axes: ArrayLike,
+    *,
+    center: ArrayLike = (0, 0, 0),
+    drag_coefficients: ArrayLike = (0.47, 0.47, 0.47),
+    water_density: float = SEA_WATER,
+) -> BodyHydrodynamics:
+    """An ellipsoid with `semi_axes` (3,) [m] along the body axes, at `center` (3,) [m].
+
+    Added mass from Lamb, Hydrodynamics, art. 114 and 115 (for two equal axes these are his k-factors of spheroids);
+    each drag coefficient (3,) is on the frontal area of its axis. Drag acts at the body origin.
+    """
+    a, b, c = axes = checked(semi_axes, (3,), "semi_axes [m]")
+    if np.any(axes <= 0.0):
+        raise ConfigurationError(f"semi_axes [m]: must be positive, got {axes.tolist()}")
+    volume = 4.0 / 3.0 * np.pi * a * b * c
+    drag = checked(drag_coefficients, (3,), "drag_coefficients")
+    area = np.pi * np.array([b * c, a * c, a * b])
+    return BodyHydrodynamics(
+        volume=volume,
+        center_of_buoyancy=readonly(center),
+        added_mass=moved_added_mass(np.diag(water_density * volume * _ellipsoid_factors(axes)), np.eye(3), center),
+        quadratic_damping=np.concatenate([0.5 * water_density * drag * area, np.zeros(3)]),
+    )
+
+
+def box(
+    size: ArrayLike,
+    *,
+    center: ArrayLike = (0, 0, 0),
+    drag_coefficient: float = 1.05,
+    water_density: float = SEA_WATER,
+) -> BodyHydrodynamics:
+    """A rectangular prism with edges `size` (3,) [m] along the body axes, at `center` (3,) [m]. An estimate.
+
+    Added mass along each axis from DNV-RP-C205 table D-2 (square prism of the same frontal area, square plate as the
+    length goes to 0), in rotation as the ellipsoid in the box, scaled by the volumes. Drag on the frontal areas
+    (cube, Hoerner 3-17), in rotation the same coefficient on the local speed of each face; it acts at the body origin.
+    """
+    edges = checked(size, (3,), "size [m]")
+    if np.any(edges <= 0.0):
+        raise ConfigurationError(f"size [m]: must be positive, got {edges.tolist()}")
+    volume = float(np.prod(edges))
+    area = volume / edges
+    side = np.sqrt(area)  # [m] of the square of equal frontal area
+    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), and flat for long ones.
+    slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
+    reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
+    translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
+    rotation = water_density * volume * _ellipsoid_factors(edges / 2.0)[3:]
+    x, y, z = edges
+    spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0  # integral of |r|^3 over faces
+    return BodyHydrodynamics(
+        volume=volume,
+        center_of_buoyancy=readonly(center),
+        added_mass=moved_added_mass(np.diag(np.concatenate([translation, rotation])), np.eye(3), center),
+        quadratic_damping=0.5 * water_density * drag_coefficient * np.concatenate([area, spin]),
+    )
+
+
+def cylinder(
+    radius: float,
+    start: ArrayLike,
+    end: ArrayLike,
+    *,
+    normal_coefficient: float = 1.1,
+    friction_coefficient: float = 0.02,
+    stations: int = 4,
+    water_density: float = SEA_WATER,
+) -> BodyHydrodynamics:
+    """A slender cylinder of `radius` [m] from `start` (3,) to `end` (3,) [m], body frame: a link of an arm.
+
+    Added mass by strip theory: the displaced mass across, none along (Newman, Marine Hydrodynamics, 4.15). Drag as one
+    strip: cross flow on the diameter, skin friction on the circumference (Hoerner 3-9, 3-12).
+    Raises ConfigurationError if the radius is not positive or the ends coincide.
+    """
+    radius = _positive(radius, "radius [m]")
+    strip = StripDrag(
+        start=readonly(start),
+        end=readonly(end),
+        normal=0.5 * water_density * normal_coefficient * 2.0 * radius,
+        tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
+        stations=stations,
+    )
+    axis = strip.end - strip.start
+    length = float(np.linalg.norm(axis))
+    volume = np.pi * radius**2 * length
+    mass = water_density * volume
+    local = np.diag([mass, mass, 0.0, mass * length**2 / 12.0, mass * length**2 / 12.0, 0.0])
+    R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    center = 0.5 * (strip.start + strip.end)
+    return BodyHydrodynamics(
+        volume=volume, center_of_buoyancy=center, added_mass=moved_added_mass(local, R, center), strips=strip
+    )
+
+
+def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array:
+    """Added mass (6, 6), given in a shape's own frame, in a body frame where that frame has pose (`R`, `p` [m])."""
+    turn = np.kron(np.eye(2), checked(R, (3, 3), "R"))
+    shift = np.eye(6)
+    shift[:3, 3:] = -skew(checked(p, (3,), "p [m]"))
+    moved = shift.T @ turn @ checked(added_mass, (6, 6), "added_mass") @ turn.T @ shift
+    return 0.5 * (moved + moved.T)
+
+
+def _ellipsoid_factors(axes: Array) -> Array:
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid (Lamb, art. 114 (8), 115 (5))."""
+    squares = axes**2
+    # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
+    alpha = np.array(
+        [2.0 / 3.0 * np.prod(axes) * _carlson_rd(squares[i - 2], squares[i - 1], squares[i]) for i in range(3)]
+    )
+    factors = np.zeros(6)
+    factors[:3] = alpha / (2.0 - alpha)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        difference, total = squares[j] - squares[k], squares[j] + squares[k]
+        slip = alpha[k] - alpha[j]
+        if abs(difference) > 1e-9 * total:  # a body of revolution drags no water when it spins
+            factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
+    return factors
+
+
+def _carlson_rd(x: float, y: float, z: float) -> float:
+    """Carlson's elliptic integral R_D(x, y, z) by duplication, to rounding (Carlson 1995, arXiv:math/9409227)."""
+    total, power = 0.0, 1.0
+    while True:
+        mean = (x + y + 3.0 * z) / 5.0
+        if max(abs(x - mean), abs(y - mean), abs(z - mean)) < 1e-3 * mean:
+            break
+        roots = np.sqrt([x, y, z])
+        cross = roots[0] * roots[1] + roots[1] * roots[2] + roots[2] * roots[0]
+        total += power / (roots[2] * (z + cross))
+        power /= 4.0
+        x, y, z = (x + cross) / 4.0, (y + cross) / 4.0, (z + cross) / 4.0
+    u, v = (mean - x) / mean, (mean - y) / mean
+    w = -(u + v) / 3.0
+    e2, e3 = u * v - 6.0 * w * w, (3.0 * u * v - 8.0 * w * w) * w
+    e4, e5 = 3.0 * (u * v - w * w) * w * w, u * v * w**3
+    series = 1.0 - 3 / 14 * e2 + e3 / 6 + 9 / 88 * e2**2 - 3 / 22 * e4 - 9 / 52 * e2 * e3 + 3 / 26 * e5
+    return float(3.0 * total + power * series / mean**1.5)
+
+
+# --------------------------------------------------------------------------------------------------------------- checks
+
+
+def _row_of(body: mujoco.MjsBody) -> Array:
+    row = np.zeros(LAYOUT.size)
+    row[: len(body.userdata)] = body.userdata
+    row[LAYOUT.stamp] = LAYOUT.stamp_value
+    return row
+
+
+def _not_negative(value: float, name: str) -> float:
+    number = float(checked(value, (), name))
+    if number < 0.0:
+        raise ConfigurationError(f"{name}: must not be negative, got {number}")
+    return number
+
+
+def _positive(value: float, name: str) -> float:
+    number = float(checked(value, (), name))
+    if number <= 0.0:
+        raise ConfigurationError(f"{name}: must be positive, got {number}")
+    return number
+
+
+def _added_mass(values: ArrayLike) -> Array:
+    matrix = checked(values, (6, 6), "added_mass")
+    largest = float(np.max(np.abs(matrix)))
+    if float(np.max(np.abs(matrix - matrix.T))) > 1e-9 * largest:
+        i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), (6, 6))
+        raise ConfigurationError(f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}")
+    return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
+
+
+def _linear_damping(values: ArrayLike) -> Array:
+    if np.shape(values) == (6,):
+        diagonal = checked(values, (6,), "linear_damping")
+        if np.any(diagonal < 0.0):
+            raise ConfigurationError(f"linear_damping: must not be negative, got {diagonal.tolist()}")
+        return readonly(np.diag(diagonal))
+    if np.shape(values) != (6, 6):
+        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {np.shape(values)}")
+    return _semidefinite(checked(values, (6, 6), "linear_damping"), "symmetric part of linear_damping")
+
+
+def _semidefinite(matrix: Array, name: str) -> Array:
+    eigenvalues = np.linalg.eigvalsh(0.5 * (matrix + matrix.T))
+    if eigenvalues[0] < -1e-9 * max(float(eigenvalues[-1]), 1e-300):
+        raise ConfigurationError(f"{name}: has a negative eigenvalue, {eigenvalues[0]:.6g}; it would feed energy in")
+    return matrix
+
+
+def _strips(values: StripDrag | tuple[StripDrag, ...] | None) -> tuple[StripDrag, ...]:
+    strips = (values,) if isinstance(values, StripDrag) else tuple(values or ())
+    if len(strips) > MAX_STRIPS or not all(isinstance(strip, StripDrag) for strip in strips):
+        raise ConfigurationError(f"strips: expected at most {MAX_STRIPS} StripDrag, got {strips!r}")
+    return strips

@@ -1,4 +1,4 @@
-"""The one place that imports Open3D: late, with libusb preloaded, and with a clear error where the system lacks a library.
+"""The one place that imports Open3D: late, libusb preloaded, with a clear error where the system lacks a library.
 
 It lives in `models` because `sim` (depth camera) and `perception` both need it and do not import each other.
 """

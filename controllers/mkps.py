@@ -1,0 +1,404 @@
+"""MKPS inverse kinematics: the method of "finite rotation and displacement" (paper 003), any serial chain.
+
+    chain = Chain.from_dh(dh, limits=limits)
+    result = solve(chain, X_base_tip, q0)
+
+Joints are hinges [rad], slides [m] and pantograph links [rad] (a link that swings while what it carries keeps its
+direction). The base frame is whatever the chain was given in; the tip frame is the tool G of `design`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Self, get_args
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controllers import mkps_kernels as kernels
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, readonly
+
+Method = Literal["hybrid", "jacobian_free", "plain"]
+Branch = Literal["free", "keep"]
+
+_KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
+_JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """A serial chain from a base frame to a tip frame, described where all its joint values are zero.
+
+    Build it by `from_dh`, `from_vectors` or `from_mjcf`. All arrays are read-only, in base axes.
+    """
+
+    joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
+    axes: Array  # (n, 3) unit joint axes
+    points: Array  # (n, 3) [m] a point on each axis
+    links: Array  # (n, 3) [m] the swinging vector of each pantograph link, zero elsewhere
+    X_base_tip0: Array  # (4, 4) tip pose at zero
+    limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
+    names: tuple[str, ...]  # of the joints
+    _joints: Array = field(init=False, repr=False)
+    _ends: Array = field(init=False, repr=False)
+    _scale: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        joints, ends, scale = _tables(self)
+        object.__setattr__(self, "_joints", joints)
+        object.__setattr__(self, "_ends", ends)
+        object.__setattr__(self, "_scale", scale)
+
+    @property
+    def n(self) -> int:
+        """Number of joint values."""
+        return len(self.joint_types)
+
+    @classmethod
+    def from_dh(
+        cls,
+        dh: ArrayLike,
+        joint_types: str | None = None,
+        limits: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+    ) -> Self:
+        """A chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]).
+
+        `dh` is (n, 4); row i moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha), a slide by Tz(d + q) instead, a pantograph
+        link by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha). `joint_types` has a letter a row: r, p or o, default all r.
+        `limits` is (n, 2) [rad] or [m], infinite (and by default) for none; `tool` (4, 4) is the tip in the last frame.
+
+        Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown letters and crossed limits.
+        """
+        rows = _table_of(dh, 4, "dh")
+        types = _letters(joint_types, len(rows))
+        axes, points, links = np.empty((3, len(rows), 3))
+        X = np.eye(4)
+        for i, (theta, d, a, alpha) in enumerate(rows):
+            axes[i], points[i] = X[:3, 2], X[:3, 3]
+            X = X @ pose(exp_so3([0.0, 0.0, theta]))
+            links[i] = X[:3, :3] @ [a, 0.0, 0.0] if types[i] == "o" else 0.0
+            X = X @ pose(exp_so3([alpha, 0.0, 0.0]), [a, 0.0, d])
+        return cls(
+            joint_types=types,
+            axes=readonly(axes),
+            points=readonly(points),
+            links=readonly(links),
+            X_base_tip0=readonly(X @ _checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            limits=_checked_limits(limits, len(rows)),
+            names=tuple(f"joint{i + 1}" for i in range(len(rows))),
+        )
+
+    @classmethod
+    def from_vectors(
+        cls, M: ArrayLike, e: ArrayLike, p: ArrayLike, L: ArrayLike | None = None, tool: ArrayLike | None = None
+    ) -> Self:
+        """A chain from the vector model of paper 003 (chapter 2, fig. 1), in its initial position.
+
+        `M` (n, 3) [m] is the link vector from each joint to the next (the last to the tip), `e` (n, 3) the joint axes
+        (any length but zero), `p` (n,) the kinds: 1 hinge, 0 slide, 2 pantograph link; `L` (2, n) the lower limits over
+        the upper ones [rad] or [m], default none. A slide moves its link by +q e. Joint 1 is at the base origin. The
+        tip's z is along the last link (the paper's E_x), its x along the part of e_n across it (the paper's E_z), or,
+        if they are parallel, along the base axis most across it. `tool` (4, 4) is a last move from there.
+
+        Raises ConfigurationError for wrong shapes, zero axes, a last link without length, unknown kinds and crossed
+        limits.
+        """
+        vectors = _table_of(M, 3, "M")
+        n = len(vectors)
+        directions = checked(e, (n, 3), "e")
+        kinds = checked(p, (n,), "p")
+        lengths = np.linalg.norm(directions, axis=1)
+        if not np.all(lengths > 1e-9):
+            raise ConfigurationError(f"e: every joint axis needs a length, row {int(np.argmin(lengths))} has none")
+        if not np.all(np.isin(kinds, (0.0, 1.0, 2.0))):
+            raise ConfigurationError(f"p: allowed 1 (hinge), 0 (slide), 2 (pantograph link), got {kinds.tolist()}")
+        last = float(np.linalg.norm(vectors[-1]))
+        if not last > 1e-12:
+            raise ConfigurationError("M: the last link needs a length, for it is the tool's axis")
+        axes = directions / lengths[:, None]
+        z = vectors[-1] / last
+        across = axes[-1] - (axes[-1] @ z) * z
+        if np.linalg.norm(across) < 1e-6:
+            across = np.eye(3)[int(np.argmin(np.abs(z)))]
+            across = across - (across @ z) * z
+        x = across / np.linalg.norm(across)
+        points = np.vstack([np.zeros(3), np.cumsum(vectors, axis=0)])
+        X_base_tip0 = pose(np.column_stack([x, np.cross(z, x), z]), points[-1])
+        limits = None if L is None else _bounds(L, (2, n), "L").T
+        return cls(
+            joint_types="".join("pro"[int(kind)] for kind in kinds),
+            axes=readonly(axes),
+            points=readonly(points[:-1]),
+            links=readonly(np.where(kinds[:, None] == 2.0, vectors, 0.0)),
+            X_base_tip0=readonly(X_base_tip0 @ _checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            limits=_checked_limits(limits, n),
+            names=tuple(f"joint{i + 1}" for i in range(n)),
+        )
+
+    @classmethod
+    def from_mjcf(cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()) -> Self:
+        """The chain of joints between a body and a site of a compiled model, in the frame of that body.
+
+        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Joints
+        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part.
+
+        Raises ConfigurationError for an unknown body, site or joint, a site that is not beyond the body, ball and free
+        joints on the way, and a chain without joints.
+        """
+        base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
+        site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
+        excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
+        bodies = []
+        body = int(model.site_bodyid[site])
+        while body not in (base, 0):
+            bodies.append(body)
+            body = int(model.body_parentid[body])
+        if body != base:
+            raise ConfigurationError(
+                f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
+            )
+        joints = [
+            j
+            for body in reversed(bodies)
+            for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+            if j not in excluded
+        ]
+        names = [model.joint(j).name for j in joints]
+        kinds = [int(model.jnt_type[j]) for j in joints]
+        letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
+        for name, kind in zip(names, kinds, strict=True):
+            if kind not in letters:
+                raise ConfigurationError(
+                    f"joint {name!r}: only hinges and slides can be solved for, not ball or free joints"
+                )
+        if not joints:
+            raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
+        data = mujoco.MjData(model)
+        data.qpos[:] = model.qpos0
+        data.qpos[model.jnt_qposadr[joints]] = 0.0
+        mujoco.mj_kinematics(model, data)
+        X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
+        X_base_W = inverse(X_W_base)
+        X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+        limited = model.jnt_limited[joints].astype(bool)[:, None]
+        return cls(
+            joint_types="".join(letters[kind] for kind in kinds),
+            axes=readonly(data.xaxis[joints] @ X_W_base[:3, :3]),
+            points=readonly((data.xanchor[joints] - X_W_base[:3, 3]) @ X_W_base[:3, :3]),
+            links=readonly(np.zeros((len(joints), 3))),
+            X_base_tip0=readonly(X_base_W @ X_W_tip),
+            limits=_checked_limits(np.where(limited, model.jnt_range[joints], [-np.inf, np.inf]), len(joints)),
+            names=tuple(names),
+        )
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
+        return self._walk(q)[0]
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError for a bad `q`."""
+        return self._walk(q)[1]
+
+    def _walk(self, q: ArrayLike) -> tuple[Array, Array]:
+        X_base_tip = np.empty((4, 4))
+        work = np.empty((self.n, kernels.WORK))
+        kernels.forward(self._joints, self._ends, self._scale, checked(q, (self.n,), "q"), work, X_base_tip)
+        return X_base_tip, work[:, :6].T.copy()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IkResult:
+    """What `solve` found. `q` is always within the limits, and the errors are those of `q`."""
+
+    q: Array  # (n,) [rad] or [m], read-only
+    converged: bool  # both errors are within their tolerances, and the branch was kept if that was asked
+    iterations: int  # Levenberg-Marquardt steps, sweeps or macro-iterations, restarts included
+    position_error: float  # [m] distance of the tip from the target
+    orientation_error: float  # [rad] angle between tip and target, by atan2
+    cause: str  # why it ended
+    restarts: int = 0  # other starts tried; after any, the answer may lie on another branch than q0
+
+
+_CAUSES = {
+    kernels.CONVERGED: "converged",
+    kernels.STALLED: "no joint values found for this pose; this is the nearest pose found",
+    kernels.EXHAUSTED: "max_iterations spent; this is the nearest pose found",
+    kernels.BRANCH_LOST: "the pose was reached only beyond a singular configuration, on another branch than q0",
+    kernels.OUT_OF_REACH: "the target is farther away than the chain is long; this is the nearest pose found",
+}
+_RESTARTED = "converged after restarts: the branch may not be that of q0"
+
+
+def solve(
+    chain: Chain,
+    X_base_tip: ArrayLike,
+    q0: ArrayLike,
+    position_tolerance: float = 1e-4,
+    orientation_tolerance: float = 1e-3,
+    method: Method = "hybrid",
+    branch: Branch = "free",
+    max_iterations: int = 2000,
+    max_restarts: int = 100,
+) -> IkResult:
+    """Joint values within the limits that bring the tip to `X_base_tip` (4, 4), sought from `q0` (n,) [rad] or [m].
+
+    Tolerances are in [m] and [rad]. `branch="keep"` moves from `q0` by short steps only: no restart, no leap by a whole
+    turn; for six joints the answer is refused if it lies beyond a singular configuration, unless all joints moved by
+    less than half a radian. It is the call for tracking. `branch="free"` restarts, from the same places for the same
+    chain and q0, until a pose is met. "Nearest" is by the sum of squares of both errors, metres divided by a power of
+    two near the length of the chain. A `q0` beyond the limits is brought within them.
+
+    Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that is not positive, and an
+    unknown method or branch.
+    """
+    target = _as_array(X_base_tip, (4, 4), "X_base_tip")
+    start = _as_array(q0, (chain.n,), "q0")
+    if not (position_tolerance > 0.0 and orientation_tolerance > 0.0):
+        raise ConfigurationError(
+            f"tolerances must be positive, got {position_tolerance} [m] and {orientation_tolerance} [rad]"
+        )
+    if method not in get_args(Method):
+        raise ConfigurationError(f"method: allowed {', '.join(get_args(Method))}, got {method!r}")
+    scale = chain._scale
+    q, work, normal, goal = np.empty(chain.n), np.empty((chain.n, kernels.WORK)), np.empty((6, 8)), np.empty((4, 3))
+    tolerance = scale * position_tolerance
+    if branch == "keep":
+        code, iterations, restarts, error_p, error_r = kernels.solve_keep(
+            chain._joints, chain._ends, scale, target, start, tolerance, orientation_tolerance,
+            max_iterations, normal, work, goal, q,
+        )  # fmt: skip
+    elif branch == "free":
+        code, iterations, restarts, error_p, error_r = kernels.solve_hybrid(
+            chain._joints, chain._ends, scale, target, start, tolerance, orientation_tolerance,
+            max_iterations, max_restarts, normal, work, goal, q,
+        )  # fmt: skip
+    else:
+        raise ConfigurationError(f"branch: allowed {', '.join(get_args(Branch))}, got {branch!r}")
+    if code == kernels.BAD_TARGET:
+        _checked_pose(target, "X_base_tip")
+    if code == kernels.BAD_START:
+        checked(start, start.shape, "q0")
+    q.setflags(write=False)
+    converged = code == kernels.CONVERGED
+    cause = _RESTARTED if converged and restarts else _CAUSES[code]
+    return IkResult(q, converged, iterations, error_p / scale, error_r, cause, restarts)
+
+
+def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """`values` as contiguous float64 of `shape`; as they are where possible, for the kernel checks their numbers."""
+    if (
+        type(values) is np.ndarray
+        and values.dtype == np.float64
+        and values.flags.c_contiguous
+        and values.shape == shape
+    ):
+        return values
+    return checked(values, shape, name)
+
+
+def _tables(chain: Chain) -> tuple[Array, Array, float]:
+    """The kernel tables (see `mkps_kernels`) of a chain, and the scale of their lengths."""
+    n = chain.n
+    tip = chain.X_base_tip0[:3, 3]
+    path = np.vstack([chain.points, tip])
+    size = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    scale = 2.0 ** -round(np.log2(size)) if size > 0.0 else 1.0
+    joints = np.zeros((n, kernels.COLUMNS))
+    ends = np.zeros((2, 3, 4))
+    R = _frame_with_z(chain.axes[0])
+    ends[0, :, :3], ends[0, :, 3] = R, scale * chain.points[0]
+    for i in range(n):
+        axis, x = chain.axes[i], R[:, 0]
+        following = chain.axes[i + 1] if i + 1 < n else axis
+        across = np.cross(axis, following)
+        sine = float(np.linalg.norm(across))
+        # Parallel axes leave x free; any small cross product still gives an exact, if arbitrary, common normal.
+        x_after = across / sine if sine > 1e-15 else x
+        x_after = x_after - (x_after @ axis) * axis
+        x_after /= np.linalg.norm(x_after)
+        offset = np.arctan2(axis @ np.cross(x, x_after), x @ x_after)
+        alpha = np.arctan2(x_after @ across, axis @ following)
+        R_after = np.column_stack([x_after, np.cross(axis, x_after), axis])
+        link = R_after.T @ (path[i + 1] - path[i])
+        after = np.zeros(3)
+        if chain.joint_types[i] == "o":
+            swinging = R_after.T @ chain.links[i]
+            link, after = swinging, link - swinging
+        joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
+        joints[i, kernels.OFFSET] = offset
+        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = np.cos(offset), np.sin(offset)
+        joints[i, kernels.COS_ALPHA], joints[i, kernels.SIN_ALPHA] = np.cos(alpha), np.sin(alpha)
+        joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
+        joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
+        joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
+        R = R_after @ exp_so3([alpha, 0.0, 0.0])
+    ends[1, :, :3] = R.T @ chain.X_base_tip0[:3, :3]
+    strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
+    ends[1, 0, 3] = scale * (size + sum(strokes)) * (1.0 + 1e-9)
+    return readonly(joints), readonly(ends), scale
+
+
+def _frame_with_z(z: Array) -> Array:
+    across = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x = across / np.linalg.norm(across)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _table_of(values: ArrayLike, width: int, name: str) -> Array:
+    """`values` as (n, width) with n > 0."""
+    try:
+        rows = len(np.asarray(values, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name}: expected (n, {width}) numbers, got {values!r}") from error
+    if rows == 0:
+        raise ConfigurationError(f"{name}: a chain needs at least one joint")
+    return checked(values, (rows, width), name)
+
+
+def _letters(joint_types: str | None, n: int) -> str:
+    if joint_types is None:
+        return "r" * n
+    if len(joint_types) != n or not set(joint_types) <= set(_KINDS):
+        raise ConfigurationError(f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {joint_types!r}")
+    return joint_types
+
+
+def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Like `checked`, but infinities mean "no limit"."""
+    checked(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
+    return readonly(values)
+
+
+def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
+    if limits is None:
+        return readonly(np.tile([-np.inf, np.inf], (n, 1)))
+    bounds = _bounds(limits, (n, 2), "limits")
+    for i, (lower, upper) in enumerate(bounds):
+        if not lower <= upper:
+            raise ConfigurationError(
+                f"limits: row {i} must not have its lower limit {lower} above its upper one {upper}"
+            )
+    return bounds
+
+
+def _checked_pose(values: ArrayLike, name: str) -> Array:
+    X = checked(values, (4, 4), name)
+    R = X[:3, :3]
+    if not (np.allclose(R.T @ R, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0.0 and np.allclose(X[3], [0, 0, 0, 1])):
+        raise ConfigurationError(f"{name}: expected a pose (rotation, translation, last row 0 0 0 1), got {X.tolist()}")
+    return X
+
+
+def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
+    found = mujoco.mj_name2id(model, kind, name)
+    if found < 0:
+        count = {
+            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
+            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
+            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
+        }[kind]
+        known = [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
+        raise ConfigurationError(f"{argument}: the model has {', '.join(filter(None, known))}, got {name!r}")
+    return found

@@ -1,0 +1,546 @@
+"""Compiled loops of the inverse kinematics in `controllers.mkps`. Nothing here allocates.
+
+A chain comes as two tables. `joints` has one row per joint, columns as named below: the frame of a joint turns about
+its z axis by offset + q, moves by the link vector, then turns about its x axis by alpha to reach the next joint axis.
+With the link vector free this form takes any two axes, parallel ones too, and costs two plane rotations a joint.
+`ends` is (2, 3, 4): the pose of the first joint frame in the base, and the rotation of the tip in the last joint frame;
+`ends[1, 0, 3]` bounds the distance that the tip can get from the first joint. Lengths in both are multiplied by
+`scale`, a power of two that makes the arm about one unit long, so that metres and radians can share one norm.
+`work` (n, WORK) and `normal` (6, 8) are scratch memory; `goal` (4, 3) is the scaled tip position, then the wanted axes
+of the last joint frame, one a row.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
+    0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 14,
+)  # fmt: skip
+HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0
+
+COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 3, 6, 9, 10, 11, 12
+
+CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH, BAD_TARGET, BAD_START = 0, 1, 2, 3, 4, 5, 6
+ALONG, WITHIN, THROUGH = 0, 1, 2
+
+# Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
+DAMPING = 0.1  # of the squared error
+LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on its branch
+STALL_WINDOW, STALL_FACTOR = 4, 0.5  # a descent that does not halve its squared error in so many steps is given up
+
+_TWO_PI = 2.0 * math.pi
+_jit = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_jit
+def trace(joints, ends, scale, q, work):
+    """Walk the chain at `q`: write every joint's axis and point to `work`, return the tip (p, x, y, z) as 12 numbers.
+
+    A pantograph link has the vector of the link, not its joint's point, in `work[i, POINT:]`.
+    """
+    xx, yx, zx, px = ends[0, 0, 0], ends[0, 0, 1], ends[0, 0, 2], ends[0, 0, 3]
+    xy, yy, zy, py = ends[0, 1, 0], ends[0, 1, 1], ends[0, 1, 2], ends[0, 1, 3]
+    xz, yz, zz, pz = ends[0, 2, 0], ends[0, 2, 1], ends[0, 2, 2], ends[0, 2, 3]
+    for i in range(joints.shape[0]):
+        kind = joints[i, KIND]
+        work[i, AXIS] = zx
+        work[i, AXIS + 1] = zy
+        work[i, AXIS + 2] = zz
+        work[i, POINT] = px
+        work[i, POINT + 1] = py
+        work[i, POINT + 2] = pz
+        if kind == HINGE:
+            angle = q[i] + joints[i, OFFSET]
+            c, s = math.cos(angle), math.sin(angle)
+        else:
+            c, s = joints[i, COS_OFFSET], joints[i, SIN_OFFSET]
+        xx, yx = c * xx + s * yx, c * yx - s * xx
+        xy, yy = c * xy + s * yy, c * yy - s * xy
+        xz, yz = c * xz + s * yz, c * yz - s * xz
+        lx, ly, lz = joints[i, LINK], joints[i, LINK + 1], joints[i, LINK + 2]
+        if kind == SLIDE:
+            lz += scale * q[i]
+        elif kind == PANTOGRAPH:
+            c, s = math.cos(q[i]), math.sin(q[i])
+            lx, ly = c * lx - s * ly, s * lx + c * ly
+            work[i, POINT] = lx * xx + ly * yx + lz * zx
+            work[i, POINT + 1] = lx * xy + ly * yy + lz * zy
+            work[i, POINT + 2] = lx * xz + ly * yz + lz * zz
+            lx += joints[i, AFTER]
+            ly += joints[i, AFTER + 1]
+            lz += joints[i, AFTER + 2]
+        px += lx * xx + ly * yx + lz * zx
+        py += lx * xy + ly * yy + lz * zy
+        pz += lx * xz + ly * yz + lz * zz
+        c, s = joints[i, COS_ALPHA], joints[i, SIN_ALPHA]
+        yx, zx = c * yx + s * zx, c * zx - s * yx
+        yy, zy = c * yy + s * zy, c * zy - s * yy
+        yz, zz = c * yz + s * zz, c * zz - s * yz
+    return px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+
+
+@_jit
+def columns(joints, scale, px, py, pz, work):
+    """Turn what `trace` wrote into Jacobian columns (linear; angular) at the tip, in `work[:, :6]`."""
+    for i in range(joints.shape[0]):
+        kind = joints[i, KIND]
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        if kind == HINGE:
+            sx, sy, sz = px - work[i, POINT], py - work[i, POINT + 1], pz - work[i, POINT + 2]
+        else:
+            sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
+            work[i, AXIS] = 0.0
+            work[i, AXIS + 1] = 0.0
+            work[i, AXIS + 2] = 0.0
+        if kind == SLIDE:
+            work[i, COLUMN] = scale * ex
+            work[i, COLUMN + 1] = scale * ey
+            work[i, COLUMN + 2] = scale * ez
+        else:
+            work[i, COLUMN] = ey * sz - ez * sy
+            work[i, COLUMN + 1] = ez * sx - ex * sz
+            work[i, COLUMN + 2] = ex * sy - ey * sx
+
+
+@_jit
+def forward(joints, ends, scale, q, work, X):
+    """Tip pose into `X` (4, 4) and Jacobian columns into `work[:, :6]`, both unscaled."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    columns(joints, scale, px, py, pz, work)
+    for i in range(joints.shape[0]):
+        for k in range(3):
+            work[i, COLUMN + k] /= scale
+    for k in range(3):
+        wx, wy, wz = ends[1, 0, k], ends[1, 1, k], ends[1, 2, k]
+        X[0, k] = xx * wx + yx * wy + zx * wz
+        X[1, k] = xy * wx + yy * wy + zy * wz
+        X[2, k] = xz * wx + yz * wy + zz * wz
+        X[3, k] = 0.0
+    X[0, 3], X[1, 3], X[2, 3], X[3, 3] = px / scale, py / scale, pz / scale, 1.0
+
+
+@_jit
+def set_goal(ends, scale, X, goal):
+    """Fold the tip's rotation and the scale into the target `X` (4, 4); False if it is not a finite pose."""
+    # Rows orthonormal to 1e-6 and right-handed; a NaN fails every comparison, so it fails here.
+    xx, xy, xz = X[0, 0], X[1, 0], X[2, 0]
+    yx, yy, yz = X[0, 1], X[1, 1], X[2, 1]
+    zx, zy, zz = X[0, 2], X[1, 2], X[2, 2]
+    good = (
+        abs(yy * zz - yz * zy - xx) < 1e-6
+        and abs(yz * zx - yx * zz - xy) < 1e-6
+        and abs(yx * zy - yy * zx - xz) < 1e-6
+        and abs(yx * yx + yy * yy + yz * yz - 1.0) < 1e-6
+        and abs(zx * zx + zy * zy + zz * zz - 1.0) < 1e-6
+        and abs(yx * zx + yy * zy + yz * zz) < 1e-6
+        and abs(X[3, 0]) + abs(X[3, 1]) + abs(X[3, 2]) + abs(X[3, 3] - 1.0) < 1e-9
+        and math.isfinite(X[0, 3] + X[1, 3] + X[2, 3])
+    )
+    for k in range(3):
+        goal[0, k] = X[k, 3] * scale
+        wx, wy, wz = ends[1, k, 0], ends[1, k, 1], ends[1, k, 2]
+        goal[1 + k, 0] = xx * wx + yx * wy + zx * wz
+        goal[1 + k, 1] = xy * wx + yy * wy + zy * wz
+        goal[1 + k, 2] = xz * wx + yz * wy + zz * wz
+    return good
+
+
+@_jit
+def rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """Rotation vector [rad] from the tip axes to the goal axes, and its length by atan2."""
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
+    vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+    wx = 0.5 * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
+    wy = 0.5 * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
+    wz = 0.5 * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    sine2 = wx * wx + wy * wy + wz * wz
+    cosine = 0.5 * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - 1.0)
+    if cosine > 0.0 and sine2 < 1e-3:
+        # asin(s)/s to 4e-10 relative, which spares the two slow functions in the last, fast iterations
+        factor = 1.0 + sine2 * (1.0 / 6.0 + sine2 * (3.0 / 40.0 + sine2 * (15.0 / 336.0)))
+        return wx * factor, wy * factor, wz * factor, math.sqrt(sine2) * factor
+    sine = math.sqrt(sine2)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-6:
+        factor = angle / sine
+        return wx * factor, wy * factor, wz * factor, angle
+    # Half a turn: the skew part vanishes, but R + 1 = 2 a a^T; take its longest column.
+    rx = 1.0 + xx * tx + yx * ux + zx * vx
+    ry = 1.0 + xy * ty + yy * uy + zy * vy
+    rz = 1.0 + xz * tz + yz * uz + zz * vz
+    if rx >= ry and rx >= rz:
+        ax, ay, az = rx, ty * xx + uy * yx + vy * zx, tz * xx + uz * yx + vz * zx
+    elif ry >= rz:
+        ax, ay, az = tx * xy + ux * yy + vx * zy, ry, tz * xy + uz * yy + vz * zy
+    else:
+        ax, ay, az = tx * xz + ux * yz + vx * zz, ty * xz + uy * yz + vy * zz, rz
+    factor = angle / math.sqrt(ax * ax + ay * ay + az * az)
+    return ax * factor, ay * factor, az * factor, angle
+
+
+@_jit
+def damped_step(joints, q, limited, damping, ex, ey, ez, wx, wy, wz, normal, work):
+    """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`; returns its largest entry.
+
+    A joint that stands on a limit and would leave it leaves the problem instead (its column is set to zero).
+    """
+    n = joints.shape[0]
+    for a in range(6):
+        for b in range(a + 1):
+            normal[a, b] = 0.0
+        normal[a, a] = damping
+    for i in range(n):
+        c0, c1, c2, c3, c4, c5 = work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5]
+        slope = c0 * ex + c1 * ey + c2 * ez + c3 * wx + c4 * wy + c5 * wz
+        if (limited or joints[i, KIND] == SLIDE) and (
+            (slope < 0.0 and q[i] <= joints[i, LOWER]) or (slope > 0.0 and q[i] >= joints[i, UPPER])
+        ):
+            for a in range(6):
+                work[i, a] = 0.0
+            continue
+        normal[0, 0] += c0 * c0
+        normal[1, 0] += c1 * c0
+        normal[1, 1] += c1 * c1
+        normal[2, 0] += c2 * c0
+        normal[2, 1] += c2 * c1
+        normal[2, 2] += c2 * c2
+        normal[3, 0] += c3 * c0
+        normal[3, 1] += c3 * c1
+        normal[3, 2] += c3 * c2
+        normal[3, 3] += c3 * c3
+        normal[4, 0] += c4 * c0
+        normal[4, 1] += c4 * c1
+        normal[4, 2] += c4 * c2
+        normal[4, 3] += c4 * c3
+        normal[4, 4] += c4 * c4
+        normal[5, 0] += c5 * c0
+        normal[5, 1] += c5 * c1
+        normal[5, 2] += c5 * c2
+        normal[5, 3] += c5 * c3
+        normal[5, 4] += c5 * c4
+        normal[5, 5] += c5 * c5
+    normal[0, 6], normal[1, 6], normal[2, 6] = ex, ey, ez
+    normal[3, 6], normal[4, 6], normal[5, 6] = wx, wy, wz
+    for a in range(6):  # L D L^T by rows; column 7 holds 1 / D
+        for b in range(a):
+            t = normal[a, b]
+            for k in range(b):
+                t -= normal[a, k] * normal[b, k]
+            normal[a, b] = t  # (L D)[a, b] until the row is done
+        d = normal[a, a]
+        for k in range(a):
+            ld = normal[a, k]
+            lower = ld * normal[k, 7]
+            d -= lower * ld
+            normal[a, 6] -= lower * normal[k, 6]
+            normal[a, k] = lower
+        normal[a, 7] = 1.0 / d
+    for a in range(5, -1, -1):
+        t = normal[a, 6] * normal[a, 7]
+        for k in range(a + 1, 6):
+            t -= normal[k, a] * normal[k, 6]
+        normal[a, 6] = t
+    y0, y1, y2 = normal[0, 6], normal[1, 6], normal[2, 6]
+    y3, y4, y5 = normal[3, 6], normal[4, 6], normal[5, 6]
+    largest = 0.0
+    for i in range(n):
+        dq = work[i, 0] * y0 + work[i, 1] * y1 + work[i, 2] * y2 + work[i, 3] * y3 + work[i, 4] * y4 + work[i, 5] * y5
+        work[i, STEP] = dq
+        largest = max(largest, abs(dq))
+    return largest
+
+
+@_jit
+def admit(value, lower, upper, hinge):
+    """`value` if the limits allow it, else the same hinge angle a turn away, else the nearer limit."""
+    if lower <= value <= upper:
+        return value
+    if hinge:
+        turned = value - _TWO_PI if value > upper else value + _TWO_PI
+        if lower <= turned <= upper:
+            return turned
+    return min(max(value, lower), upper)
+
+
+@_jit
+def sweep(joints, ends, scale, goal, weight, q, work):
+    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum |a_k - t_k|^2.
+
+    This joins the three stages of paper 003, formulas (2), (4) and (5), into one. Joints above the moving one keep
+    their axes and points, so only the tip point and the tool axes are carried: O(n).
+    """
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    gx, gy, gz = goal[0, 0], goal[0, 1], goal[0, 2]
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
+    vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+    for i in range(joints.shape[0] - 1, -1, -1):
+        kind = joints[i, KIND]
+        lower, upper = joints[i, LOWER], joints[i, UPPER]
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        if kind == SLIDE:
+            wanted = q[i] + (ex * (gx - px) + ey * (gy - py) + ez * (gz - pz)) / scale
+            moved = min(max(wanted, lower), upper)
+            d = scale * (moved - q[i])
+            q[i] = moved
+            px += d * ex
+            py += d * ey
+            pz += d * ez
+            continue
+        if kind == HINGE:
+            sx, sy, sz = px - work[i, POINT], py - work[i, POINT + 1], pz - work[i, POINT + 2]
+        else:
+            sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
+        kx, ky, kz = sx + gx - px, sy + gy - py, sz + gz - pz
+        es = ex * sx + ey * sy + ez * sz
+        near = sx * kx + sy * ky + sz * kz - es * (ex * kx + ey * ky + ez * kz)
+        across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
+        if kind == HINGE:
+            ea_et = (
+                (ex * xx + ey * xy + ez * xz) * (ex * tx + ey * ty + ez * tz)
+                + (ex * yx + ey * yy + ez * yz) * (ex * ux + ey * uy + ez * uz)
+                + (ex * zx + ey * zy + ez * zz) * (ex * vx + ey * vy + ez * vz)
+            )
+            near += weight * (
+                xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - ea_et
+            )
+            across += weight * (
+                ex * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
+                + ey * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
+                + ez * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+            )
+        length = math.sqrt(near * near + across * across)
+        if length < 1e-14:  # the joint cannot change the objective
+            continue
+        c, s = near / length, across / length
+        wanted = q[i] + math.atan2(across, near)
+        moved = admit(wanted, lower, upper, True)
+        if moved != wanted:
+            c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
+        q[i] = moved
+        if kind == PANTOGRAPH:
+            kx, ky, kz = turn(sx, sy, sz, ex, ey, ez, c, s)
+            px, py, pz = px + kx - sx, py + ky - sy, pz + kz - sz
+            continue
+        sx, sy, sz = turn(sx, sy, sz, ex, ey, ez, c, s)
+        px, py, pz = work[i, POINT] + sx, work[i, POINT + 1] + sy, work[i, POINT + 2] + sz
+        xx, xy, xz = turn(xx, xy, xz, ex, ey, ez, c, s)
+        yx, yy, yz = turn(yx, yy, yz, ex, ey, ez, c, s)
+        zx, zy, zz = xy * yz - xz * yy, xz * yx - xx * yz, xx * yy - xy * yx
+
+
+@_jit
+def turn(vx, vy, vz, ex, ey, ez, c, s):
+    """The vector v turned about the unit axis e (paper 003, formula (5))."""
+    along = (1.0 - c) * (ex * vx + ey * vy + ez * vz)
+    return (
+        c * vx + s * (ey * vz - ez * vy) + along * ex,
+        c * vy + s * (ez * vx - ex * vz) + along * ey,
+        c * vz + s * (ex * vy - ey * vx) + along * ez,
+    )
+
+
+@_jit
+def restart_angle(restart, joint):
+    """A number in [0, 1) that depends on nothing but its two arguments (splitmix64)."""
+    z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
+    z *= np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@_jit
+def scatter(joints, scale, restart, q0, q):
+    """Start number `restart` into `q`: even over the limits, or a turn about q0 (one unit of length for a slide)."""
+    for i in range(joints.shape[0]):
+        lower, upper = joints[i, LOWER], joints[i, UPPER]
+        half = math.pi if joints[i, KIND] != SLIDE else 1.0 / scale
+        lower = max(lower, min(q0[i] - half, upper - 2.0 * half))
+        upper = min(upper, lower + 2.0 * half)
+        q[i] = lower + (upper - lower) * restart_angle(restart, i)
+
+
+@_jit
+def fold(joints, q):
+    """Bring hinges that wound up within their limits by whole turns; False if a joint cannot be."""
+    for i in range(joints.shape[0]):
+        lower, upper = joints[i, LOWER], joints[i, UPPER]
+        value = q[i]
+        if joints[i, KIND] != SLIDE:
+            if value < lower:
+                value += _TWO_PI * math.ceil((lower - value) / _TWO_PI)
+            elif value > upper:
+                value -= _TWO_PI * math.ceil((value - upper) / _TWO_PI)
+        if not lower <= value <= upper:
+            return False
+        q[i] = value
+    return True
+
+
+@_jit
+def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, mode, best2, normal, work, q):
+    """Levenberg-Marquardt from `q` until the tolerances hold, the error stalls or `limit` steps are spent.
+
+    `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
+    their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`.
+
+    Returns (code, steps, least squared error, position error, orientation error); `q` is where the last two were
+    measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
+    """
+    n = joints.shape[0]
+    limited = mode != THROUGH
+    mark = np.inf
+    steps = 0
+    while True:
+        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+        wx, wy, wz, error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+        p2 = ex * ex + ey * ey + ez * ez
+        error2 = p2 + error_r * error_r
+        if p2 <= tol_p * tol_p and error_r <= tol_r:
+            code = CONVERGED if limited or fold(joints, q) else STALLED
+            return code, steps, best2, math.sqrt(p2), error_r
+        if limited and error2 < best2:
+            best2 = error2
+            for i in range(n):
+                work[i, BEST] = q[i]
+        if steps % STALL_WINDOW == 0:
+            if not error2 < STALL_FACTOR * mark:
+                return STALLED, steps, best2, math.sqrt(p2), error_r
+            mark = error2
+        if steps >= limit:
+            return EXHAUSTED, steps, best2, math.sqrt(p2), error_r
+        columns(joints, scale, px, py, pz, work)
+        largest = damped_step(joints, q, limited, DAMPING * error2 + 1e-14, ex, ey, ez, wx, wy, wz, normal, work)
+        factor = 1.0 if largest <= cap else cap / largest
+        for i in range(n):
+            value = q[i] + factor * work[i, STEP]
+            slide = joints[i, KIND] == SLIDE
+            if limited or slide:
+                value = admit(value, joints[i, LOWER], joints[i, UPPER], mode == WITHIN and not slide)
+            q[i] = value
+        steps += 1
+
+
+@_jit
+def begin(joints, ends, scale, X, q0, leaps, goal, q):
+    """Set goal and start; returns BAD_TARGET, BAD_START, OUT_OF_REACH or CONVERGED (nothing is wrong)."""
+    if not set_goal(ends, scale, X, goal):
+        return BAD_TARGET
+    for i in range(joints.shape[0]):
+        if not math.isfinite(q0[i]):
+            return BAD_START
+        q[i] = admit(q0[i], joints[i, LOWER], joints[i, UPPER], leaps and joints[i, KIND] != SLIDE)
+    x, y, z = goal[0, 0] - ends[0, 0, 3], goal[0, 1] - ends[0, 1, 3], goal[0, 2] - ends[0, 2, 3]
+    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > ends[1, 0, 3] else CONVERGED
+
+
+@_jit
+def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q):
+    """Go back to the best joint values seen and creep to the bottom of their valley."""
+    for i in range(joints.shape[0]):
+        q[i] = work[i, BEST]
+    code, steps, best2, error_p, error_r = descend(
+        joints, ends, scale, goal, tol_p, tol_r, 200, SHORT_STEP, ALONG, best2, normal, work, q
+    )
+    if code != CONVERGED:
+        for i in range(joints.shape[0]):
+            q[i] = work[i, BEST]
+        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+        error_p = math.sqrt(ex * ex + ey * ey + ez * ez)
+        error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    return code, steps, error_p, error_r
+
+
+@_jit
+def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, normal, work, goal, q):
+    """Levenberg-Marquardt with restarts, every other one THROUGH the limits.
+
+    Returns (code, steps, restarts, position error [scaled], orientation error).
+    """
+    fault = begin(joints, ends, scale, X, q0, True, goal, q)
+    if fault in (BAD_TARGET, BAD_START):
+        return fault, 0, 0, 0.0, 0.0
+    if fault == OUT_OF_REACH:
+        restarts = min(restarts, 4)
+    steps = 0
+    best2 = np.inf
+    restart = 0
+    while True:
+        mode = WITHIN if restart % 2 == 0 else THROUGH
+        code, spent, best2, error_p, error_r = descend(
+            joints, ends, scale, goal, tol_p, tol_r, limit - steps, LONG_STEP, mode, best2, normal, work, q
+        )
+        steps += spent
+        if code == CONVERGED:
+            return code, steps, restart, error_p, error_r
+        if steps >= limit or restart >= restarts:
+            break
+        restart += 1
+        scatter(joints, scale, restart, q0, q)
+    code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
+    if code != CONVERGED:
+        code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
+    return code, steps + spent, restart, error_p, error_r
+
+
+@_jit
+def handedness(joints, ends, scale, q, work, normal):
+    """Sign of det J of a six-joint chain at `q` (0 if singular): it is the same all over a branch."""
+    px, py, pz, _, _, _, _, _, _, _, _, _ = trace(joints, ends, scale, q, work)
+    columns(joints, scale, px, py, pz, work)
+    for i in range(6):
+        for k in range(6):
+            normal[i, k] = work[i, k]
+    sign = 1.0
+    for k in range(6):
+        pivot = k
+        for i in range(k + 1, 6):
+            if abs(normal[i, k]) > abs(normal[pivot, k]):
+                pivot = i
+        if abs(normal[pivot, k]) < 1e-9:
+            return 0.0
+        if pivot != k:
+            sign = -sign
+            for c in range(k, 6):
+                normal[k, c], normal[pivot, c] = normal[pivot, c], normal[k, c]
+        if normal[k, k] < 0.0:
+            sign = -sign
+        for i in range(k + 1, 6):
+            factor = normal[i, k] / normal[k, k]
+            for c in range(k + 1, 6):
+                normal[i, c] -= factor * normal[k, c]
+    return sign
+
+
+@_jit
+def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, normal, work, goal, q):
+    """Levenberg-Marquardt by short steps from `q0`, without leaps or restarts. Returns as `solve_hybrid`."""
+    fault = begin(joints, ends, scale, X, q0, False, goal, q)
+    if fault in (BAD_TARGET, BAD_START):
+        return fault, 0, 0, 0.0, 0.0
+    n = joints.shape[0]
+    for i in range(n):
+        work[i, START] = q[i]
+    code, steps, best2, error_p, error_r = descend(
+        joints, ends, scale, goal, tol_p, tol_r, limit, SHORT_STEP, ALONG, np.inf, normal, work, q
+    )
+    if code != CONVERGED:
+        code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
+        steps += spent
+        if code != CONVERGED:
+            return OUT_OF_REACH if fault == OUT_OF_REACH else code, steps, 0, error_p, error_r
+    far = 0.0
+    for i in range(n):
+        far = max(far, abs(q[i] - work[i, START]))
+    if n == 6 and far > SHORT_STEP:
+        end = handedness(joints, ends, scale, q, work, normal)
+        if end * handedness(joints, ends, scale, work[:, START], work, normal) < 0.0:
+            code = BRANCH_LOST
+    return code, steps, 0, error_p, error_r

@@ -11,6 +11,8 @@ from sim.interfaces.errors import ConfigurationError
 
 Array = NDArray[np.float64]
 
+GRAVITY = 9.81  # [m/s^2], along -z of W
+
 
 def readonly(values: ArrayLike) -> Array:
     """A private, read-only float64 copy of `values`."""

@@ -1,0 +1,427 @@
+"""Inverse dynamics of an underwater arm on a moving hull: recursive Newton-Euler with added mass, drag, buoyancy.
+
+Independent of MuJoCo's dynamics: only names, sizes and coefficients are read from a compiled model, possibly a model
+with deliberately wrong ones. Per body, in body axes at the body's origin, six-vectors (linear; angular):
+
+    rigid body    f = M nudot + (w x momentum terms) - weight
+    water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l) + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
+                  p = A nu_r, nu_r = nu - (R^T v_c; 0)                        (Fossen 2011, ch. 6 and 8)
+
+The sum is what the body's joint must supply; it is handed down from tip to base (paper 002: the inverse dynamics
+that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull).
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+
+from models import hydrodynamics
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_FIXED, _HINGE, _SLIDE = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tree:
+    """Bodies of the arm, parents first; row i of every array is body i."""
+
+    parent: np.ndarray  # (nb,) row of the parent, -1 for the hull
+    kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
+    column: np.ndarray  # (nb,) index into q, or -1
+    axis: Array  # (nb, 3) joint axis in body axes
+    R0: Array  # (nb, 3, 3) body in parent at q = 0
+    p0: Array  # (nb, 3) joint frame in the parent's joint frame at q = 0 [m]
+    mass: Array  # (nb,) [kg]
+    com: Array  # (nb, 3) [m]
+    inertia: Array  # (nb, 3, 3) about the joint frame's origin [kg m^2]
+    added: Array  # (nb, 6, 6)
+    linear: Array  # (nb, 6, 6)
+    quadratic: Array  # (nb, 6)
+    buoyancy: Array  # (nb,) displaced mass rho V [kg]
+    cob: Array  # (nb, 3) [m]
+    origin: Array  # (nb, 3) the body's own origin in its joint frame [m]; the coefficients refer to it
+    stations: Array  # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
+
+    def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
+        """All numbers in one block, in the order in which the kernel takes them apart."""
+        blocks = (
+            self.axis, self.R0, self.p0, self.mass, self.com, self.inertia, self.added, self.linear, self.quadratic,
+            self.buoyancy, self.cob, self.origin, gravity, p_tip, R_tip,
+        )  # fmt: skip
+        return np.concatenate([np.ravel(block) for block in blocks])
+
+
+@numba.njit(cache=True, inline="always")
+def _cross(a, b, out):
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True, inline="always")
+def _rotate(R, a, out):
+    for i in range(3):
+        out[i] = R[i, 0] * a[0] + R[i, 1] * a[1] + R[i, 2] * a[2]
+
+
+@numba.njit(cache=True, inline="always")
+def _rotate_back(R, a, out):
+    for i in range(3):
+        out[i] = R[0, i] * a[0] + R[1, i] * a[1] + R[2, i] * a[2]
+
+
+@numba.njit(cache=True)
+def _newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, tau, wrench_B):
+    """Forward pass for motion, backward pass for forces; results in `tau` (n,) and `wrench_B` (6,).
+
+    The tree comes as one block of numbers (`_Tree.packed`): a call with thirty arrays costs more than the sums.
+    """
+    nb = layout.shape[1]
+    parent, kind, column = layout[0], layout[1], layout[2]
+    axis = numbers[0 : 3 * nb].reshape(nb, 3)
+    R0 = numbers[3 * nb : 12 * nb].reshape(nb, 3, 3)
+    p0 = numbers[12 * nb : 15 * nb].reshape(nb, 3)
+    mass = numbers[15 * nb : 16 * nb]
+    com = numbers[16 * nb : 19 * nb].reshape(nb, 3)
+    inertia = numbers[19 * nb : 28 * nb].reshape(nb, 3, 3)
+    added = numbers[28 * nb : 64 * nb].reshape(nb, 6, 6)
+    linear = numbers[64 * nb : 100 * nb].reshape(nb, 6, 6)
+    quadratic = numbers[100 * nb : 106 * nb].reshape(nb, 6)
+    buoyancy = numbers[106 * nb : 107 * nb]
+    cob = numbers[107 * nb : 110 * nb].reshape(nb, 3)
+    origin = numbers[110 * nb : 113 * nb].reshape(nb, 3)
+    gravity, p_tip = numbers[113 * nb : 113 * nb + 3], numbers[113 * nb + 3 : 113 * nb + 6]
+    R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
+    tip_body = layout[3, 0]
+    R_WB = hull[:9].reshape(3, 3)
+    nu_B, nudot_B, v_current_W = hull[9:15], hull[15:21], hull[21:24]
+    R = work[: 9 * nb].reshape(nb, 3, 3)
+    p = work[9 * nb : 12 * nb].reshape(nb, 3)
+    R_W = work[12 * nb : 21 * nb].reshape(nb, 3, 3)
+    nu = work[21 * nb : 27 * nb].reshape(nb, 6)
+    nudot = work[27 * nb : 33 * nb].reshape(nb, 6)
+    force = work[33 * nb : 39 * nb].reshape(nb, 6)
+    t1, t2, t3 = work[39 * nb : 39 * nb + 3], work[39 * nb + 3 : 39 * nb + 6], work[39 * nb + 6 : 39 * nb + 9]
+    v_r, mom, a_r = work[39 * nb + 9 : 39 * nb + 15], work[39 * nb + 15 : 39 * nb + 21], work[39 * nb + 21 : 39 * nb + 27]
+    for b in range(nb):
+        up = parent[b]
+        # Joint: rotation and place of this body in its parent (Rodrigues about a fixed axis, or a slide).
+        k, u = kind[b], axis[b]
+        angle = q[column[b]] if column[b] >= 0 else 0.0
+        rate = qd[column[b]] if column[b] >= 0 else 0.0
+        accel = qdd[column[b]] if column[b] >= 0 else 0.0
+        Rb, pb = R[b], p[b]
+        for i in range(3):
+            pb[i] = p0[b, i]
+        if k == _HINGE:
+            c, s = np.cos(angle), np.sin(angle)
+            d = 1.0 - c
+            e00, e01, e02 = c + d * u[0] * u[0], d * u[0] * u[1] - s * u[2], d * u[0] * u[2] + s * u[1]
+            e10, e11, e12 = d * u[1] * u[0] + s * u[2], c + d * u[1] * u[1], d * u[1] * u[2] - s * u[0]
+            e20, e21, e22 = d * u[2] * u[0] - s * u[1], d * u[2] * u[1] + s * u[0], c + d * u[2] * u[2]
+            for i in range(3):
+                x, y, z = R0[b, i, 0], R0[b, i, 1], R0[b, i, 2]
+                Rb[i, 0] = x * e00 + y * e10 + z * e20
+                Rb[i, 1] = x * e01 + y * e11 + z * e21
+                Rb[i, 2] = x * e02 + y * e12 + z * e22
+        else:
+            for i in range(3):
+                for j in range(3):
+                    Rb[i, j] = R0[b, i, j]
+            if k == _SLIDE:
+                _rotate(Rb, u, t1)
+                for i in range(3):
+                    pb[i] += t1[i] * angle
+        # Motion of the joint frame, in its own axes.
+        nu_up = nu_B if up < 0 else nu[up]
+        acc_up = nudot_B if up < 0 else nudot[up]
+        R_up = R_WB if up < 0 else R_W[up]
+        for i in range(3):
+            for j in range(3):
+                R_W[b, i, j] = R_up[i, 0] * Rb[0, j] + R_up[i, 1] * Rb[1, j] + R_up[i, 2] * Rb[2, j]
+        v, a = nu[b], nudot[b]
+        _cross(nu_up[3:], pb, t1)
+        _cross(acc_up[3:], pb, t2)
+        for i in range(3):
+            t1[i] += nu_up[i]
+            t2[i] += acc_up[i]
+        if k == _SLIDE:  # the arm p(q) grows at rate R u qd
+            _rotate(Rb, u, t3)
+            x, y, z = t3[0] * rate, t3[1] * rate, t3[2] * rate
+            t2[0] += nu_up[4] * z - nu_up[5] * y
+            t2[1] += nu_up[5] * x - nu_up[3] * z
+            t2[2] += nu_up[3] * y - nu_up[4] * x
+        _rotate_back(Rb, t1, v[:3])
+        _rotate_back(Rb, nu_up[3:], v[3:])
+        _rotate_back(Rb, t2, a[:3])
+        _rotate_back(Rb, acc_up[3:], a[3:])
+        if k == _HINGE:  # d/dt(R^T x) = R^T xdot - (u qd) x R^T x
+            _cross(u, v[:3], t1)
+            _cross(u, v[3:], t2)
+            for i in range(3):
+                a[i] -= rate * t1[i]
+                a[3 + i] += u[i] * accel - rate * t2[i]
+                v[3 + i] += u[i] * rate
+        elif k == _SLIDE:
+            for i in range(3):
+                v[i] += u[i] * rate
+                a[i] += u[i] * accel
+        # Rigid body: force = m (vdot + w x v + wdot x c + w x (w x c)) - m g.
+        f = force[b]
+        w, c_b = v[3:], com[b]
+        _rotate_back(R_W[b], gravity, t3)
+        _cross(w, v[:3], t1)
+        for i in range(3):
+            t1[i] += a[i] - t3[i]  # acceleration of the joint frame, gravity taken off
+        _cross(a[3:], c_b, t2)
+        for i in range(3):
+            f[i] = t1[i] + t2[i]
+        _cross(w, c_b, t2)
+        _cross(w, t2, mom[:3])
+        for i in range(3):
+            f[i] = mass[b] * (f[i] + mom[i])
+        _cross(c_b, t1, t2)
+        _rotate(inertia[b], w, mom[:3])
+        _cross(w, mom[:3], t1)
+        _rotate(inertia[b], a[3:], mom[3:])
+        for i in range(3):
+            f[3 + i] = mom[3 + i] + t1[i] + mass[b] * t2[i]
+        # Water, at the body's own origin o (the joint frame moved by `origin`).
+        o = origin[b]
+        _rotate_back(R_W[b], v_current_W, t3)
+        _cross(w, o, t1)
+        _cross(a[3:], o, t2)
+        for i in range(3):
+            v_r[i] = v[i] + t1[i] - t3[i]
+            v_r[3 + i] = w[i]
+            a_r[3 + i] = a[3 + i]
+        _cross(w, t3, t1)  # a steady current turns in body axes
+        for i in range(3):
+            a_r[i] = a[i] + t2[i] + t1[i]
+        for i in range(6):
+            total = 0.0
+            for j in range(6):
+                total += added[b, i, j] * v_r[j]
+            mom[i] = total
+        _cross(w, mom[:3], t1)
+        _cross(w, mom[3:], t2)
+        _cross(v_r[:3], mom[:3], t3)
+        h0, h1, h2 = t1[0], t1[1], t1[2]
+        h3, h4, h5 = t2[0] + t3[0], t2[1] + t3[1], t2[2] + t3[2]
+        mom[0], mom[1], mom[2], mom[3], mom[4], mom[5] = h0, h1, h2, h3, h4, h5
+        for i in range(6):
+            total = mom[i] + quadratic[b, i] * abs(v_r[i]) * v_r[i]
+            for j in range(6):
+                total += added[b, i, j] * a_r[j] + linear[b, i, j] * v_r[j]
+            mom[i] = total
+        _rotate_back(R_W[b], gravity, t3)
+        for i in range(3):  # buoyancy lifts with -rho V g: the joint must hold it down
+            t3[i] *= buoyancy[b]
+            mom[i] += t3[i]
+        _cross(cob[b], t3, t1)
+        _cross(o, mom[:3], t2)
+        for i in range(3):
+            f[i] += mom[i]
+            f[3 + i] += mom[3 + i] + t1[i] + t2[i]
+    for k in range(stations.shape[0]):
+        b = int(stations[k, 0])
+        w = nu[b, 3:]
+        for i in range(3):
+            t1[i] = stations[k, 1 + i] + origin[b, i]
+        _cross(w, t1, t2)
+        _rotate_back(R_W[b], v_current_W, t3)
+        along = 0.0
+        for i in range(3):
+            t2[i] += nu[b, i] - t3[i]
+            along += t2[i] * stations[k, 4 + i]
+        across = 0.0
+        for i in range(3):
+            t3[i] = t2[i] - along * stations[k, 4 + i]
+            across += t3[i] * t3[i]
+        across = np.sqrt(across)
+        for i in range(3):
+            t2[i] = stations[k, 7] * across * t3[i] + stations[k, 8] * abs(along) * along * stations[k, 4 + i]
+        _cross(t1, t2, t3)
+        for i in range(3):
+            force[b, i] += t2[i]
+            force[b, 3 + i] += t3[i]
+    # What the world does to the tip, the joints need not supply.
+    _rotate(R_tip, wrench_tip[:3], t1)
+    _rotate(R_tip, wrench_tip[3:], t2)
+    _cross(p_tip, t1, t3)
+    for i in range(3):
+        force[tip_body, i] -= t1[i]
+        force[tip_body, 3 + i] -= t2[i] + t3[i]
+    for i in range(6):
+        wrench_B[i] = 0.0
+    for b in range(nb - 1, -1, -1):
+        f = force[b]
+        if column[b] >= 0:
+            first = 3 if kind[b] == _HINGE else 0
+            tau[column[b]] = axis[b, 0] * f[first] + axis[b, 1] * f[first + 1] + axis[b, 2] * f[first + 2]
+        _rotate(R[b], f[:3], t1)
+        _rotate(R[b], f[3:], t2)
+        _cross(p[b], t1, t3)
+        if parent[b] < 0:
+            for i in range(3):
+                wrench_B[i] -= t1[i]
+                wrench_B[3 + i] -= t2[i] + t3[i]
+        else:
+            up = force[parent[b]]
+            for i in range(3):
+                up[i] += t1[i]
+                up[3 + i] += t2[i] + t3[i]
+
+
+class ArmDynamics:
+    """Joint torques of the arm and its wrench on the hull, for a given motion of both."""
+
+    def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
+        """Read the arm of the vehicle in `model` (`models.vehicle.Vehicle`).
+
+        With `passive`, joints without actuator (the sliding pad) are coordinates too, in the order of the model; by
+        default they are held at zero, as a controller sees them. `water_error` scales every hydrodynamic coefficient
+        by (1 + water_error), to work with a deliberately wrong model; volumes stay.
+
+        Raises ConfigurationError if the arm has joints other than hinges and slides, or a body with several joints.
+        """
+        vehicle = Vehicle.of(model)
+        self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, 1.0 + water_error)
+        tree = self._tree
+        nb, self.n = len(tree.parent), len(self.joint_names)
+        tip_row = rows[int(model.site_bodyid[vehicle.tip])]
+        R_tip = np.empty(9)
+        mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
+        p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
+        self._layout = np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)])
+        self._numbers = tree.packed(np.array(model.opt.gravity), R_tip, p_tip)
+        self._stations = tree.stations
+        self._hull = np.empty(24)
+        self._work = np.empty(39 * nb + 27)
+
+    def inverse(
+        self,
+        q: Array,
+        qd: Array,
+        qdd: Array,
+        *,
+        R_WB: Array,
+        nu_B: Array,
+        a_B: Array,
+        v_current_W: Array,
+        wrench_tip_G: Array,
+    ) -> tuple[Array, Array]:
+        """Torques at the gear outputs and the arm's wrench on the hull.
+
+        Args:
+            q, qd, qdd: joint motion (n,) [rad, rad/s, rad/s^2].
+            R_WB: hull attitude (3, 3).
+            nu_B: hull velocity (6,), (linear; angular), hull axes [m/s, rad/s].
+            a_B: acceleration of the hull's origin and its angular acceleration (6,), hull axes [m/s^2, rad/s^2].
+            v_current_W: steady current (3,) [m/s].
+            wrench_tip_G: what the world does to the tip (6,), tool axes [N, N m].
+
+        Returns:
+            tau (n,) [N m] that the gear outputs must give (rotor inertia and gear friction are not in it), and the
+            wrench (6,) of the arm on the hull at the hull's origin, hull axes [N, N m].
+        """
+        hull = self._hull
+        hull[:9] = R_WB.ravel()
+        hull[9:15] = nu_B
+        hull[15:21] = a_B  # turned into the rate of nu_B's components: a - w x v
+        v0, v1, v2, w0, w1, w2 = nu_B
+        hull[15] -= w1 * v2 - w2 * v1
+        hull[16] -= w2 * v0 - w0 * v2
+        hull[17] -= w0 * v1 - w1 * v0
+        hull[21:] = v_current_W
+        tau, wrench_B = np.empty(self.n), np.empty(6)
+        _newton_euler(
+            self._layout, self._numbers, self._stations, q, qd, qdd, hull, wrench_tip_G, self._work, tau, wrench_B
+        )
+        return tau, wrench_B
+
+
+def _read_tree(
+    model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
+) -> tuple[_Tree, tuple[str, ...], dict[int, int]]:
+    """The bodies carried by the hull, as arrays; the joints that are coordinates; row of each MuJoCo body."""
+    bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
+    rows = {body: row for row, body in enumerate(bodies)}
+    nb = len(bodies)
+    tree = _Tree(
+        parent=np.full(nb, -1, dtype=np.int64), kind=np.zeros(nb, dtype=np.int64),
+        column=np.full(nb, -1, dtype=np.int64), axis=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), p0=np.zeros((nb, 3)),
+        mass=np.zeros(nb), com=np.zeros((nb, 3)), inertia=np.zeros((nb, 3, 3)), added=np.zeros((nb, 6, 6)),
+        linear=np.zeros((nb, 6, 6)), quadratic=np.zeros((nb, 6)), buoyancy=np.zeros(nb), cob=np.zeros((nb, 3)),
+        origin=np.zeros((nb, 3)), stations=_stations(model, rows, water_scale),
+    )  # fmt: skip
+    names: list[str] = []
+    driven = set(vehicle.joints.tolist())
+    R = np.empty(9)
+    for body, row in rows.items():
+        if model.body_jntnum[body] > 1:
+            raise ConfigurationError(f"body {model.body(body).name!r} of the arm has more than one joint")
+        anchor = np.zeros(3)
+        if model.body_jntnum[body]:
+            joint = int(model.body_jntadr[body])
+            kind = int(model.jnt_type[joint])
+            if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                raise ConfigurationError(f"joint {model.joint(joint).name!r} of the arm must be a hinge or a slide")
+            anchor = np.array(model.jnt_pos[joint])
+            if joint in driven or passive:
+                tree.kind[row] = _HINGE if kind == mujoco.mjtJoint.mjJNT_HINGE else _SLIDE
+                tree.column[row] = len(names)
+                tree.axis[row] = model.jnt_axis[joint]
+                names.append(model.joint(joint).name)
+        # The joint frame stands at the joint's anchor, along the body's axes.
+        tree.origin[row] = -anchor
+        parent = int(model.body_parentid[body])
+        mujoco.mju_quat2Mat(R, model.body_quat[body])
+        tree.R0[row] = R.reshape(3, 3)
+        tree.p0[row] = model.body_pos[body] + tree.R0[row] @ anchor
+        if parent != vehicle.hull:
+            tree.parent[row] = rows[parent]
+            tree.p0[row] += tree.origin[rows[parent]]
+        tree.mass[row] = model.body_mass[body]
+        com = model.body_ipos[body] - anchor
+        tree.com[row] = com
+        mujoco.mju_quat2Mat(R, model.body_iquat[body])
+        principal = R.reshape(3, 3)
+        tree.inertia[row] = principal @ np.diag(model.body_inertia[body]) @ principal.T + model.body_mass[body] * (
+            com @ com * np.eye(3) - np.outer(com, com)
+        )
+        if hydrodynamics.carries(model.body_user[body]):
+            water = hydrodynamics.unpack(model.body_user[body])
+            tree.added[row] = water_scale * water.added_mass
+            tree.linear[row] = water_scale * water.linear_damping
+            tree.quadratic[row] = water_scale * water.quadratic_damping
+            tree.buoyancy[row] = model.body_user[0, hydrodynamics.LAYOUT.density] * water.volume
+            tree.cob[row] = water.center_of_buoyancy
+    return tree, tuple(names), rows
+
+
+def _carried(model: mujoco.MjModel, body: int, hull: int) -> bool:
+    """Whether `hull` is an ancestor of `body`."""
+    while body > hull:
+        body = int(model.body_parentid[body])
+    return body == hull
+
+
+def _stations(model: mujoco.MjModel, rows: dict[int, int], water_scale: float) -> Array:
+    """Gauss-Legendre stations of all drag strips, (ns, 9): row, position (3) [m], axis (3), normal, tangential drag."""
+    stations: list[list[float]] = []
+    for body, row in rows.items():
+        if not hydrodynamics.carries(model.body_user[body]):
+            continue
+        for strip in hydrodynamics.unpack(model.body_user[body]).segments:
+            along = strip.end - strip.start
+            length = float(np.linalg.norm(along))
+            for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
+                share = water_scale * 0.5 * weight * length
+                place = strip.start + 0.5 * (1.0 + node) * along
+                stations.append([row, *place, *(along / length), share * strip.normal, share * strip.tangential])
+    return np.array(stations).reshape(-1, 9)

@@ -1,0 +1,117 @@
+"""Motions in time with bounded speed and acceleration: straight moves of poses and joints, and progress on a path."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, log_so3
+
+# Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
+
+
+def _quintic(u: float) -> tuple[float, float]:
+    """Share of the move done at time share `u`, and its derivative by u."""
+    u = min(max(u, 0.0), 1.0)
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
+
+
+def _duration(distance: float, speed: float, acceleration: float) -> float:
+    """Shortest time [s] of a quintic move within speed and acceleration."""
+    return max(_PEAK_SPEED * distance / speed, np.sqrt(_PEAK_ACCELERATION * distance / acceleration), 1e-3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseMove:
+    """A hull pose moved from one place to another: straight, and turning about one axis, at rest at both ends."""
+
+    start: float  # [s]
+    duration: float  # [s]
+    X_from: Array  # (4, 4)
+    X_to: Array  # (4, 4)
+
+    @classmethod
+    def between(
+        cls, start: float, X_from: Array, X_to: Array, *, speed: float, acceleration: float, turn_rate: float
+    ) -> "PoseMove":
+        """The shortest such move within speed [m/s], acceleration [m/s^2] and turn rate [rad/s]."""
+        distance = float(np.linalg.norm(X_to[:3, 3] - X_from[:3, 3]))
+        turn = float(np.linalg.norm(log_so3(X_from[:3, :3].T @ X_to[:3, :3])))
+        duration = max(_duration(distance, speed, acceleration), _PEAK_SPEED * turn / turn_rate)
+        return cls(start, duration, np.array(X_from), np.array(X_to))
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Pose (4, 4) and velocity of its origin (3,) [m/s], world axes, at `time` [s]."""
+        share, rate = _quintic((time - self.start) / self.duration)
+        X = np.eye(4)
+        X[:3, :3] = self.X_from[:3, :3] @ exp_so3(share * log_so3(self.X_from[:3, :3].T @ self.X_to[:3, :3]))
+        travel = self.X_to[:3, 3] - self.X_from[:3, 3]
+        X[:3, 3] = self.X_from[:3, 3] + share * travel
+        return X, travel * (rate / self.duration)
+
+    def done(self, time: float) -> bool:
+        return time >= self.start + self.duration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointMove:
+    """Joint angles moved together on a straight line, at rest at both ends."""
+
+    start: float  # [s]
+    duration: float  # [s]
+    q_from: Array  # (n,) [rad]
+    q_to: Array  # (n,) [rad]
+
+    @classmethod
+    def between(cls, start: float, q_from: Array, q_to: Array, *, speed: float) -> "JointMove":
+        """The shortest such move in which no joint exceeds `speed` [rad/s]."""
+        most = float(np.abs(q_to - q_from).max())
+        return cls(start, _duration(most, speed, speed), np.array(q_from), np.array(q_to))
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Angles (n,) [rad] and speeds (n,) [rad/s] at `time` [s]."""
+        share, rate = _quintic((time - self.start) / self.duration)
+        travel = self.q_to - self.q_from
+        return self.q_from + share * travel, travel * (rate / self.duration)
+
+    def done(self, time: float) -> bool:
+        return time >= self.start + self.duration
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Arc length along a path in time: speeds up, holds a speed, slows down, at rest at both ends."""
+
+    length: float  # [m]
+    speed: float  # [m/s]
+    ramp: float  # [s] from rest to speed
+
+    def __post_init__(self) -> None:
+        if not (self.length > 0.0 and self.speed > 0.0 and self.ramp > 0.0):
+            raise ConfigurationError(
+                f"path progress: length {self.length} m, speed {self.speed} m/s and ramp {self.ramp} s must be > 0"
+            )
+
+    @property
+    def duration(self) -> float:
+        """[s] from start to end."""
+        if self.length < self.speed * self.ramp:
+            return 2.0 * np.sqrt(self.length * self.ramp / self.speed)
+        return self.length / self.speed + self.ramp
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Arc length [m] and its rate [m/s], `time` [s] after the start."""
+        total = self.duration
+        if time <= 0.0:
+            return 0.0, 0.0
+        if time >= total:
+            return self.length, 0.0
+        acceleration = self.speed / self.ramp
+        ramp = min(self.ramp, 0.5 * total)
+        if time < ramp:
+            return 0.5 * acceleration * time**2, acceleration * time
+        if time > total - ramp:
+            left = total - time
+            return self.length - 0.5 * acceleration * left**2, acceleration * left
+        return 0.5 * acceleration * ramp**2 + self.speed * (time - ramp), self.speed

@@ -1,0 +1,163 @@
+"""Where things are in a compiled model of a vehicle with an arm: the one place that looks names up.
+
+A vehicle is any MJCF with a free body `hull`, a body `arm_base` fixed to it, a serial arm whose driven joints carry
+actuators of the same name, a site `tip` (z out of the tool), and optionally a site `camera` (OpenCV axes), a sliding
+joint `pad` behind the pad's face, and thruster actuators with a table of `models.thrusters`.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from models import thrusters
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, readonly
+
+HULL_BODY = "hull"
+ARM_BASE_BODY = "arm_base"
+TIP_SITE = "tip"
+CAMERA_SITE = "camera"
+HOME_KEY = "home"
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+    """Index of the named object; ConfigurationError that lists what there is otherwise."""
+    index = mujoco.mj_name2id(model, kind, name)
+    if index < 0:
+        word = kind.name.removeprefix("mjOBJ_").lower()
+        count = {
+            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
+            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
+            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
+            mujoco.mjtObj.mjOBJ_KEY: model.nkey,
+            mujoco.mjtObj.mjOBJ_GEOM: model.ngeom,
+        }[kind]
+        names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
+        raise ConfigurationError(f"the model has no {word} named {name!r}; it has {[n for n in names if n]}")
+    return index
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Vehicle:
+    """Indices, limits and home pose of one vehicle in one MjModel."""
+
+    hull: int  # body
+    hull_qpos: int  # address of the free joint in qpos
+    hull_dof: int  # address of the free joint in qvel
+    arm_base: int  # body
+    tip: int  # site
+    joint_names: tuple[str, ...]  # driven joints, base to tip
+    joints: np.ndarray  # (n,) joint indices
+    qpos: np.ndarray  # (n,) addresses in qpos
+    dof: np.ndarray  # (n,) addresses in qvel
+    actuators: np.ndarray  # (n,) actuator of each driven joint
+    q_limits: Array  # (n, 2) [rad]
+    torque_limits: Array  # (n,) [N m]
+    armature: Array  # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
+    joint_damping: Array  # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
+    q_home: Array  # (n,) [rad]
+    thruster_actuators: np.ndarray  # (m,) actuator indices
+    thruster_table: Array  # (m, models.thrusters.WIDTH)
+    thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
+    thruster_names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "Vehicle":
+        """Look the vehicle up in `model`. Raises ConfigurationError naming what is missing and what there is."""
+        hull = find(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY)
+        if model.body_jntnum[hull] != 1 or int(model.jnt_type[model.body_jntadr[hull]]) != mujoco.mjtJoint.mjJNT_FREE:
+            raise ConfigurationError(f"body {HULL_BODY!r} must have exactly one joint, a free joint")
+        arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+        tip = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
+        joints = _driven_joints(model, arm_base, int(model.site_bodyid[tip]))
+        actuators = np.array([_actuator_of(model, j) for j in joints])
+        names = tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints)
+        for joint, actuator, name in zip(joints, actuators, names, strict=True):
+            if not model.jnt_limited[joint]:
+                raise ConfigurationError(f"joint {name!r} of the arm must have a range")
+            if not model.actuator_ctrllimited[actuator]:
+                raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
+        qpos = np.asarray(model.jnt_qposadr)[joints]
+        dof = np.asarray(model.jnt_dofadr)[joints]
+        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+        home = model.key_qpos[key] if key >= 0 else model.qpos0
+        thruster_actuators, table = thrusters.read(model)
+        return cls(
+            hull=hull,
+            hull_qpos=int(model.jnt_qposadr[model.body_jntadr[hull]]),
+            hull_dof=int(model.body_dofadr[hull]),
+            arm_base=arm_base,
+            tip=tip,
+            joint_names=names,
+            joints=joints,
+            qpos=qpos,
+            dof=dof,
+            actuators=actuators,
+            q_limits=readonly(model.jnt_range[joints]),
+            torque_limits=readonly(np.abs(model.actuator_ctrlrange[actuators]).min(axis=1)),
+            armature=readonly(np.asarray(model.dof_armature)[dof]),
+            joint_damping=readonly(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]),
+            q_home=readonly(home[qpos]),
+            thruster_actuators=thruster_actuators,
+            thruster_table=readonly(table),
+            thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
+            thruster_names=tuple(
+                mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, int(a)).removeprefix("thruster_")
+                for a in thruster_actuators
+            ),
+        )
+
+
+def pose_in_body(model: mujoco.MjModel, site: int, body: int) -> Array:
+    """Pose (4, 4) of `site` in `body`, through bodies without joints. Raises ConfigurationError if a joint lies between."""
+    R, p = np.empty(9), model.site_pos[site].copy()
+    mujoco.mju_quat2Mat(R, model.site_quat[site])
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R.reshape(3, 3), p
+    at = int(model.site_bodyid[site])
+    while at != body:
+        if at == 0 or model.body_jntnum[at]:
+            raise ConfigurationError(f"site {model.site(site).name!r} must be fixed to body {model.body(body).name!r}")
+        mujoco.mju_quat2Mat(R, model.body_quat[at])
+        X_parent = np.eye(4)
+        X_parent[:3, :3], X_parent[:3, 3] = R.reshape(3, 3), model.body_pos[at]
+        X, at = X_parent @ X, int(model.body_parentid[at])
+    return X
+
+
+def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> np.ndarray:
+    """Joints between `base` and `last` that have an actuator, base to tip."""
+    joints: list[int] = []
+    body = last
+    while body != base:
+        if body == 0:
+            raise ConfigurationError(f"site {TIP_SITE!r} is not carried by body {ARM_BASE_BODY!r}")
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints[:0] = [j for j in range(first, first + count) if _actuator_of(model, j) >= 0]
+        body = int(model.body_parentid[body])
+    if not joints:
+        raise ConfigurationError(f"no driven joint between body {ARM_BASE_BODY!r} and site {TIP_SITE!r}")
+    return np.array(joints)
+
+
+def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
+    """The actuator that drives `joint`, or -1."""
+    drives = (np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT) & (
+        np.asarray(model.actuator_trnid)[:, 0] == joint
+    )
+    found = np.flatnonzero(drives)
+    return int(found[0]) if found.size else -1
+
+
+def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:
+    """Columns (6, m): unit thrust along the x axis of each thruster's site, moved to the hull's origin."""
+    B = np.zeros((6, len(actuators)))
+    for column, actuator in enumerate(actuators):
+        if int(model.actuator_trntype[actuator]) != mujoco.mjtTrn.mjTRN_SITE:
+            raise ConfigurationError(f"thruster {model.actuator(int(actuator)).name!r} must act on a site")
+        X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)
+        force = X[:3, :3] @ model.actuator_gear[actuator, :3]
+        B[:3, column] = force
+        B[3:, column] = np.cross(X[:3, 3], force)
+    return B

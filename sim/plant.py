@@ -1,0 +1,174 @@
+"""The plant: one vehicle in one MjModel, stepped at the physics rate; and the ground truth that it alone knows."""
+
+import mujoco
+import numpy as np
+
+from models.vehicle import Vehicle, find
+from sim import hydrodynamics
+from sim.current import Current
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
+from sim.thrusters import Thrusters
+
+PAD_GEOM = "pad"
+PAD_FACE_SITE = "pad_face"
+
+
+class Truth:
+    """The true state at the start of a physics step. Live views: read them before the next step, keep none.
+
+    Positions and velocities are those of `time`; accelerations, torques and contact forces are those of the step that
+    led here, one physics step earlier, which is when a sensor would have sampled them.
+    """
+
+    __slots__ = (
+        "R_WB", "R_WG", "acceleration", "armature", "collision", "contact_force_W", "contact_normal",
+        "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "q", "qd", "qdd", "saturated", "tau_drive", "thrust",
+        "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
+    )  # fmt: skip
+
+    time: float  # [s]
+    xpos: Array  # (nbody, 3) [m] body origins in W
+    xquat: Array  # (nbody, 4) wxyz
+    xmat: Array  # (nbody, 9)
+    p_WB: Array  # (3,) [m]
+    R_WB: Array  # (3, 3)
+    v_WB_W: Array  # (3,) [m/s], world axes
+    w_WB_B: Array  # (3,) [rad/s], hull axes
+    acceleration: Array  # (6,) of the free joint: linear in W, angular in B [m/s^2, rad/s^2]
+    q: Array  # (n,) [rad]
+    qd: Array  # (n,) [rad/s]
+    qdd: Array  # (n,) [rad/s^2]
+    tau_drive: Array  # (n,) [N m] of the motors
+    armature: Array  # (n,) [kg m^2]
+    joint_damping: Array  # (n,) [N m s/rad]
+    thrust: Array  # (m,) [N]
+    saturated: bool  # a thruster command was at its limit
+    current_W: Array  # (3,) [m/s]
+    p_WG: Array  # (3,) [m] tip of the rigid tool
+    R_WG: Array  # (3, 3) tool axes
+    p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
+    contact_normal: float  # [N] sum of the normal forces on the pad
+    contact_force_W: Array  # (3,) [N] of the world on the pad
+    collision: bool  # some other part of the vehicle touches the world
+    vehicle: Vehicle
+
+    def tau_gear(self) -> Array:
+        """Torques (n,) [N m] that pass through the gear outputs: the drive's, less rotor inertia and gear friction."""
+        return self.tau_drive - self.armature * self.qdd - self.joint_damping * self.qd
+
+
+class Plant:
+    """A vehicle and its world, advanced one physics step at a time by commands."""
+
+    def __init__(self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None) -> None:
+        """Take a compiled model (`sim.hydrodynamics.compile`), the current, and the hull's first pose (default: the model's).
+
+        Raises ConfigurationError if the model has no vehicle (`models.vehicle`), HydrodynamicsError if its water
+        cannot act. Installs the process's passive callback.
+        """
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            raise ConfigurationError("the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast")
+        hydrodynamics.install()
+        self.model = model
+        self.vehicle = vehicle = Vehicle.of(model)
+        self.data = mujoco.MjData(model)
+        self.timestep = float(model.opt.timestep)
+        self._current = current
+        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
+        if key >= 0:
+            mujoco.mj_resetDataKeyframe(model, self.data, key)
+        if X_WB is not None:
+            address = vehicle.hull_qpos
+            self.data.qpos[address : address + 3] = X_WB[:3, 3]
+            self.data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+        self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
+        self._nu_r = np.zeros(6)
+        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+        pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
+        if pad_site < 0:
+            pad_site = find(model, mujoco.mjtObj.mjOBJ_SITE, "tip")
+        self._own_geom = _carried_geoms(model, vehicle.hull)
+        self._force = np.zeros(6)
+        self.truth = self._bind(pad_site)
+
+    def _bind(self, pad_site: int) -> Truth:
+        """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
+        data, vehicle = self.data, self.vehicle
+        truth = Truth()
+        truth.vehicle = vehicle
+        truth.time = float(data.time)
+        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
+        truth.p_WB = data.xpos[vehicle.hull]
+        truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        dof = vehicle.hull_dof
+        truth.v_WB_W = data.qvel[dof : dof + 3]
+        truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
+        truth.acceleration = data.qacc[dof : dof + 6]
+        truth.q, truth.qd, truth.qdd = _view(data.qpos, vehicle.qpos), _view(data.qvel, vehicle.dof), _view(data.qacc, vehicle.dof)
+        truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
+        truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
+        truth.thrust = self._thrusters.thrust
+        truth.saturated = False
+        truth.current_W = np.zeros(3)
+        truth.p_WG = data.site_xpos[vehicle.tip]
+        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3)
+        truth.p_pad = data.site_xpos[pad_site]
+        truth.contact_normal = 0.0
+        truth.contact_force_W = np.zeros(3)
+        truth.collision = False
+        return truth
+
+    def observe(self) -> Truth:
+        """Bring the kinematics up to now, and return the truth."""
+        mujoco.mj_step1(self.model, self.data)
+        self.truth.time = float(self.data.time)
+        return self.truth
+
+    def step(self, command: Command) -> None:
+        """Let the command act for one physics step; `observe` must have been called since the last one."""
+        data, vehicle, truth = self.data, self.vehicle, self.truth
+        velocity, acceleration = self._current.step()
+        hydrodynamics.set_current(self.model, velocity, acceleration)
+        truth.current_W[:] = velocity
+        self._nu_r[:3] = truth.R_WB.T @ (truth.v_WB_W - velocity)
+        self._nu_r[3:] = truth.w_WB_B
+        truth.saturated = self._thrusters.step(command.thrusters, self._nu_r)
+        data.ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
+        data.ctrl[vehicle.actuators] = command.joint_torque
+        mujoco.mj_step2(self.model, data)
+        self._read_contacts()
+
+    def _read_contacts(self) -> None:
+        truth, data = self.truth, self.data
+        truth.contact_normal, truth.collision = 0.0, False
+        truth.contact_force_W[:] = 0.0
+        if data.ncon == 0:
+            return
+        contact, force = data.contact, self._force
+        for i, (first, second) in enumerate(contact.geom):
+            ours = self._own_geom[first], self._own_geom[second]
+            if ours[0] == ours[1] or contact.efc_address[i] < 0:
+                continue
+            if self._pad_geom not in (first, second):
+                truth.collision = True
+                continue
+            mujoco.mj_contactForce(self.model, data, i, force)
+            truth.contact_normal += float(force[0])
+            on_second = contact.frame[i].reshape(3, 3).T @ force[:3]
+            truth.contact_force_W += on_second if second == self._pad_geom else -on_second
+
+
+def _view(array: Array, addresses: np.ndarray) -> Array:
+    """A slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
+    first = int(addresses[0])
+    if not np.array_equal(addresses, np.arange(first, first + len(addresses))):
+        raise ConfigurationError("the driven joints of the arm must follow each other without others between them")
+    return array[first : first + len(addresses)]
+
+
+def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:
+    """(ngeom,) bool: the geom belongs to the vehicle."""
+    root = np.asarray(model.body_rootid)
+    return root[np.asarray(model.geom_bodyid)] == root[hull]

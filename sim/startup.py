@@ -1,0 +1,64 @@
+"""What every scenario does around its own work: finds out that the rooms are ours, and ends in one line and a code."""
+
+import contextlib
+import io
+import re
+import sys
+from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NoReturn, TypeVar
+
+from sim.interfaces.errors import UuvError
+
+ROOMS = ("models", "sim", "perception", "controllers", "calib")
+BAD_INPUT = 2  # exit code
+INTERRUPTED = 130  # exit code, as of a shell: 128 + SIGINT
+
+Options = TypeVar("Options")
+
+
+def check() -> None:
+    """Exit with one line if a module of a room's name, from elsewhere, comes before ours on the path."""
+    home = Path(__file__).resolve().parents[1]
+    for room in ROOMS:
+        found = find_spec(room)
+        origin = Path(found.origin or "") if found else Path()
+        if origin.resolve().parent != home / room:
+            raise _refusal(f"{origin} hides the room {home / room}; rename it or take it off PYTHONPATH")
+
+
+def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
+    """`args` (default: the command line) as a `kind` by tyro; a mistake in them ends in one line and exit code 2."""
+    import tyro  # here, so that `sim` runs without it
+
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            return tyro.cli(kind, args=args)
+    except SystemExit as stop:
+        if stop.code != BAD_INPUT:
+            raise  # --help
+        # tyro draws a box, in colour on a terminal: title, what is wrong, a rule, help.
+        rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
+        parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
+        mistake = next((part for part in parts if part.strip()), "bad options")
+        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options)") from None
+
+
+def run_scenario(main: Callable[[], int | None]) -> NoReturn:
+    """Run `main` and exit with the code that it returns; with one line and code 2 on any UuvError, 130 on Ctrl-C."""
+    check()
+    try:
+        code = main()
+    except UuvError as error:
+        raise _refusal(str(error)) from None
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
+    raise SystemExit(code or 0)
+
+
+def _refusal(reason: str) -> SystemExit:
+    print(f"error: {' '.join(reason.split())}", file=sys.stderr)
+    return SystemExit(BAD_INPUT)

@@ -1,0 +1,43 @@
+"""Set up for every test: our rooms and no others, the leaf's types checked, tolerances that scale together."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from beartype.claw import beartype_package
+
+beartype_package("sim.interfaces")  # before anything imports it
+
+import sim  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
+
+if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
+    pytest.exit(f"{sim.__file__} hides the room {ROOT / 'sim'}; rename it or take it off PYTHONPATH", returncode=2)
+
+
+@pytest.fixture
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture
+def within(capsys: pytest.CaptureFixture[str]):
+    """`within(name, residual, tolerance)`: the largest |residual| must not exceed the tolerance.
+
+    UUV_TOLERANCE_SCALE multiplies every tolerance; 0 prints the residuals beside them and fails none.
+    """
+
+    def check(name: str, residual: object, tolerance: float) -> None:
+        largest = float(np.max(np.abs(np.asarray(residual, dtype=np.float64))))
+        if SCALE == 0.0:
+            with capsys.disabled():
+                print(f"\n{name}: {largest:.3g} (tolerance {tolerance:.3g})", end="")
+            return
+        limit = tolerance * SCALE
+        assert largest <= limit, f"{name}: {largest:.3g}, tolerance {limit:.3g}"
+
+    return check

@@ -1,0 +1,249 @@
+"""Exact hydrodynamics in MuJoCo: added mass inside the inertia, for every solver, integrator and contact.
+
+A body with twist nu = (v; w) and relative twist nu_r = nu - (R^T v_c; 0), both in its own axes, momentum of the water
+p = A nu_r and acceleration nudot feels (Kirchhoff's equations in a current; Lamb, Hydrodynamics, chapter VI)
+
+    f = -A (nudot - (R^T vdot_c - w x R^T v_c; 0)) - (w x p_l; w x p_a + v_r x p_l) - D_l nu_r - D_q |nu_r| nu_r
+        + rho V R^T (vdot_c - g) at the centre of buoyancy.
+
+The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: sum_b J_b^T A_b J_b is added to `d.M`,
+which has exactly this pattern. The rest goes to `d.qfrc_passive`. Any added mass is stable: nothing lags.
+
+The current is `model.opt.wind` (3,) [m/s], world axes; its acceleration and shear are in `model.body_user[0]`
+(`models.hydrodynamics.set_current`). A flow that varies in space moves past the body with its own acceleration,
+vdot_c + (v_c . grad) v_c, and is taken at the body origin (Auton, Hunt and Prud'homme 1988).
+
+MuJoCo's force and torque sensors do not see `qfrc_passive`, and `mj_setConst` undoes the wet contact weights.
+"""
+
+import ctypes
+import warnings
+from typing import Any
+
+import llvmlite.binding
+import mujoco
+import numpy as np
+
+from models.hydrodynamics import BodyHydrodynamics, carries, unpack
+from sim import hydrodynamics_kernel, mujoco_layout
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.spatial import Array, skew
+
+DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
+
+_callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
+
+
+def install() -> None:
+    """Make the hydrodynamic callback the passive callback of this process. Idempotent; 5 to 8 s the first time ever.
+
+    Raises HydrodynamicsError if MuJoCo's layout is not what its introspection says, or if another passive callback is
+    already installed.
+    """
+    global _callback
+    if is_installed():
+        return
+    if mujoco.get_mjcb_passive() is not None:
+        raise HydrodynamicsError("another passive callback is installed; MuJoCo has room for one")
+    if _callback is None:
+        mujoco_layout.verify(hydrodynamics_kernel.MODEL_FIELDS, hydrodynamics_kernel.DATA_FIELDS)
+        library = mujoco_layout.library()
+        for symbol in hydrodynamics_kernel.SYMBOLS:
+            address = ctypes.cast(getattr(library, symbol), ctypes.c_void_p).value
+            llvmlite.binding.add_symbol(symbol, address)
+        _callback = hydrodynamics_kernel.build()
+    mujoco.set_mjcb_passive(_callback.ctypes)
+
+
+def uninstall() -> None:
+    """Remove the callback. Nothing happens if it is not installed."""
+    if is_installed():
+        mujoco.set_mjcb_passive(None)
+
+
+def is_installed() -> bool:
+    """Whether the passive callback of this process is ours."""
+    return _callback is not None and mujoco.get_mjcb_passive() is _callback.ctypes
+
+
+def check_installed(model: mujoco.MjModel) -> bool:
+    """Whether `model` is served as it should be; warns if it carries coefficients and the callback is off."""
+    if carries_hydrodynamics(model) and not is_installed():
+        warnings.warn(
+            "this model carries hydrodynamics but moves dry: call sim.hydrodynamics.install()", RuntimeWarning, 2
+        )
+        return False
+    return True
+
+
+def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
+    """Whether `model` was compiled from a spec with attached coefficients."""
+    return carries(model.body_user[0])
+
+
+def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called with its module's name)
+    """Compile `spec`, set what MuJoCo derives from the inertia for the wet inertia, and refuse what would be wrong.
+
+    Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0` (softness of contacts,
+    limits and equalities), `dof_M0`, `actuator_acc0`, `stat.meaninertia`, and the damping of position actuators
+    given by `dampratio`. A spec without coefficients is compiled as it is.
+
+    Raises ConfigurationError if bodies carry coefficients but the world does not, HydrodynamicsError as `check` does.
+    """
+    ratios = _damping_ratios(spec)
+    model = spec.compile()
+    if not carries_hydrodynamics(model):
+        if stray := [model.body(i).name for i in range(1, model.nbody) if carries(model.body_user[i])]:
+            raise ConfigurationError(
+                f"{', '.join(stray)} carry hydrodynamics, but the world of this spec has no water: "
+                "call models.hydrodynamics.attach on it (an empty mapping will do)"
+            )
+        return model
+    check(model)
+    _set_constants(model, ratios)
+    return model
+
+
+def check(model: mujoco.MjModel) -> None:
+    """Refuse, by name and with the number, settings under which the hydrodynamics would be wrong or unstable.
+
+    Call it again after changing `model.opt`. Raises HydrodynamicsError.
+    """
+    if not carries_hydrodynamics(model):
+        return
+    option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    refused = {
+        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver == mujoco.mjtSolver.mjSOL_PGS,
+        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations > 0,
+        f"density {option.density} (MuJoCo's own fluid would act too); use 0": option.density > 0.0,
+        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity > 0.0,
+        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags & enable.mjENBL_SLEEP,
+        "flag diagexact (it is computed from the dry inertia)": option.enableflags & enable.mjENBL_DIAGEXACT,
+        "flags spring and damper both disabled (MuJoCo then calls no passive callback)": (
+            option.disableflags & disable.mjDSBL_SPRING and option.disableflags & disable.mjDSBL_DAMPER
+        ),
+    }
+    if found := [name for name, present in refused.items() if present]:
+        raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(found)}")
+    for i in _bodies(model):
+        if model.body_simple[i]:
+            raise HydrodynamicsError(f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0")
+    data = _at_qpos0(model)
+    if model.nv == 0:
+        return
+    inertia = _dry_inertia(model, data) + added_inertia(model, data)
+    factor = np.linalg.inv(np.linalg.cholesky(inertia))
+    rate = float(np.linalg.eigvalsh(factor @ drag_slope(model, data, DRAG_SPEED) @ factor.T)[-1])
+    if option.timestep * rate > 1.0:
+        raise HydrodynamicsError(
+            f"timestep {option.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
+            f"{option.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
+        )
+
+
+def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Joint-space added mass sum_b J_b^T A_b J_b (nv, nv) at `data`, whose kinematics and comPos are up to date."""
+    total = np.zeros((model.nv, model.nv))
+    for i, body in _bodies(model).items():
+        J_B = _jacobian(model, data, i)
+        total += J_B.T @ body.added_mass @ J_B
+    return total
+
+
+def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
+    """Joint-space slope (nv, nv), symmetric, of drag over velocity at `speed` [m/s, rad/s] in every direction."""
+    total = np.zeros((model.nv, model.nv))
+    for i, body in _bodies(model).items():
+        slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(2.0 * speed * body.quadratic_damping)
+        for strip in body.segments:
+            nodes, weights = np.polynomial.legendre.leggauss(strip.stations)
+            length = float(np.linalg.norm(strip.end - strip.start))
+            axis = (strip.end - strip.start) / length
+            along = np.outer(axis, axis)
+            local = 2.0 * speed * (strip.normal * (np.eye(3) - along) + strip.tangential * along)
+            for node, weight in zip(nodes, weights, strict=True):
+                p = strip.start + 0.5 * (1.0 + node) * (strip.end - strip.start)
+                to_point = np.hstack([np.eye(3), -skew(p)])
+                slope += 0.5 * weight * length * to_point.T @ local @ to_point
+        J_B = _jacobian(model, data, i)
+        total += J_B.T @ slope @ J_B
+    return total
+
+
+def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
+    """Coefficients by body number, of the bodies that can move."""
+    return {
+        i: unpack(model.body_user[i])
+        for i in range(1, model.nbody)
+        if model.body_treeid[i] >= 0 and carries(model.body_user[i])
+    }
+
+
+def _jacobian(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
+    """J (6, nv) of the body origin, in body axes, linear over angular."""
+    J = np.zeros((6, model.nv))
+    mujoco.mj_jacBody(model, data, J[:3], J[3:], body)
+    R_BW = data.xmat[body].reshape(3, 3).T
+    return np.vstack([R_BW @ J[:3], R_BW @ J[3:]])
+
+
+def _at_qpos0(model: mujoco.MjModel) -> mujoco.MjData:
+    """Data at qpos0 with everything that depends on position, and the dry inertia."""
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    return data
+
+
+def _dry_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    M = np.zeros((model.nv, model.nv))
+    for i in range(model.nv):
+        unit = np.zeros(model.nv)
+        unit[i] = 1.0
+        mujoco.mj_mulM(model, data, M[i], unit)
+    return M
+
+
+def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
+    """Damping ratio by number of the actuator, for those whose damping the compiler computes from the inertia."""
+    return {
+        i: actuator.biasprm[2]
+        for i, actuator in enumerate(spec.actuators)
+        if actuator.biasprm[2] > 0.0 and actuator.gainprm[0] == -actuator.biasprm[1]
+    }
+
+
+def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> None:
+    """As MuJoCo's engine_setconst.c computes them, with M + A for M."""
+    if model.nv == 0:
+        return
+    data = _at_qpos0(model)
+    M = _dry_inertia(model, data) + added_inertia(model, data)
+    Minv = np.linalg.inv(M)
+    J = np.zeros((6, model.nv))
+    for i in range(1, model.nbody):
+        if model.body_weldid[i]:
+            mujoco.mj_jacBodyCom(model, data, J[:3], J[3:], i)
+            mobility = np.einsum("ij,jk,ik->i", J, Minv, J)
+            model.body_invweight0[i] = mobility[:3].mean(), mobility[3:].mean()
+    mobility = np.diag(Minv)
+    for i in range(model.njnt):
+        first = model.jnt_dofadr[i]
+        blocks = {mujoco.mjtJoint.mjJNT_FREE: [3, 3], mujoco.mjtJoint.mjJNT_BALL: [3]}.get(model.jnt_type[i], [1])
+        for block in blocks:
+            model.dof_invweight0[first : first + block] = mobility[first : first + block].mean()
+            first += block
+    model.dof_M0 = np.diag(M)
+    model.stat.meaninertia = np.diag(M).mean()
+    for i in range(model.ntendon):
+        row = np.zeros(model.nv)
+        entries = slice(model.ten_J_rowadr[i], model.ten_J_rowadr[i] + model.ten_J_rownnz[i])
+        row[model.ten_J_colind[entries]] = data.ten_J[entries]
+        model.tendon_invweight0[i] = row @ Minv @ row
+    for i in range(len(model.actuator_acc0)):
+        entries = slice(data.moment_rowadr[i], data.moment_rowadr[i] + data.moment_rownnz[i])
+        columns, moment = data.moment_colind[entries], data.actuator_moment[entries]
+        model.actuator_acc0[i] = np.linalg.norm(Minv[:, columns] @ moment)
+        if i in damping_ratios:
+            felt = moment**2 > mujoco.mjMINVAL
+            reflected = float(np.sum(model.dof_M0[columns[felt]] / moment[felt] ** 2))
+            model.actuator_biasprm[i, 2] = -damping_ratios[i] * 2.0 * np.sqrt(model.actuator_gainprm[i, 0] * reflected)

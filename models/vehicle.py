@@ -12,13 +12,14 @@ import numpy as np
 
 from models import thrusters
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import Array, pose, readonly
 
 HULL_BODY = "hull"
 ARM_BASE_BODY = "arm_base"
 TIP_SITE = "tip"
 CAMERA_SITE = "camera"
 HOME_KEY = "home"
+READY_KEY = "ready"
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
@@ -46,6 +47,7 @@ class Vehicle:
     hull_qpos: int  # address of the free joint in qpos
     hull_dof: int  # address of the free joint in qvel
     arm_base: int  # body
+    X_BA: Array  # (4, 4) arm base on the hull
     tip: int  # site
     joint_names: tuple[str, ...]  # driven joints, base to tip
     joints: np.ndarray  # (n,) joint indices
@@ -56,7 +58,8 @@ class Vehicle:
     torque_limits: Array  # (n,) [N m]
     armature: Array  # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
     joint_damping: Array  # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
-    q_home: Array  # (n,) [rad]
+    q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
+    q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
     thruster_table: Array  # (m, models.thrusters.WIDTH)
     thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
@@ -80,25 +83,26 @@ class Vehicle:
                 raise ConfigurationError(f"the actuator of joint {name!r} must have a ctrlrange [N m]")
         qpos = np.asarray(model.jnt_qposadr)[joints]
         dof = np.asarray(model.jnt_dofadr)[joints]
-        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
-        home = model.key_qpos[key] if key >= 0 else model.qpos0
+        limits = model.jnt_range[joints]
         thruster_actuators, table = thrusters.read(model)
         return cls(
             hull=hull,
             hull_qpos=int(model.jnt_qposadr[model.body_jntadr[hull]]),
             hull_dof=int(model.body_dofadr[hull]),
             arm_base=arm_base,
+            X_BA=readonly(body_in_body(model, arm_base, hull)),
             tip=tip,
             joint_names=names,
             joints=joints,
             qpos=qpos,
             dof=dof,
             actuators=actuators,
-            q_limits=readonly(model.jnt_range[joints]),
+            q_limits=readonly(limits),
             torque_limits=readonly(np.abs(model.actuator_ctrlrange[actuators]).min(axis=1)),
             armature=readonly(np.asarray(model.dof_armature)[dof]),
             joint_damping=readonly(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]),
-            q_home=readonly(home[qpos]),
+            q_home=readonly(_keyframe(model, HOME_KEY, model.qpos0)[qpos]),
+            q_ready=readonly(np.clip(_keyframe(model, READY_KEY, model.qpos0)[qpos], limits[:, 0], limits[:, 1])),
             thruster_actuators=thruster_actuators,
             thruster_table=readonly(table),
             thruster_wrench=readonly(_thruster_wrench(model, hull, thruster_actuators)),
@@ -111,19 +115,32 @@ class Vehicle:
 
 def pose_in_body(model: mujoco.MjModel, site: int, body: int) -> Array:
     """Pose (4, 4) of `site` in `body`, through bodies without joints. Raises ConfigurationError if a joint lies between."""
-    R, p = np.empty(9), model.site_pos[site].copy()
-    mujoco.mju_quat2Mat(R, model.site_quat[site])
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = R.reshape(3, 3), p
-    at = int(model.site_bodyid[site])
-    while at != body:
+    X_site = _pose(model.site_pos[site], model.site_quat[site])
+    return body_in_body(model, int(model.site_bodyid[site]), body) @ X_site
+
+
+def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
+    """Pose (4, 4) of `body` in `ancestor`, through bodies without joints. Raises ConfigurationError if a joint lies between."""
+    X, at = np.eye(4), body
+    while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
-            raise ConfigurationError(f"site {model.site(site).name!r} must be fixed to body {model.body(body).name!r}")
-        mujoco.mju_quat2Mat(R, model.body_quat[at])
-        X_parent = np.eye(4)
-        X_parent[:3, :3], X_parent[:3, 3] = R.reshape(3, 3), model.body_pos[at]
-        X, at = X_parent @ X, int(model.body_parentid[at])
+            raise ConfigurationError(
+                f"body {model.body(body).name!r} must be fixed to body {model.body(ancestor).name!r}"
+            )
+        X, at = _pose(model.body_pos[at], model.body_quat[at]) @ X, int(model.body_parentid[at])
     return X
+
+
+def _pose(p: Array, quat_wxyz: Array) -> Array:
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quat_wxyz)
+    return pose(R.reshape(3, 3), p)
+
+
+def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
+    """qpos (nq,) of the named keyframe, or `default` where the model has none of that name."""
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
+    return model.key_qpos[key] if key >= 0 else default
 
 
 def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> np.ndarray:

@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 
-from models.vehicle import Vehicle, find
+from models.hydrodynamics import LAYOUT
+from models.vehicle import HOME_KEY, TIP_SITE, Vehicle, find
 from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
@@ -76,7 +77,11 @@ class Plant:
         self.data = mujoco.MjData(model)
         self.timestep = float(model.opt.timestep)
         self._current = current
-        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "home")
+        # Written each step; a model without our coefficients has no place for it and needs none.
+        slot = LAYOUT.current_acceleration
+        wet = hydrodynamics.carries_hydrodynamics(model)
+        self._current_slot = model.body_user[0, slot : slot + 3] if wet else np.zeros(3)
+        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:
             mujoco.mj_resetDataKeyframe(model, self.data, key)
         if X_WB is not None:
@@ -88,7 +93,7 @@ class Plant:
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
-            pad_site = find(model, mujoco.mjtObj.mjOBJ_SITE, "tip")
+            pad_site = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
         self._own_geom = _carried_geoms(model, vehicle.hull)
         self._force = np.zeros(6)
         self.truth = self._bind(pad_site)
@@ -130,7 +135,8 @@ class Plant:
         """Let the command act for one physics step; `observe` must have been called since the last one."""
         data, vehicle, truth = self.data, self.vehicle, self.truth
         velocity, acceleration = self._current.step()
-        hydrodynamics.set_current(self.model, velocity, acceleration)
+        self.model.opt.wind[:] = velocity
+        self._current_slot[:] = acceleration
         truth.current_W[:] = velocity
         self._nu_r[:3] = truth.R_WB.T @ (truth.v_WB_W - velocity)
         self._nu_r[3:] = truth.w_WB_B

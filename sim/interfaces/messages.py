@@ -142,6 +142,7 @@ class Reference:
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
+    note: str = ""  # why the work was broken off, once it was
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,113 @@
+"""Hover of the hull: a closed position loop beside the fed-forward wrench of the arm (paper 002, third stage)."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from controllers.arm_dynamics import ArmDynamics
+from models import hydrodynamics
+from models.vehicle import Vehicle
+from sim.interfaces.messages import StateEstimate
+from sim.interfaces.spatial import Array, log_so3
+
+
+@dataclass(slots=True, eq=False)
+class HoverState:
+    """Memory of the loop."""
+
+    integral: Array  # (6,) [N, N m] steady disturbance found so far: force in W, moment in hull axes
+
+
+class Hover:
+    """PID on the hull's pose in six directions, with the hull's own weight and buoyancy fed forward."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        arm: ArmDynamics,
+        *,
+        frequency: float = 1.6,
+        damping: float = 1.0,
+        integral_time: float = 6.0,
+    ) -> None:
+        """Read the hull of the vehicle in `model`; `arm` adds its inertia as it is in the home pose.
+
+        `frequency` [rad/s] and `damping` ratio of the closed loop; `integral_time` [s] within which a steady
+        disturbance is taken up.
+        """
+        vehicle = Vehicle.of(model)
+        self.inertia = _hull_inertia(model, vehicle.hull) + _arm_inertia(arm, vehicle.q_home)  # (6, 6)
+        self._stiffness = frequency**2
+        self._damping = 2.0 * damping * frequency
+        self._integral = frequency**2 / integral_time
+        gravity = -float(model.opt.gravity[2])
+        mass, density = float(model.body_mass[vehicle.hull]), float(model.body_user[0, hydrodynamics.LAYOUT.density])
+        water = hydrodynamics.unpack(model.body_user[vehicle.hull])
+        self._net = gravity * (density * water.volume - mass)  # [N] up
+        # Moment of weight and buoyancy is this vector x (up, in hull axes).
+        self._righting = gravity * (
+            density * water.volume * water.center_of_buoyancy - mass * np.array(model.body_ipos[vehicle.hull])
+        )
+
+    def init(self) -> HoverState:
+        return HoverState(np.zeros(6))
+
+    def static_wrench(self, R_WB: Array) -> Array:
+        """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
+        up_B = R_WB[2]
+        return np.concatenate([self._net * up_B, np.cross(self._righting, up_B)])
+
+    def step(
+        self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,
+        dt: float,
+    ) -> Array:  # fmt: skip
+        """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
+
+        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M).
+        """
+        R_WB = estimate.X_WB[:3, :3]
+        p_error = X_WB_wanted[:3, 3] - estimate.X_WB[:3, 3]
+        turn_error = log_so3(R_WB.T @ X_WB_wanted[:3, :3])
+        v_error = R_WB.T @ v_WB_W_wanted - estimate.v_WB_B
+        acceleration = np.concatenate(
+            [
+                self._stiffness * (R_WB.T @ p_error) + self._damping * v_error,
+                self._stiffness * turn_error - self._damping * estimate.w_WB_B,
+            ]
+        )
+        growth = dt * self._integral * self.inertia.diagonal()
+        state.integral[:3] += growth[:3] * p_error
+        state.integral[3:] += growth[3:] * turn_error
+        wrench = self.inertia @ acceleration - self.static_wrench(R_WB) - arm_wrench_B
+        wrench[:3] += R_WB.T @ state.integral[:3]
+        wrench[3:] += state.integral[3:]
+        return wrench
+
+
+def _hull_inertia(model: mujoco.MjModel, hull: int) -> Array:
+    """Rigid and added inertia (6, 6) of the hull alone at its origin."""
+    water = hydrodynamics.unpack(model.body_user[hull])
+    m, c = float(model.body_mass[hull]), np.array(model.body_ipos[hull])
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, model.body_iquat[hull])
+    principal = R.reshape(3, 3)
+    S = np.array([[0.0, -c[2], c[1]], [c[2], 0.0, -c[0]], [-c[1], c[0], 0.0]])
+    rigid = np.zeros((6, 6))
+    rigid[:3, :3] = m * np.eye(3)
+    rigid[:3, 3:], rigid[3:, :3] = -m * S, m * S
+    rigid[3:, 3:] = principal @ np.diag(model.body_inertia[hull]) @ principal.T - m * S @ S
+    return rigid + water.added_mass
+
+
+def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
+    """Inertia (6, 6) that the arm, held at `q`, adds to the hull: the wrench that unit accelerations cost."""
+    rest = np.zeros(arm.n)
+
+    def wrench(a_B: Array) -> Array:
+        return arm.inverse(
+            q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=a_B, v_current_W=np.zeros(3), wrench_tip_G=np.zeros(6)
+        )[1]
+
+    still = wrench(np.zeros(6))
+    return np.column_stack([still - wrench(unit) for unit in np.eye(6)])

@@ -1,0 +1,175 @@
+"""Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
+
+Candidates of the arm's base around the path are tried, each with the hull level and turned so that the arm reaches
+forward; along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to
+joint limits, to singular postures, to torque limits under the set force, and to the object.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from controllers.mkps import Chain, solve
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ReachError
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, exp_so3, inverse
+
+_STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """A hull pose from which the whole path can be worked."""
+
+    X_WB: Array  # (4, 4)
+    roll: float  # [rad] turn of the tool about its own axis against the path's x
+    q_start: Array  # (n,) [rad] at the stand-off before the path's first point
+    margin: float  # smallest of the margins along the path, 1 is roomy, 0 is at a limit
+    reached: float  # share of the path that is within reach
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """What is tried, relative to the middle of the path."""
+
+    heights: tuple[float, ...] = (0.55, 0.65, 0.75, 0.85, 0.95, 1.05)  # [m] arm base above the middle
+    radii: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)  # [m] horizontally away from the middle
+    bearings: int = 12  # directions around the middle
+    rolls: int = 4  # turns of the tool about its axis
+    clearance: float = 0.25  # [m] hull to object
+    arm_clearance: float = 0.06  # [m] joint centres to object
+    samples: int = 15  # poses checked along the path
+
+
+def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
+    """Tool pose (4, 4) at arc length `s` [m], and its change with `s`: of the point (3,), and rotation rate (3,) [rad/m]."""
+    R, p = _frame(path, s, roll)
+    step = 2e-3
+    low, high = max(0.0, s - step), min(float(path.s[-1]), s + step)
+    R_low, p_low = _frame(path, low, roll)
+    R_high, p_high = _frame(path, high, roll)
+    turn = R_high @ R_low.T
+    rate = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R, p
+    return X, (p_high - p_low) / (high - low), rate / (high - low)
+
+
+def _frame(path: ToolPath, s: float, roll: float) -> tuple[Array, Array]:
+    i = int(np.clip(np.searchsorted(path.s, s) - 1, 0, len(path.s) - 2))
+    share = (s - path.s[i]) / (path.s[i + 1] - path.s[i])
+    p = (1.0 - share) * path.p[i] + share * path.p[i + 1]
+    z = (1.0 - share) * path.z[i] + share * path.z[i + 1]
+    x = (1.0 - share) * path.x[i] + share * path.x[i + 1]
+    z = z / np.linalg.norm(z)
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    y = np.cross(z, x)
+    c, sn = np.cos(roll), np.sin(roll)
+    return np.column_stack([c * x + sn * y, -sn * x + c * y, z]), p
+
+
+def place(
+    vehicle: Vehicle, chain: Chain, path: ToolPath, *, obstacle: Array, hull_box: Array, force: float, standoff: float,
+    search: Search | None = None,
+) -> Placement:  # fmt: skip
+    """The best hull pose for `path`.
+
+    Args:
+        vehicle, chain: the vehicle, and its arm from base to tip.
+        path: in W.
+        obstacle: (k, 3) [m] points of the object in W; its convex hull is kept clear of.
+        hull_box: (2, 3) [m] corners of the hull in B.
+        force: [N] largest set force.
+        standoff: [m] from which the tool approaches.
+
+    Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
+    """
+    search = search or Search()
+    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
+    middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
+    planes = ConvexHull(obstacle).equations
+    best: Placement | None = None
+    furthest = 0.0
+    for roll in np.arange(search.rolls) * (2.0 * np.pi / search.rolls):
+        frames = [_frame(path, s, roll) for s in shares]
+        tool = [_pose(R, p) for R, p in frames]
+        start = [_pose(R, p - R[:, 2] * d) for (R, p), d in ((frames[0], standoff * i / _STANDOFF_STEPS) for i in range(_STANDOFF_STEPS, 0, -1))]
+        for height in search.heights:
+            for radius in search.radii:
+                for bearing in np.arange(search.bearings) * (2.0 * np.pi / search.bearings):
+                    base = middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height])
+                    R_WB = exp_so3([0.0, 0.0, bearing + np.pi])
+                    X_WB = _pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
+                    if _hull_gap(X_WB, hull_box, obstacle) < search.clearance:
+                        continue
+                    margin, reached, q_start = _try(
+                        vehicle, chain, X_WB, start + tool, planes, force, search.arm_clearance,
+                        best.margin if best else 0.0,
+                    )  # fmt: skip
+                    furthest = max(furthest, reached)
+                    if q_start is not None and (best is None or margin > best.margin):
+                        best = Placement(X_WB=X_WB, roll=float(roll), q_start=q_start, margin=margin, reached=reached)
+    if best is None:
+        raise ReachError(
+            f"the tool path is out of reach: no place of the hull lets the arm take all of it, the best takes {furthest:.0%}"
+        )
+    return best
+
+
+def _try(
+    vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, force: float, clearance: float,
+    to_beat: float,
+) -> tuple[float, float, Array | None]:  # fmt: skip
+    """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good)."""
+    X_AW = inverse(X_WB @ vehicle.X_BA)
+    margin = np.inf
+    low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+    q = vehicle.q_ready
+    q_start = None
+    for i, X_WG in enumerate(poses):
+        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60)
+        if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
+            return 0.0, i / len(poses), None
+        q = result.q
+        X_AG, J = chain.kinematics(q)
+        limits = np.minimum(q - low, high - q).min() / 0.5
+        smallest = np.linalg.svd(J * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None], compute_uv=False)[-1] / 0.12
+        torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * force) / vehicle.torque_limits).max()
+        margin = min(margin, limits, smallest, 3.0 * torque, _arm_gap(chain, q, X_AW, planes) / clearance)
+        if margin <= max(to_beat, 0.05):
+            return 0.0, i / len(poses), None
+        if i == 0:
+            q_start = q
+    return float(margin), 1.0, q_start
+
+
+def _pose(R: Array, p: Array) -> Array:
+    X = np.eye(4)
+    X[:3, :3], X[:3, 3] = R, p
+    return X
+
+
+def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
+    """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
+    p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
+    outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
+    return float(np.where(outside.max(axis=1) > 0.0, np.linalg.norm(np.maximum(outside, 0.0), axis=1), outside.max(axis=1)).min())
+
+
+def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside.
+
+    Joints after the wrist move with the tool, which is there to touch: the last three are left out.
+    """
+    moved = []  # a joint's centre is moved by the joints before it
+    X = np.eye(4)
+    for i, (axis, point) in enumerate(zip(chain.axes, chain.points, strict=True)):
+        if 1 < i < chain.n - 2:
+            moved.append(X[:3, :3] @ point + X[:3, 3])
+        R = exp_so3(axis * q[i])
+        X = X @ _pose(R, point - R @ point)
+    p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3]
+    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())

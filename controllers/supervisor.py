@@ -1,0 +1,332 @@
+"""The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
+
+    settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
+                 \\-> other view -> scan ...          any state with contact -> retreat -> abort
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.mkps import Chain
+from controllers.placement import Placement, Search, place, tool_pose
+from controllers.trajectories import JointMove, PoseMove, Progress
+from models.targets import TargetModel
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import Array, exp_so3, transform_points
+
+_ZERO = np.zeros(3)
+_ZERO.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What is to be done, and within which limits."""
+
+    forces: Sequence[float]  # [N] set normal force on equal parts of the path, one after another
+    speed: float = 0.02  # [m/s] along the path
+    ramp: float = 1.0  # [s] from rest to that speed
+    standoff: float = 0.1  # [m] from which the tool approaches
+    approach_speed: float = 0.02  # [m/s]
+    touch: float = 6.0  # [N] felt force that counts as contact
+    search: float = 0.06  # [m] beyond the expected surface that the approach goes on
+    force_rate: float = 30.0  # [N/s] at which a set force changes
+    force_limit: float = 160.0  # [N] felt force that ends the work
+    lost_time: float = 0.5  # [s] without contact that ends the work
+    press_time: float = 6.0  # [s] within which the first set force must be reached
+    lift: float = 0.45  # [m] above the work pose at which the arm unfolds
+    hull_speed: float = 0.25  # [m/s]
+    hull_acceleration: float = 0.08  # [m/s^2]
+    hull_turn_rate: float = 0.15  # [rad/s]
+    joint_speed: float = 0.5  # [rad/s]
+    settle_speed: float = 0.006  # [m/s] below which the hull counts as quiet
+    settle_time: float = 2.0  # [s] that it must be quiet
+    scans: int = 3  # views taken before giving up
+    force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
+
+    def __post_init__(self) -> None:
+        if not self.forces:
+            raise ConfigurationError("forces: at least one set force is needed")
+        for force in self.forces:
+            if not (np.isfinite(force) and force > 0.0):
+                raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
+            if force >= self.force_limit:
+                raise ConfigurationError(f"forces: {force} N is not below the force limit of {self.force_limit} N")
+        if not self.speed > 0.0:
+            raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
+
+
+@dataclass(slots=True, eq=False)
+class SupervisorState:
+    """Where the work stands."""
+
+    state: WorkState
+    since: float  # [s] the state was entered
+    X_WB: Array  # (4, 4) hull pose held
+    q: Array  # (n,) joint angles held while the arm is not following the tool
+    quiet_since: float = np.inf  # [s]
+    scans: int = 0
+    target: Target | None = None
+    placement: Placement | None = None
+    hull_move: PoseMove | None = None
+    joint_moves: list[JointMove] = field(default_factory=list)
+    X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
+    depth: float = 0.0  # [m] of the approach, from the stand-off
+    path_s: float = 0.0  # [m]
+    work_start: float = 0.0  # [s]
+    progress: Progress | None = None
+    contact_at: float = 0.0  # [s] of the last felt contact
+    set_since: float = np.inf  # [s] the first force is held
+    force: float = 0.0  # [N] now asked for
+    reason: str = ""  # why the work was broken off
+
+
+class SurfaceWork:
+    """Planner (`sim.interfaces.protocols.Planner`) that works one tool path on one known object."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        target: TargetModel,
+        job: Job,
+        *,
+        X_WB_scan: Array,
+        hull_box: Array,
+        period: float = 0.01,
+        search: Search | None = None,
+    ) -> None:
+        """Take the vehicle and its arm, the object's model, the job, and the hull pose (4, 4) to scan from.
+
+        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object.
+        """
+        self.period = period
+        self._vehicle, self._chain, self._model, self._job = vehicle, chain, target, job
+        self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
+
+    def init(self, estimate: StateEstimate) -> SupervisorState:
+        return SupervisorState(
+            state=WorkState.SETTLE, since=estimate.time, X_WB=self._X_WB_scan, q=np.array(self._vehicle.q_home)
+        )
+
+    def step(
+        self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[SupervisorState, Reference]:
+        felt = float(last.believed["felt_normal"][0]) if last is not None and "felt_normal" in last.believed else 0.0
+        time = estimate.time
+        self._watch(state, time, felt)
+        match state.state:
+            case WorkState.SETTLE:
+                self._settle(state, estimate)
+            case WorkState.SCAN:
+                self._scan(state, time, target)
+            case WorkState.CLOSE_IN:
+                self._close_in(state, estimate)
+            case WorkState.TARE:
+                if time - state.since > 1.0:
+                    self._enter(state, WorkState.APPROACH, time)
+            case WorkState.APPROACH:
+                self._approach(state, time, felt)
+            case WorkState.PRESS:
+                self._press(state, time, felt)
+            case WorkState.WORK:
+                self._work(state, time)
+            case WorkState.RETREAT:
+                self._retreat(state, time)
+        return state, self._reference(state, time)
+
+    # -- states ----------------------------------------------------------------------------------------------------
+
+    @staticmethod
+    def _enter(state: SupervisorState, what: WorkState, time: float) -> None:
+        state.state, state.since, state.quiet_since = what, time, np.inf
+
+    def _quiet(self, state: SupervisorState, estimate: StateEstimate) -> bool:
+        """Whether the hull has been still, and where it should be, for long enough."""
+        error = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
+        if float(np.linalg.norm(estimate.v_WB_B)) > self._job.settle_speed * 3.0 or error > 0.06:
+            state.quiet_since = np.inf
+        elif not np.isfinite(state.quiet_since):
+            state.quiet_since = estimate.time
+        return estimate.time - state.quiet_since > self._job.settle_time
+
+    def _settle(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        if state.hull_move is not None and state.hull_move.done(estimate.time):
+            state.hull_move = None
+        if state.hull_move is None and self._quiet(state, estimate):
+            state.scans += 1
+            self._enter(state, WorkState.SCAN, estimate.time)
+
+    def _scan(self, state: SupervisorState, time: float, target: Target | None) -> None:
+        if target is None or target.time < state.since:
+            if time - state.since > 5.0:
+                self._give_up(state, time, "no depth frame arrived within 5 s")
+            return
+        if target.accepted and target.path is not None:
+            self._plan(state, time, target, target.path)
+        elif state.scans >= self._job.scans:
+            self._give_up(state, time, f"not identified in {state.scans} views: {target.reason}")
+        else:
+            self._other_view(state, time)
+
+    def _other_view(self, state: SupervisorState, time: float) -> None:
+        """Move the hull sideways, to look again from another place."""
+        side = 0.3 * (1.0 if state.scans % 2 else -1.0)
+        X = np.array(self._X_WB_scan)
+        X[:3, 3] += X[:3, 1] * side
+        X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
+        self._move_hull(state, time, X)
+        self._enter(state, WorkState.SETTLE, time)
+
+    def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
+        job = self._job
+        try:
+            placement = place(
+                self._vehicle, self._chain, path, obstacle=transform_points(target.X_WT, self._model.vertices),
+                hull_box=self._hull_box, force=max(job.forces), standoff=job.standoff, search=self._search,
+            )  # fmt: skip
+        except ReachError as error:
+            self._give_up(state, time, str(error))
+            return
+        state.target, state.placement = target, placement
+        state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
+        above = np.array(placement.X_WB)
+        above[2, 3] = max(above[2, 3] + job.lift, state.X_WB[2, 3])
+        self._move_hull(state, time, above)
+        self._enter(state, WorkState.CLOSE_IN, time)
+
+    def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
+        job = self._job
+        state.hull_move = PoseMove.between(
+            time, state.X_WB, X_WB, speed=job.hull_speed, acceleration=job.hull_acceleration,
+            turn_rate=job.hull_turn_rate,
+        )  # fmt: skip
+
+    def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Above the work pose, then unfold the arm, then down; then wait until the hull is quiet."""
+        time = estimate.time
+        placement = state.placement
+        assert placement is not None
+        if state.hull_move is not None and state.hull_move.done(time):
+            state.hull_move = None
+            if np.allclose(state.X_WB, placement.X_WB):
+                state.quiet_since = np.inf
+            else:
+                state.joint_moves = [JointMove.between(time, state.q, placement.q_start, speed=self._job.joint_speed)]
+        elif state.joint_moves and state.joint_moves[0].done(time):
+            state.q, state.joint_moves = np.array(placement.q_start), []
+            self._move_hull(state, time, placement.X_WB)
+        elif state.hull_move is None and not state.joint_moves and self._quiet(state, estimate):
+            state.X_WG = self._on_path(state, 0.0, -self._job.standoff)[0]
+            state.depth = 0.0
+            self._enter(state, WorkState.TARE, time)
+
+    def _approach(self, state: SupervisorState, time: float, felt: float) -> None:
+        job = self._job
+        if felt > job.touch:
+            state.force, state.contact_at, state.set_since = felt, time, np.inf
+            self._enter(state, WorkState.PRESS, time)
+            return
+        state.depth += job.approach_speed * self.period
+        if state.depth > job.standoff + job.search:
+            self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
+
+    def _press(self, state: SupervisorState, time: float, felt: float) -> None:
+        job = self._job
+        first = job.forces[0]
+        self._ramp_force(state, first)
+        if abs(felt - first) > 0.05 * first or state.force != first:
+            state.set_since = np.inf
+        elif not np.isfinite(state.set_since):
+            state.set_since = time
+        reached = time - state.set_since > 0.5
+        late = time - state.since > job.press_time
+        if reached or (late and not job.force_control):
+            state.work_start = time
+            self._enter(state, WorkState.WORK, time)
+        elif late:
+            self._break_off(state, time, f"the force of {first} N was not reached in {job.press_time} s: {felt:.1f} N")
+
+    def _work(self, state: SupervisorState, time: float) -> None:
+        progress = state.progress
+        assert progress is not None
+        state.path_s, _ = progress.at(time - state.work_start)
+        part = min(int(state.path_s / progress.length * len(self._job.forces)), len(self._job.forces) - 1)
+        self._ramp_force(state, self._job.forces[part])
+        if time - state.work_start > progress.duration + 0.5:
+            self._enter(state, WorkState.RETREAT, time)
+
+    def _ramp_force(self, state: SupervisorState, wanted: float) -> None:
+        most = self._job.force_rate * self.period
+        state.force += min(max(wanted - state.force, -most), most)
+
+    def _retreat(self, state: SupervisorState, time: float) -> None:
+        if (time - state.since) * self._job.approach_speed > self._job.standoff:
+            self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
+
+    def _watch(self, state: SupervisorState, time: float, felt: float) -> None:
+        """Break the work off when the force is too large or the contact is gone."""
+        job = self._job
+        if state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK) and felt > job.force_limit:
+            self._break_off(state, time, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
+        if state.state in (WorkState.PRESS, WorkState.WORK):
+            if felt > 0.5 * job.touch:
+                state.contact_at = time
+            elif time - state.contact_at > job.lost_time and job.force_control:
+                self._break_off(state, time, f"contact lost for {job.lost_time} s")
+
+    def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
+        state.reason = reason
+        self._enter(state, WorkState.RETREAT, time)
+
+    def _give_up(self, state: SupervisorState, time: float, reason: str) -> None:
+        state.reason = reason
+        self._enter(state, WorkState.ABORT, time)
+
+    # -- references ------------------------------------------------------------------------------------------------
+
+    def _on_path(self, state: SupervisorState, s: float, offset: float) -> tuple[Array, Array, Array]:
+        """Tool pose at arc length `s`, moved by `offset` [m] along its axis; change of place and turn with `s`."""
+        assert state.target is not None
+        assert state.target.path is not None
+        assert state.placement is not None
+        X, tangent, turn = tool_pose(state.target.path, s, state.placement.roll)
+        X[:3, 3] += offset * X[:3, 2]
+        return X, tangent, turn
+
+    def _reference(self, state: SupervisorState, time: float) -> Reference:
+        job = self._job
+        v_hull = _ZERO
+        if state.hull_move is not None:
+            state.X_WB, v_hull = state.hull_move.at(time)
+        q, qd = state.q, np.zeros(len(state.q))
+        if state.joint_moves:
+            q, qd = state.joint_moves[0].at(time)
+        X_WG, v_tool, w_tool, force, force_control = None, _ZERO, _ZERO, 0.0, False
+        if state.state is WorkState.TARE:
+            X_WG = state.X_WG
+        elif state.state is WorkState.APPROACH:
+            X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
+            v_tool = job.approach_speed * X_WG[:3, 2]
+        elif state.state is WorkState.PRESS:
+            X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
+            force, force_control = state.force, True
+        elif state.state is WorkState.WORK:
+            assert state.progress is not None
+            rate = state.progress.at(time - state.work_start)[1]
+            X_WG, tangent, turn = self._on_path(state, state.path_s, state.depth - job.standoff)
+            v_tool, w_tool = rate * tangent, rate * turn
+            force, force_control = state.force, True
+        elif state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT) and state.placement is not None:
+            back = min((time - state.since) * job.approach_speed, job.standoff) if state.state is WorkState.RETREAT else job.standoff
+            X_WG = self._on_path(state, state.path_s, min(state.depth - job.standoff, 0.0) - back)[0]
+            if state.state is WorkState.RETREAT:
+                v_tool = -job.approach_speed * X_WG[:3, 2]
+        return Reference(
+            time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
+            q=q, qd=qd, force=force, force_control=force_control, tare=state.state is WorkState.TARE,
+            scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason,
+        )  # fmt: skip

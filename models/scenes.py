@@ -1,0 +1,42 @@
+"""Scenes: a vehicle, an object to work on, and the seabed, in one MjSpec."""
+
+from pathlib import Path
+
+import mujoco
+
+import models
+from models.targets import TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+SEABED_DEPTH = 0.75  # [m] below the middle of the object
+
+
+def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
+    """A vehicle by its name in `models.available()`, or from an MJCF file whose coefficients are in its user data.
+
+    Raises ConfigurationError if `vehicle` is neither, or the file cannot be read.
+    """
+    if vehicle in models.available():
+        return models.load(vehicle)
+    if not Path(vehicle).suffix:
+        raise ConfigurationError(f"unknown vehicle {vehicle!r}; there are {', '.join(models.available())}, or an MJCF file")
+    if not Path(vehicle).is_file():
+        raise ConfigurationError(f"vehicle {vehicle!r}: there is no such file")
+    try:
+        return mujoco.MjSpec.from_file(vehicle)
+    except ValueError as error:
+        raise ConfigurationError(f"vehicle {vehicle!r} is not an MJCF that MuJoCo reads: {error}") from error
+
+
+def work_site(vehicle: str, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
+    """The vehicle at the origin, `target` at `X_WT` (4, 4) on its stand, and flat seabed under it."""
+    spec = vehicle_spec(vehicle)
+    target.add_to(spec, X_WT)
+    seabed = spec.worldbody.add_geom()
+    seabed.name = "seabed"
+    seabed.type = mujoco.mjtGeom.mjGEOM_PLANE
+    seabed.size = [8.0, 8.0, 0.1]
+    seabed.pos = [X_WT[0, 3], X_WT[1, 3], X_WT[2, 3] - SEABED_DEPTH]
+    seabed.rgba = [0.55, 0.5, 0.4, 1.0]
+    return spec

@@ -1,0 +1,33 @@
+"""Measurements -> what is where: depth frames to clouds, target poses, surfaces and tool paths.
+
+Names are imported when first used, so that `import perception` needs neither Open3D nor SciPy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from perception.identification import Identification, identify
+    from perception.scan import Scan, SensorModel
+    from perception.target_finder import KnownObjectFinder
+    from perception.toolpath import plan_path
+
+_HOME = {
+    "Identification": "perception.identification",
+    "KnownObjectFinder": "perception.target_finder",
+    "Scan": "perception.scan",
+    "SensorModel": "perception.scan",
+    "identify": "perception.identification",
+    "plan_path": "perception.toolpath",
+}
+__all__ = ["Identification", "KnownObjectFinder", "Scan", "SensorModel", "identify", "plan_path"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'perception' has no attribute {name!r}; it has {__all__}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

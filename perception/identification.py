@@ -1,0 +1,275 @@
+"""Where is the known object? The uniform door to identification (paper 002, formulas 1 and 2).
+
+Crop around the coarse detection, background and outliers out, the model moved near, ICP, hidden points of the model
+removed, ICP again, check by projected trajectories.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from models.targets import TargetModel
+from perception.check import Check, check
+from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
+from perception.scan import MIN_POINTS, Scan, SensorModel, background_plane, without_flying_pixels
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_z, transform_points
+
+APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
+_PLANES = 3  # background planes taken out at most: floor and two walls
+_REFINED = 2  # starts that are worth a full fit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FreeMotion:
+    """What the scan cannot tell of the pose, and what was done about it."""
+
+    axis: Array | None  # (3,) unit, in T: turns about it look the same (declared by the target)
+    turns: int  # number of discrete rotations that look the same, 1 for none
+    twists: Array  # (k, 6) (linear; angular x radius) in S about the model's centre, that this view does not hold
+    policy: str  # how the free part was chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification:
+    """The outcome of one look. A pose that was not accepted is the best found, for logs only."""
+
+    X_sensor_target: Array  # (4, 4) pose of T in S
+    accepted: bool
+    reason: str  # why not; empty if accepted
+    check: Check | None  # None if there was nothing to check
+    symmetry: FreeMotion
+    X_sensor_start: Array  # (4, 4) pose that the winning fit started from
+    cloud: Array  # (N, 3) [m] points that took part, thinned, in S
+    model_before: Array  # (M, 3) [m] all model points at the start, in S
+    model_after: Array  # (K, 3) [m] visible model points at the fitted pose, in S
+    evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
+    score: float  # share of model confirmed and scan explained, up to 2
+    margin: float  # score above the best different pose tried; inf if there was none
+    duration_s: float  # [s]
+
+
+def identify(
+    cloud: ArrayLike | Scan,
+    target: TargetModel | ModelSurface | str | Path | Any,
+    approach: ArrayLike | None = None,
+    orientation: ArrayLike | None = None,
+    *,
+    sensor: SensorModel | None = None,
+    approach_error: float = APPROACH_ERROR,
+    seed: int = 0,
+) -> Identification:
+    """Find `target` in one look of a depth sensor.
+
+    `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
+    `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as Open3D's).
+    `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
+    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to some 30 deg; None: any, 24 starts are tried.
+    `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
+
+    An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
+    reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without Open3D.
+    """
+    started = perf_counter()
+    surface = _surface(target, seed)
+    p_approach = None if approach is None else checked(approach, (3,), "approach")
+    R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
+    if R_prior is not None and np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3:
+        raise ConfigurationError(f"orientation: expected a rotation matrix, got {R_prior.tolist()}")
+    if not approach_error > 0.0:
+        raise ConfigurationError(f"approach_error: must be positive [m], got {approach_error}")
+    sensor = sensor or SensorModel()
+    X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
+    if p_approach is not None:
+        X_prior[:3, 3] -= X_prior[:3, :3] @ surface.target.center
+    try:
+        scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
+        mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
+        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
+        if len(evidence.points) < MIN_POINTS:
+            raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
+    except PerceptionError as error:
+        return _refused(surface, X_prior, str(error), started)
+
+    found = _best(evidence, surface, _starts(evidence, surface, p_approach, R_prior))
+    X_ST = found.fit.X_ST.copy()
+    reference = X_prior[:3, :3] if R_prior is not None else found.X_start[:3, :3]
+    X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
+    verdict = check(evidence, surface, X_ST)
+    reason = verdict.reason
+    if not reason and p_approach is not None:
+        astray = float(np.linalg.norm(transform_points(X_ST, surface.target.center) - p_approach))
+        if astray > 1.5 * approach_error:
+            reason = f"found {astray:.2f} m from where it was expected, limit {1.5 * approach_error:.2f} m"
+    visible = surface.visible(X_ST, scan, sensor.max_incidence)
+    return Identification(
+        X_sensor_target=readonly(X_ST),
+        accepted=not reason,
+        reason=reason,
+        check=verdict,
+        symmetry=_free_motion(surface.target, found.fit.free, R_prior is not None),
+        X_sensor_start=readonly(found.X_start),
+        cloud=readonly(evidence.points),
+        model_before=readonly(transform_points(found.X_start, surface.points)),
+        model_after=readonly(transform_points(X_ST, surface.points[visible])),
+        evidence=evidence,
+        score=found.score,
+        margin=found.margin,
+        duration_s=perf_counter() - started,
+    )
+
+
+def segment(
+    scan: Scan,
+    target: TargetModel,
+    approach: Array | None,
+    sensor: SensorModel,
+    approach_error: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Mask (H, W) of the pixels that may belong to `target`: near `approach` [m], on no background, in company.
+
+    Raises PerceptionError if fewer than MIN_POINTS are left at any stage.
+    """
+    usable = without_flying_pixels(scan)
+    _need(usable, "of the scan form a surface")
+    extent = 2.4 * target.radius
+    background = np.zeros_like(usable)
+    for _ in range(_PLANES):
+        plane = background_plane(scan, usable & ~background, extent, sensor, rng)
+        if not plane.any():
+            break
+        background |= plane
+    mask = usable & ~background
+    if approach is not None:
+        with np.errstate(invalid="ignore"):
+            mask &= np.linalg.norm(scan.points - approach, axis=-1) < target.radius + approach_error
+        _need(mask, "lie near the approach")
+    else:
+        _need(mask, "stand out from the background")
+    # Specks of a few pixels are what is left of flying pixels and of the background's roughness.
+    label, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    size = np.bincount(label.ravel(), minlength=count + 1)
+    size[0] = 0
+    mask &= (size >= max(20, 0.02 * size.max()))[label]
+    _need(mask, "form patches of any size")
+    return mask
+
+
+def _need(mask: np.ndarray, what: str) -> None:
+    count = int(mask.sum())
+    if count < MIN_POINTS:
+        raise PerceptionError(f"nothing to find: only {count} points {what}; need {MIN_POINTS}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    fit: Fit
+    X_start: Array
+    score: float
+    margin: float
+
+
+def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array | None) -> list[Array]:
+    """Poses (4, 4) to start from: the prior orientation or 24 of them, each at the approach and over the cloud."""
+    turns = [R_prior] if R_prior is not None else _distinct_turns(surface.target)
+    centroid = evidence.points.mean(axis=0)
+    starts = []
+    for R in turns:
+        if approach is not None:
+            starts.append(pose(R, approach - R @ surface.target.center))
+        # Pre-approach: centre of the visible model onto the centre of the cloud.
+        X = pose(R, centroid * (1.0 + 0.5 * surface.target.radius / np.linalg.norm(centroid)))
+        visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
+        if visible.sum() >= 10:
+            X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
+        starts.append(X)
+    return starts
+
+
+def _distinct_turns(target: TargetModel) -> list[Array]:
+    """Of the 24 rotations of a cube those that show the target in different attitudes."""
+    turns: list[Array] = []
+    for z in np.vstack([np.eye(3), -np.eye(3)]):
+        for x in np.vstack([np.eye(3), -np.eye(3)]):
+            if abs(z @ x) > 0.5:
+                continue
+            X = pose(rotation_from_z(z, x))
+            if all(target.symmetry.error(X, pose(R))[1] > np.deg2rad(5.0) for R in turns):
+                turns.append(X[:3, :3])
+    return turns
+
+
+def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+    """Coarse fits from all starts, full fits from the best of them, the best of those."""
+    rough = [(coarse_fit(evidence, surface, X), X) for X in starts]
+    rough = sorted(rough, key=lambda pair: -score(evidence, surface, pair[0]))
+    symmetry = surface.target.symmetry
+    distinct: list[tuple[Array, Array]] = []
+    for X, X_start in rough:
+        apart = [symmetry.error(X, Y) for Y, _ in distinct]
+        if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
+            distinct.append((X, X_start))
+    fits = [(fine_fit(evidence, surface, X), X_start) for X, X_start in distinct[:_REFINED]]
+    ranked = sorted(
+        ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
+    )
+    best_score, fit, X_start = ranked[0]
+    margin = np.inf
+    for other_score, other, _ in ranked[1:]:
+        p, a = symmetry.error(other.X_ST, fit.X_ST)
+        if p > 2.0 * surface.spacing or a > np.deg2rad(5.0):
+            margin = min(margin, best_score - other_score)
+    return _Found(fit, X_start, best_score, float(margin))
+
+
+def _free_motion(target: TargetModel, twists: Array, with_prior: bool) -> FreeMotion:
+    symmetry = target.symmetry
+    known = symmetry.axis is not None or len(symmetry.rotations) > 1
+    origin = "the coarse orientation" if with_prior else "the start that fitted best"
+    return FreeMotion(
+        axis=symmetry.axis,
+        turns=len(symmetry.rotations),
+        twists=readonly(twists),
+        policy=f"of all attitudes that look the same, the one nearest to {origin}" if known else "none needed",
+    )
+
+
+def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float) -> Identification:
+    nothing = readonly(np.zeros((0, 3)))
+    return Identification(
+        X_sensor_target=readonly(X_prior),
+        accepted=False,
+        reason=reason,
+        check=None,
+        symmetry=_free_motion(surface.target, np.zeros((0, 6)), True),
+        X_sensor_start=readonly(X_prior),
+        cloud=nothing,
+        model_before=readonly(transform_points(X_prior, surface.points)),
+        model_after=nothing,
+        evidence=None,
+        score=-1.0,
+        margin=0.0,
+        duration_s=perf_counter() - started,
+    )
+
+
+def _surface(target: Any, seed: int) -> ModelSurface:
+    """`target`, in any of the forms of `identify`, made ready for matching."""
+    if isinstance(target, ModelSurface):
+        return target
+    if isinstance(target, TargetModel):
+        return ModelSurface.of(target, seed)
+    if isinstance(target, (str, Path)):
+        return ModelSurface.of(TargetModel.from_file(target), seed)
+    if hasattr(target, "vertices") and hasattr(target, "triangles"):
+        model = TargetModel(name="mesh", vertices=np.asarray(target.vertices), triangles=np.asarray(target.triangles))
+        return ModelSurface.of(model, seed)
+    raise ConfigurationError(
+        f"target: expected a TargetModel, a mesh file or a mesh (vertices, triangles), got {type(target).__name__}"
+    )

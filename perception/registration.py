@@ -1,0 +1,359 @@
+"""Fit of a known model to a scan: point-to-plane ICP from the scan to what the sensor can see of the model.
+
+Paper 002 matches the model's points to the scan and removes hidden ones after the first pass. Matching scan to visible
+model by planes is 3 to 10 times as accurate (facts/perception.md B2). What planes leave free (sliding along a plate or
+along a barrel seen from its side) is held by the depth edges of scan and model, taken from the same pixel grid so that
+their bias cancels.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from models import open3d_loader
+from models.targets import TargetModel
+from perception.scan import Contour, Scan, SensorModel, contour, facing_normals, jump, outward, voxel_means
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+
+SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends where the sensor fails, not at an edge
+_WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
+_MAX_SCAN_POINTS = 4000
+_COARSE_POINTS = 600
+_FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelSurface:
+    """A target's surface made ready for matching: points K_q with normals, and a ray caster, all in T."""
+
+    target: TargetModel
+    points: Array  # (M, 3) [m]
+    normals: Array  # (M, 3) unit
+    spacing: float  # [m]
+    scene: Any  # Open3D RaycastingScene
+
+    @classmethod
+    def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
+        """Sample `target` evenly, at 1/60 of its size between 3 and 10 mm."""
+        spacing = float(np.clip(target.radius / 60.0, 0.003, 0.01))
+        corners = target.vertices[target.triangles]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        double_area = np.linalg.norm(cross, axis=1)
+        rng = np.random.default_rng(seed)
+        count = int(np.clip(3.0 * double_area.sum() / spacing**2, 2000, 150_000))
+        face = np.searchsorted(np.cumsum(double_area) / double_area.sum(), rng.random(count), side="right")
+        face = np.minimum(face, len(corners) - 1)
+        u, v = rng.random((2, count))
+        over = u + v > 1.0
+        u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
+        a, b, c = corners[face].transpose(1, 0, 2)
+        points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        # One sample a cell, not their mean: a mean would leave the surface.
+        cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
+        _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
+        return cls(
+            target=target,
+            points=points[first],
+            normals=cross[face[first]] / double_area[face[first], None],
+            spacing=spacing,
+            scene=open3d_loader.ray_scene(target.vertices, target.triangles),
+        )
+
+    def visible(self, X_ST: Array, scan: Scan, max_incidence: float) -> np.ndarray:
+        """Mask (M,) of the points that the sensor can see with the model at `X_ST`: in view, unhidden, not grazing."""
+        origin = inverse(X_ST)[:3, 3]
+        rays = self.points - origin
+        distance = np.linalg.norm(rays, axis=1)
+        first = open3d_loader.cast_rays(self.scene, origin, rays)["t"] * distance
+        cosine = np.abs(np.einsum("ij,ij->i", rays, self.normals)) / np.maximum(distance, 1e-9)
+        inside = scan.pixels(transform_points(X_ST, self.points))[2]
+        return inside & (first > distance - 0.002) & (cosine > np.cos(max_incidence))
+
+    def seen(self, X_ST: Array, scan: Scan, window: tuple[slice, slice]) -> tuple[Scan, Array]:
+        """The model as the sensor would see it at `X_ST` through `window` of its grid, and cosines (H, W)."""
+        tangent_x, tangent_y = scan.tangent_x[window[1]], scan.tangent_y[window[0]]
+        rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
+        X_TS = inverse(X_ST)
+        rays_T = rays @ X_TS[:3, :3].T
+        hit = open3d_loader.cast_rays(self.scene, X_TS[:3, 3], rays_T)
+        depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
+        cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
+        return Scan(points=rays * depth[..., None], tangent_x=tangent_x, tangent_y=tangent_y), cosine
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """What of a scan takes part in the fit."""
+
+    scan: Scan
+    mask: np.ndarray  # (H, W) pixels that may belong to the object
+    points: Array  # (N, 3) [m] thinned, in S
+    normals: Array  # (N, 3) towards the sensor
+    sigma: Array  # (N,) [m]
+    sensor: SensorModel
+
+    @classmethod
+    def of(cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel) -> "Evidence":
+        """Thin the masked pixels to one point a cube of `spacing` [m] and estimate normals."""
+        points = voxel_means(scan.points[mask], spacing)
+        normals = facing_normals(points)
+        step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
+        points, normals = points[::step], normals[::step]
+        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Edges:
+    """Depth edges of scan and model, paired in the image plane."""
+
+    scan: Contour
+    scan_outward: Array  # (N, 2)
+    model_points: Array  # (K, 3) [m] in T
+    model_outward: Array  # (K, 2)
+    model_sharp: np.ndarray  # (K,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Where ICP came to rest."""
+
+    X_ST: Array  # (4, 4)
+    free: Array  # (k, 6) unit twists (linear; angular x radius) in S, about the model's centre, that nothing holds
+    residual: float  # [m] robust rms of the point-to-plane distance
+
+
+def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iterations: int = 18) -> Array:
+    """A quick fit from far off, on few points, with a gate that narrows from the model's size to a few spacings."""
+    step = max(1, len(evidence.points) // _COARSE_POINTS)
+    points, normals, sigma = evidence.points[::step], evidence.normals[::step], evidence.sigma[::step]
+    gates = np.geomspace(0.7 * surface.target.radius, 6.0 * surface.spacing, iterations)
+    for stage in np.array_split(gates, 5):
+        visible = np.nonzero(surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence))[0]
+        thin = visible[:: max(1, len(visible) // 1500)]
+        if len(thin) < 10:
+            break
+        model_points, model_normals = surface.points[thin], surface.normals[thin]
+        tree = cKDTree(model_points)
+        for gate in stage:
+            H, g, _ = _plane_terms(points, normals, sigma, model_points, model_normals, tree, X_ST, gate, 0.3, surface)
+            X_ST, _ = _moved(X_ST, H, g, surface)
+    return X_ST
+
+
+def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 4, inner: int = 5) -> Fit:
+    """The full fit: hidden points removed before each round, planes and depth edges together."""
+    gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
+    free = np.zeros((0, 6))
+    residual = np.inf
+    for gate in gates:
+        visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+        if visible.sum() < 10:
+            break
+        model_points, model_normals = surface.points[visible], surface.normals[visible]
+        tree = cKDTree(model_points)
+        edges = _edges(evidence, surface, X_ST)
+        for _ in range(inner):
+            H, g, residual = _plane_terms(
+                evidence.points,
+                evidence.normals,
+                evidence.sigma,
+                model_points,
+                model_normals,
+                tree,
+                X_ST,
+                gate + 3.0 * float(np.median(evidence.sigma)),
+                0.0,
+                surface,
+            )
+            if edges is not None:
+                H_edge, g_edge = _edge_terms(edges, evidence, X_ST, gate, surface)
+                H, g = H + H_edge, g + g_edge
+            X_ST, free = _moved(X_ST, H, g, surface)
+    return Fit(X_ST, free, residual)
+
+
+def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """How well scan and model explain each other at `X_ST`, from -1 to 2: higher is better.
+
+    Share of the visible model that the scan confirms, less the share that the scan sees through, plus the share of
+    the scan that the model explains.
+    """
+    visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+    if visible.sum() < 10:
+        return -1.0
+    points = transform_points(X_ST, surface.points[visible])
+    row, column, _ = evidence.scan.pixels(points)
+    measured = evidence.scan.depth[row, column]
+    tolerance = 2.0 * surface.spacing + 3.0 * evidence.sensor.sigma(points[:, 2])
+    behind = measured - points[:, 2]
+    agree = float(np.mean(np.abs(behind) < tolerance))
+    through = float(np.mean(behind > 2.0 * tolerance))
+    distance, _ = cKDTree(points).query(evidence.points, distance_upper_bound=0.1)
+    explained = float(np.mean(distance < 2.0 * surface.spacing + 3.0 * evidence.sigma))
+    return agree - through + explained
+
+
+def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
+    """How the model's sharp depth edges lie against the scan's, at `X_ST`.
+
+    Returns the offsets (N,) [m] across the edge of those that have a partner, the share (0..1) of sharp edge that
+    has one, and the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
+    """
+    edges = _edges(evidence, surface, X_ST)
+    if edges is None or edges.model_sharp.sum() < 20:
+        return np.zeros(0), np.nan, np.nan
+    sharp = edges.model_sharp
+    points = transform_points(X_ST, edges.model_points[sharp])
+    tangents = points[:, :2] / points[:, 2:]
+    normal = edges.model_outward[sharp]
+    reach = 0.06 / points[:, 2]
+    tree = cKDTree(edges.scan.tangents)
+    distance, index = tree.query(tangents, distance_upper_bound=float(reach.max()))
+    paired = np.isfinite(distance)
+    index = np.where(paired, index, 0)
+    paired &= np.abs(edges.scan.depth[index] - points[:, 2]) < 2.0 * jump(points[:, 2])
+    paired &= np.einsum("ij,ij->i", edges.scan_outward[index], normal) > 0.5
+    offsets = np.einsum("ij,ij->i", edges.scan.tangents[index] - tangents, normal) * points[:, 2]
+    goes_on = np.ones(len(points), dtype=bool)
+    for beyond in (0.03, 0.05):
+        probe = np.column_stack([points[:, :2] + beyond * normal, points[:, 2]])
+        row, column, inside = evidence.scan.pixels(probe)
+        step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
+        goes_on &= inside & evidence.mask[row, column]
+        goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
+    return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
+
+
+def _plane_terms(
+    points: Array,
+    normals: Array,
+    sigma: Array,
+    model_points: Array,
+    model_normals: Array,
+    tree: cKDTree,
+    X_ST: Array,
+    gate: float,
+    tangential: float,
+    surface: ModelSurface,
+) -> tuple[Array, Array, float]:
+    """Normal equations (6, 6), (6,) of the scan-to-model distances, and their robust rms [m].
+
+    `tangential` is the weight of the distance along the surface: from far off it pulls, near by it only adds noise.
+    """
+    distance, index = tree.query(transform_points(inverse(X_ST), points), distance_upper_bound=gate)
+    paired = np.isfinite(distance)
+    R_ST = X_ST[:3, :3]
+    q = transform_points(X_ST, model_points[np.where(paired, index, 0)])
+    n = model_normals[np.where(paired, index, 0)] @ R_ST.T
+    n *= np.where(np.einsum("ij,ij->i", n, q) > 0.0, -1.0, 1.0)[:, None]
+    paired &= np.einsum("ij,ij->i", n, normals) > 0.5
+    offset = points - q
+    along = np.einsum("ij,ij->i", n, offset)
+    if tangential == 0.0:
+        # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
+        paired &= distance**2 - along**2 < (1.5 * surface.spacing) ** 2
+    if paired.sum() < 6:
+        return np.zeros((6, 6)), np.zeros(6), np.inf
+    offset, along, n, q, sigma = offset[paired], along[paired], n[paired], q[paired], sigma[paired]
+    scale = np.maximum(2.0 * sigma, 0.25 * gate)
+    weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
+    J = _rows(n, q, X_ST, surface)
+    H = J.T @ (weight[:, None] * J)
+    g = J.T @ (weight * along)
+    if tangential > 0.0:
+        for axis in np.eye(3):
+            J = _rows(np.broadcast_to(axis, q.shape), q, X_ST, surface)
+            w = tangential * weight / (1.0 + (np.linalg.norm(offset, axis=1) / gate) ** 2)
+            H += J.T @ (w[:, None] * J)
+            g += J.T @ (w * (offset @ axis))
+    return H, g, float(np.sqrt(np.average(along**2, weights=weight)))
+
+
+def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
+    """Jacobian rows (N, 6) of `direction . at` for a twist about the model's centre, rotation scaled by its radius."""
+    arm = at - transform_points(X_ST, surface.target.center)
+    return np.hstack([direction, np.cross(arm, direction) / surface.target.radius])
+
+
+def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
+    """One Gauss-Newton step in the directions that the data hold; and the free directions (k, 6)."""
+    radius = surface.target.radius
+    center = transform_points(X_ST, surface.target.center)
+    axis = surface.target.symmetry.axis
+    spin = np.zeros((0, 6))
+    if axis is not None:
+        # Known beforehand to be free: what facets of the mesh seem to say about it is not evidence.
+        axis_S = X_ST[:3, :3] @ axis
+        spin = np.concatenate([np.cross(axis_S, center - X_ST[:3, 3]), radius * axis_S])[None]
+        spin /= np.linalg.norm(spin)
+        P = np.eye(6) - spin.T @ spin
+        H, g = P @ H @ P, P @ g
+    values, vectors = np.linalg.eigh(H)
+    held = values > _FREE * max(values[-1], 1e-12)
+    step = vectors[:, held] @ ((vectors[:, held].T @ g) / values[held])
+    # A step longer than this comes from a handful of pairs; the next iteration pairs anew.
+    step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
+    R = exp_so3(step[3:] / radius)
+    X_SS = pose(R, center + step[:3] - R @ center)
+    return X_SS @ X_ST, vectors[:, ~held].T
+
+
+def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | None:
+    """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
+    scan = evidence.scan
+    center = transform_points(X_ST, surface.target.center)
+    reach = 1.1 * surface.target.radius / max(center[2] - surface.target.radius, 0.3)
+    tangent = center[:2] / max(center[2], 0.1)
+    columns = np.searchsorted(scan.tangent_x, [tangent[0] - reach, tangent[0] + reach])
+    rows = np.searchsorted(scan.tangent_y, [tangent[1] - reach, tangent[1] + reach])
+    stride = max(1, int(np.ceil(np.sqrt(np.prod(np.ptp([rows, columns], axis=1)) / _WINDOW_PIXELS))))
+    window = slice(rows[0], rows[1], stride), slice(columns[0], columns[1], stride)
+    model, cosine = surface.seen(X_ST, scan, window)
+    part = Scan(points=scan.points[window], tangent_x=model.tangent_x, tangent_y=model.tangent_y)
+    mask = evidence.mask[window]
+    if min(mask.shape) < 8:
+        return None
+    of_scan = contour(part, mask, part.depth)
+    covered = np.isfinite(model.depth)
+    of_model = contour(model, covered, model.depth)
+    if len(of_scan.rows) < 10 or len(of_model.rows) < 10:
+        return None
+    points = model.points[of_model.rows, of_model.columns]
+    return _Edges(
+        scan=of_scan,
+        scan_outward=outward(mask, of_scan.rows, of_scan.columns),
+        model_points=transform_points(inverse(X_ST), points),
+        model_outward=outward(covered, of_model.rows, of_model.columns),
+        model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
+    )
+
+
+def _edge_terms(
+    edges: _Edges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface
+) -> tuple[Array, Array]:
+    """Normal equations (6, 6), (6,) of the distances across depth edges in the image plane."""
+    points = transform_points(X_ST, edges.model_points)
+    tangents = points[:, :2] / points[:, 2:]
+    distance, index = cKDTree(tangents).query(
+        edges.scan.tangents, distance_upper_bound=gate / float(np.median(points[:, 2]))
+    )
+    paired = np.isfinite(distance)
+    index = np.where(paired, index, 0)
+    paired &= edges.model_sharp[index]
+    paired &= np.abs(edges.scan.depth - points[index, 2]) < jump(points[index, 2])
+    paired &= np.einsum("ij,ij->i", edges.scan_outward, edges.model_outward[index]) > 0.7
+    if paired.sum() < 10:
+        return np.zeros((6, 6)), np.zeros(6)
+    index, measured = index[paired], edges.scan.tangents[paired]
+    P, m = points[index], edges.model_outward[index]
+    across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]
+    # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
+    direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])
+    pitch = evidence.scan.pitch * P[:, 2]
+    # Edge pixels come in rows: 1 px wide, about 4 of them to one independent error.
+    sigma = 2.0 * pitch
+    weight = 1.0 / (1.0 + (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2) ** 2 / sigma**2
+    J = _rows(direction, P, X_ST, surface)
+    return J.T @ (weight[:, None] * J), J.T @ (weight * across)

@@ -1,0 +1,296 @@
+"""A depth frame as points on a pixel grid: clouds, segmentation, triangulation and depth edges.
+
+Sensor frame S has OpenCV axes (z along the optical axis). A cloud without a grid gets one: it is triangulated in the
+sensor's image plane (Delaunay) and seen again through a virtual pinhole, so that all that follows has one form.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from models import open3d_loader
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.messages import DepthImage
+from sim.interfaces.spatial import Array, readonly
+
+MIN_POINTS = 60  # below this no pose can be told from noise
+_MAX_DELAUNAY = 12_000  # points; more add time, not shape
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorModel:
+    """What perception assumes of the depth sensor's accuracy (a stereo pair)."""
+
+    focal: float = 554.0  # [px]
+    baseline: float = 0.12  # [m]
+    disparity_sigma: float = 0.25  # [px]
+    max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
+
+    def __post_init__(self) -> None:
+        if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0):
+            raise ConfigurationError(f"sensor model: focal, baseline and disparity_sigma must be positive, got {self}")
+        if not 0.0 < self.max_incidence < 0.5 * np.pi:
+            raise ConfigurationError(f"sensor model: max_incidence must lie in (0, pi/2), got {self.max_incidence}")
+
+    def sigma(self, z: ArrayLike) -> Array:
+        """Standard deviation [m] of depth at depth `z` [m]: z^2 sigma_d / (f b)."""
+        return np.square(np.asarray(z, dtype=np.float64)) * (self.disparity_sigma / (self.focal * self.baseline))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scan:
+    """One look at the scene: a point for each pixel of a pinhole grid, in the sensor frame S."""
+
+    points: Array  # (H, W, 3) [m], NaN where nothing came back
+    tangent_x: Array  # (W,) x/z of each column
+    tangent_y: Array  # (H,) y/z of each row
+
+    @property
+    def depth(self) -> Array:
+        """(H, W) [m] along the optical axis."""
+        return self.points[..., 2]
+
+    @property
+    def pitch(self) -> float:
+        """Angle between neighbouring pixels, as a tangent."""
+        return float(self.tangent_x[1] - self.tangent_x[0])
+
+    def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Row and column (N,) of points (N, 3) [m] in S, clipped to the grid, and whether they lie within it."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            tangents = points[:, :2] / points[:, 2:]
+        tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
+        column = (tangents[:, 0] - self.tangent_x[0]) / self.pitch
+        row = (tangents[:, 1] - self.tangent_y[0]) / self.pitch
+        height, width = self.depth.shape
+        inside = (column >= 0.0) & (column <= width - 1) & (row >= 0.0) & (row <= height - 1)
+        return (
+            np.rint(np.clip(row, 0, height - 1)).astype(int),
+            np.rint(np.clip(column, 0, width - 1)).astype(int),
+            inside,
+        )
+
+    def thinned(self, stride: int) -> "Scan":
+        """Every `stride`-th pixel in both directions."""
+        return Scan(
+            points=self.points[::stride, ::stride],
+            tangent_x=self.tangent_x[::stride],
+            tangent_y=self.tangent_y[::stride],
+        )
+
+    @classmethod
+    def from_depth(cls, image: DepthImage) -> "Scan":
+        """The cloud of a depth frame, by its pinhole matrix. Raises ConfigurationError for a malformed frame."""
+        depth = np.asarray(image.depth, dtype=np.float64)
+        if depth.ndim != 2 or min(depth.shape) < 2:
+            raise ConfigurationError(f"depth frame: expected (height, width) numbers, got shape {depth.shape}")
+        K = np.asarray(image.K, dtype=np.float64)
+        if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
+            raise ConfigurationError(f"depth frame: K must be a pinhole matrix, got {K.tolist()}")
+        if abs(K[0, 0] / K[1, 1] - 1.0) > 1e-3:
+            raise ConfigurationError(f"depth frame: pixels must be square, got focal lengths {K[0, 0]} and {K[1, 1]}")
+        depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
+        tangent_x = (np.arange(depth.shape[1]) - K[0, 2]) / K[0, 0]
+        tangent_y = (np.arange(depth.shape[0]) - K[1, 2]) / K[1, 1]
+        points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
+        return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+
+    @classmethod
+    def from_cloud(cls, cloud: ArrayLike) -> "Scan":
+        """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad rows are left out.
+
+        Points behind the sensor (z <= 0) count as bad. Raises ConfigurationError if it is no cloud at all,
+        PerceptionError if too few points are left or they span no surface.
+        """
+        try:
+            values = np.asarray(cloud, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got {type(cloud).__name__}") from error
+        if values.size == 0:
+            raise PerceptionError("the cloud is empty")
+        if values.ndim not in (2, 3) or values.shape[-1] != 3:
+            raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
+        points = values.reshape(-1, 3)
+        points = points[np.isfinite(points).all(axis=1)]
+        points = points[points[:, 2] > 1e-3]
+        if len(points) < MIN_POINTS:
+            raise PerceptionError(f"only {len(points)} usable points of {values.size // 3}; need {MIN_POINTS}")
+        return _resampled(points)
+
+
+def _resampled(points: Array) -> Scan:
+    """See unordered points (N, 3) through a virtual pinhole, at the resolution that they have."""
+    tangents = points[:, :2] / points[:, 2:]
+    low, high = tangents.min(axis=0), tangents.max(axis=0)
+    span = float((high - low).max())
+    if not span > 1e-6:
+        raise PerceptionError("the cloud spans no surface: all its points lie on one line of sight")
+    # Spacing from neighbours, not from the box: a cloud seldom fills its box.
+    sample = tangents[:: max(1, len(tangents) // 4000)]
+    spacing = float(np.median(cKDTree(tangents).query(sample, k=3)[0][:, 2]))
+    pitch = float(np.clip(spacing, span / 640.0, span / 40.0))
+    if len(points) > _MAX_DELAUNAY:
+        coarse = pitch * np.sqrt(len(points) / _MAX_DELAUNAY)
+        # One point a cell, the nearest to the sensor's: mixing depths over an edge would invent surface.
+        order = np.argsort(points[:, 2], kind="stable")
+        cells = np.floor((tangents[order] - low) / coarse).astype(np.int64)
+        _, first = np.unique(cells[:, 0] * (2**31) + cells[:, 1], return_index=True)
+        points, tangents, pitch = points[order[first]], tangents[order[first]], coarse
+    try:
+        triangles = Delaunay(tangents).simplices
+    except QhullError as error:
+        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image") from error
+    triangles = triangles[_coherent(points, tangents, triangles, 4.0 * pitch)]
+    if not len(triangles):
+        raise PerceptionError("the cloud has no connected surface")
+    tangent_x = np.arange(low[0], high[0] + pitch, pitch)
+    tangent_y = np.arange(low[1], high[1] + pitch, pitch)
+    if min(len(tangent_x), len(tangent_y)) < 2:
+        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
+    rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
+    hit = open3d_loader.cast_rays(open3d_loader.ray_scene(points, triangles), np.zeros(3), rays)
+    depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan)[..., None]
+    return Scan(points=readonly(rays * depth), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+
+
+def _coherent(points: Array, tangents: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
+    """Which triangles join neighbours on one surface: short in the image, no jump in depth."""
+    corners = tangents[triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    z = points[triangles, 2]
+    return (edges < reach) & (np.ptp(z, axis=1) < jump(z.min(axis=1)) + 2.0 * reach * z.max(axis=1))
+
+
+def jump(z: ArrayLike) -> Array:
+    """Step in depth [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
+    return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
+
+
+def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Triangulated surface of the masked (H, W) pixels: vertices (V, 3) [m] in S, triangles (T, 3).
+
+    Two triangles for each cell of the grid, left out where depth jumps.
+    """
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(int(mask.sum()))
+    vertices = scan.points[mask]
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
+    faces = faces[(faces >= 0).all(axis=1)]
+    z = vertices[faces, 2]
+    return vertices, faces[np.ptp(z, axis=1) < jump(z.min(axis=1))]
+
+
+def without_flying_pixels(scan: Scan) -> np.ndarray:
+    """Mask (H, W) of pixels that share their surface with at least 3 of their 8 neighbours."""
+    z = scan.depth
+    padded = np.pad(z, 1, constant_values=np.nan)
+    step = jump(z)
+    support = np.zeros(z.shape, dtype=np.int8)
+    height, width = z.shape
+    for dy in (0, 1, 2):
+        for dx in (0, 1, 2):
+            if (dy, dx) != (1, 1):
+                support += np.abs(padded[dy : dy + height, dx : dx + width] - z) < step
+    return support >= 3
+
+
+def background_plane(
+    scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator
+) -> np.ndarray:
+    """Mask (H, W) of the largest plane among the masked pixels, empty if none is background.
+
+    Background is a plane that reaches further than the object can: its points spread over more than `extent` [m].
+    """
+    none = np.zeros_like(mask)
+    rows, columns = np.nonzero(mask)
+    if len(rows) < MIN_POINTS:
+        return none
+    step = max(1, len(rows) // 3000)
+    sample = scan.points[rows[::step], columns[::step]]
+    picks = rng.integers(len(sample), size=(150, 3))
+    a, b, c = sample[picks[:, 0]], sample[picks[:, 1]], sample[picks[:, 2]]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
+    if not len(normals):
+        return none
+    tolerance = 3.0 * sensor.sigma(sample[:, 2]) + 0.003
+    near = np.abs(sample @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
+    best = near[:, int(near.sum(axis=0).argmax())]
+    for _ in range(3):
+        if best.sum() < max(20, 0.08 * len(sample)):
+            return none
+        center = sample[best].mean(axis=0)
+        normal = np.linalg.svd(sample[best] - center, full_matrices=False)[2][2]
+        best = np.abs((sample - center) @ normal) < tolerance
+    spread = sample[best] - sample[best].mean(axis=0)
+    if 2.0 * float(np.percentile(np.linalg.norm(spread, axis=1), 95)) < extent:
+        return none
+    z = scan.depth
+    return mask & (np.abs((scan.points - center) @ normal) < 3.0 * sensor.sigma(z) + 0.003)
+
+
+def voxel_means(points: Array, size: float) -> Array:
+    """Mean (M, 3) of the points (N, 3) in each occupied cube of edge `size` [m], in a fixed order."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
+
+
+def facing_normals(points: Array, neighbours: int = 20) -> Array:
+    """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
+    tree = cKDTree(points)
+    near = points[tree.query(points, k=min(neighbours, len(points)))[1]]
+    offset = near - near.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
+    normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
+    return normals
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contour:
+    """Pixels on the near side of a depth edge."""
+
+    rows: np.ndarray  # (N,)
+    columns: np.ndarray  # (N,)
+    tangents: Array  # (N, 2) x/z and y/z
+    depth: Array  # (N,) [m]
+
+
+def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
+    """Masked pixels with a 4-neighbour that is farther by a jump, or empty, in `depth_all` (H, W) [m].
+
+    The border of the picture is no edge: there the view ends, not the object.
+    """
+    z = np.where(np.isfinite(depth_all), depth_all, np.inf)
+    here = np.where(mask, scan.depth, np.inf)
+    step = np.where(mask, jump(scan.depth), 0.0)
+    far = np.zeros_like(mask)
+    with np.errstate(invalid="ignore"):
+        for axis in (0, 1):
+            for shift in (-1, 1):
+                far |= np.roll(z, shift, axis=axis) - here > step
+    edge = mask & far
+    edge[[0, -1], :] = False
+    edge[:, [0, -1]] = False
+    rows, columns = np.nonzero(edge)
+    return Contour(
+        rows, columns, np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]), scan.depth[rows, columns]
+    )
+
+
+def outward(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Unit directions (N, 2), x then y in the image, out of `mask` (H, W) at the given pixels."""
+    smooth = ndimage.gaussian_filter(mask.astype(np.float32), 2.0)
+    gradient = -np.column_stack(
+        [
+            ndimage.sobel(smooth, axis=1)[rows, columns],
+            ndimage.sobel(smooth, axis=0)[rows, columns],
+        ]
+    ).astype(np.float64)
+    return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)

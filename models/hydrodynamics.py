@@ -450,15 +450,15 @@ def _row_of(body: mujoco.MjsBody) -> Array:
 
 
 def _not_negative(value: float, name: str) -> float:
-    number = float(checked(value, (), name))
+    number = float(checked([value], (1,), name)[0])
     if number < 0.0:
         raise ConfigurationError(f"{name}: must not be negative, got {number}")
     return number
 
 
 def _positive(value: float, name: str) -> float:
-    number = float(checked(value, (), name))
-    if number <= 0.0:
+    number = _not_negative(value, name)
+    if number == 0.0:
         raise ConfigurationError(f"{name}: must be positive, got {number}")
     return number
 

@@ -73,7 +73,7 @@ def offset(struct: str, path: str) -> int:
 
 def library() -> ctypes.CDLL:
     """MuJoCo's own C library, the one that the Python package has loaded."""
-    folder = Path(mujoco.__file__).parent
+    folder = Path(str(mujoco.__file__)).parent
     patterns = ("libmujoco.so.*", "libmujoco.*.dylib", "mujoco.dll")
     found = [path for pattern in patterns for path in folder.glob(pattern)]
     if not found:
@@ -127,7 +127,7 @@ def _fields(declaration: ast_nodes.StructDecl | ast_nodes.AnonymousStructDecl) -
     return fields
 
 
-def _ctype(node: object) -> Any:
+def _ctype(node: Any) -> Any:
     if isinstance(node, ast_nodes.PointerType):
         return ctypes.c_void_p
     if isinstance(node, ast_nodes.ArrayType):

@@ -22,6 +22,8 @@ from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, reado
 Method = Literal["hybrid", "jacobian_free", "plain"]
 Branch = Literal["free", "keep"]
 
+_FLOAT64 = np.dtype(np.float64)
+_METHODS, _BRANCHES = get_args(Method), get_args(Branch)
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 
@@ -195,13 +197,14 @@ class Chain:
 
     def forward(self, q: ArrayLike) -> Array:
         """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
-        return self._walk(q)[0]
+        return self.kinematics(q)[0]
 
     def jacobian(self, q: ArrayLike) -> Array:
         """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError for a bad `q`."""
-        return self._walk(q)[1]
+        return self.kinematics(q)[1]
 
-    def _walk(self, q: ArrayLike) -> tuple[Array, Array]:
+    def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
+        """`forward` and `jacobian` at once, for the price of one."""
         X_base_tip = np.empty((4, 4))
         work = np.empty((self.n, kernels.WORK))
         kernels.forward(self._joints, self._ends, self._scale, checked(q, (self.n,), "q"), work, X_base_tip)
@@ -259,23 +262,26 @@ def solve(
         raise ConfigurationError(
             f"tolerances must be positive, got {position_tolerance} [m] and {orientation_tolerance} [rad]"
         )
-    if method not in get_args(Method):
-        raise ConfigurationError(f"method: allowed {', '.join(get_args(Method))}, got {method!r}")
-    scale = chain._scale
-    q, work, normal, goal = np.empty(chain.n), np.empty((chain.n, kernels.WORK)), np.empty((6, 8)), np.empty((4, 3))
-    tolerance = scale * position_tolerance
-    if branch == "keep":
-        code, iterations, restarts, error_p, error_r = kernels.solve_keep(
-            chain._joints, chain._ends, scale, target, start, tolerance, orientation_tolerance,
-            max_iterations, normal, work, goal, q,
-        )  # fmt: skip
-    elif branch == "free":
-        code, iterations, restarts, error_p, error_r = kernels.solve_hybrid(
-            chain._joints, chain._ends, scale, target, start, tolerance, orientation_tolerance,
-            max_iterations, max_restarts, normal, work, goal, q,
-        )  # fmt: skip
+    if max_iterations < 1 or max_restarts < 0:
+        raise ConfigurationError(
+            f"max_iterations must be at least 1 and max_restarts at least 0, got {max_iterations} and {max_restarts}"
+        )
+    if method not in _METHODS:
+        raise ConfigurationError(f"method: allowed {', '.join(_METHODS)}, got {method!r}")
+    if branch not in _BRANCHES:
+        raise ConfigurationError(f"branch: allowed {', '.join(_BRANCHES)}, got {branch!r}")
+    n, scale, keep = chain.n, chain._scale, branch == "keep"
+    q, scratch = np.empty(n), np.empty(kernels.scratch_size(n))
+    given = (chain._joints, chain._ends, scale, target, start, scale * position_tolerance, orientation_tolerance)
+    if method == "jacobian_free":
+        outcome = kernels.solve_jacobian_free(*given, max_iterations, 0 if keep else max_restarts, keep, scratch, q)
+    elif method == "plain":
+        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q)
+    elif keep:
+        outcome = kernels.solve_keep(*given, max_iterations, scratch, q)
     else:
-        raise ConfigurationError(f"branch: allowed {', '.join(get_args(Branch))}, got {branch!r}")
+        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q)
+    code, iterations, restarts, error_p, error_r = outcome
     if code == kernels.BAD_TARGET:
         _checked_pose(target, "X_base_tip")
     if code == kernels.BAD_START:
@@ -288,12 +294,7 @@ def solve(
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """`values` as contiguous float64 of `shape`; as they are where possible, for the kernel checks their numbers."""
-    if (
-        type(values) is np.ndarray
-        and values.dtype == np.float64
-        and values.flags.c_contiguous
-        and values.shape == shape
-    ):
+    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.c_contiguous and values.shape == shape:
         return values
     return checked(values, shape, name)
 
@@ -343,7 +344,7 @@ def _tables(chain: Chain) -> tuple[Array, Array, float]:
 def _frame_with_z(z: Array) -> Array:
     across = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = across / np.linalg.norm(across)
-    return np.column_stack([x, np.cross(z, x), z])
+    return readonly(np.column_stack([x, np.cross(z, x), z]))
 
 
 def _table_of(values: ArrayLike, width: int, name: str) -> Array:

@@ -6,8 +6,9 @@ With the link vector free this form takes any two axes, parallel ones too, and c
 `ends` is (2, 3, 4): the pose of the first joint frame in the base, and the rotation of the tip in the last joint frame;
 `ends[1, 0, 3]` bounds the distance that the tip can get from the first joint. Lengths in both are multiplied by
 `scale`, a power of two that makes the arm about one unit long, so that metres and radians can share one norm.
-`work` (n, WORK) and `normal` (6, 8) are scratch memory; `goal` (4, 3) is the scaled tip position, then the wanted axes
-of the last joint frame, one a row.
+`scratch` is uninitialised memory of `scratch_size(n)` numbers, cut by `partition` into `goal` (4, 3): the scaled tip
+position, then the wanted axes of the last joint frame, one a row; `normal` (6, 8), `work` (n, WORK), `memory`
+(n, HISTORY).
 """
 
 import math
@@ -21,6 +22,7 @@ KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, 
 HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0
 
 COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 3, 6, 9, 10, 11, 12
+AT, SWEPT, RESIDUAL, STEPS, TURNS, HISTORY = 0, 1, 2, 3, 8, 13  # columns of Anderson's memory, DEPTH each for two
 
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH, BAD_TARGET, BAD_START = 0, 1, 2, 3, 4, 5, 6
 ALONG, WITHIN, THROUGH = 0, 1, 2
@@ -28,7 +30,11 @@ ALONG, WITHIN, THROUGH = 0, 1, 2
 # Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
 DAMPING = 0.1  # of the squared error
 LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on its branch
-STALL_WINDOW, STALL_FACTOR = 4, 0.5  # a descent that does not halve its squared error in so many steps is given up
+SWEEP_WEIGHT = 0.01  # [1/rad^2] of the tool axes against the scaled position in a combined sweep
+STAGE_SWEEPS = 10  # longest run of one stage of plain MKPS
+SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # like STALL_*, for accelerated sweeps
+DEPTH = 5  # of the Anderson acceleration
+STALL_WINDOW, STALL_FACTOR = 4, 0.5  # when a descent with restarts left is given up
 
 _TWO_PI = 2.0 * math.pi
 _jit = njit(cache=True, nogil=True, error_model="numpy")
@@ -266,14 +272,18 @@ def admit(value, lower, upper, hinge):
 
 
 @_jit
-def sweep(joints, ends, scale, goal, weight, q, work):
-    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum |a_k - t_k|^2.
+def sweep(joints, ends, scale, goal, mode, q, work):
+    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + w sum |a_k - t_k|^2.
 
     This joins the three stages of paper 003, formulas (2), (4) and (5), into one. Joints above the moving one keep
-    their axes and points, so only the tip point and the tool axes are carried: O(n).
+    their axes and points, so only the tip point and the tool axes are carried: O(n). `mode` as in `descend`.
+
+    Returns the squared position error and the orientation error before the sweep.
     """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
     gx, gy, gz = goal[0, 0], goal[0, 1], goal[0, 2]
+    p2 = (gx - px) ** 2 + (gy - py) ** 2 + (gz - pz) ** 2
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
     ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
     vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
@@ -304,10 +314,10 @@ def sweep(joints, ends, scale, goal, weight, q, work):
                 + (ex * yx + ey * yy + ez * yz) * (ex * ux + ey * uy + ez * uz)
                 + (ex * zx + ey * zy + ez * zz) * (ex * vx + ey * vy + ez * vz)
             )
-            near += weight * (
+            near += SWEEP_WEIGHT * (
                 xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - ea_et
             )
-            across += weight * (
+            across += SWEEP_WEIGHT * (
                 ex * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
                 + ey * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
                 + ez * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
@@ -317,7 +327,7 @@ def sweep(joints, ends, scale, goal, weight, q, work):
             continue
         c, s = near / length, across / length
         wanted = q[i] + math.atan2(across, near)
-        moved = admit(wanted, lower, upper, True)
+        moved = wanted if mode == THROUGH else admit(wanted, lower, upper, mode == WITHIN)
         if moved != wanted:
             c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
         q[i] = moved
@@ -330,6 +340,7 @@ def sweep(joints, ends, scale, goal, weight, q, work):
         xx, xy, xz = turn(xx, xy, xz, ex, ey, ez, c, s)
         yx, yy, yz = turn(yx, yy, yz, ex, ey, ez, c, s)
         zx, zy, zz = xy * yz - xz * yy, xz * yx - xx * yz, xx * yy - xy * yx
+    return p2, error_r
 
 
 @_jit
@@ -383,11 +394,12 @@ def fold(joints, q):
 
 
 @_jit
-def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, mode, best2, normal, work, q):
+def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, stall, mode, best2, normal, work, q):
     """Levenberg-Marquardt from `q` until the tolerances hold, the error stalls or `limit` steps are spent.
 
     `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
-    their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`.
+    their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`. A stall is a
+    squared error that does not fall to `stall` times itself in STALL_WINDOW steps.
 
     Returns (code, steps, least squared error, position error, orientation error); `q` is where the last two were
     measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
@@ -410,7 +422,7 @@ def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, mode, best2, no
             for i in range(n):
                 work[i, BEST] = q[i]
         if steps % STALL_WINDOW == 0:
-            if not error2 < STALL_FACTOR * mark:
+            if not error2 < stall * mark:
                 return STALLED, steps, best2, math.sqrt(p2), error_r
             mark = error2
         if steps >= limit:
@@ -427,6 +439,23 @@ def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, mode, best2, no
         steps += 1
 
 
+def scratch_size(n: int) -> int:
+    """Numbers of scratch memory that a chain of `n` joints needs; `partition` cuts it."""
+    return 12 + 48 + n * (WORK + HISTORY)
+
+
+@_jit
+def partition(scratch, n):
+    """`goal`, `normal`, `work` and `memory` (see above), as views."""
+    after_work = 60 + n * WORK
+    return (
+        scratch[:12].reshape(4, 3),
+        scratch[12:60].reshape(6, 8),
+        scratch[60:after_work].reshape(n, WORK),
+        scratch[after_work : after_work + n * HISTORY].reshape(n, HISTORY),
+    )
+
+
 @_jit
 def begin(joints, ends, scale, X, q0, leaps, goal, q):
     """Set goal and start; returns BAD_TARGET, BAD_START, OUT_OF_REACH or CONVERGED (nothing is wrong)."""
@@ -441,29 +470,36 @@ def begin(joints, ends, scale, X, q0, leaps, goal, q):
 
 
 @_jit
+def recall(joints, ends, scale, goal, work, q):
+    """The best joint values seen into `q`; returns their position and orientation errors."""
+    for i in range(joints.shape[0]):
+        q[i] = work[i, BEST]
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+    error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    return math.sqrt(ex * ex + ey * ey + ez * ez), error_r
+
+
+@_jit
 def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q):
     """Go back to the best joint values seen and creep to the bottom of their valley."""
     for i in range(joints.shape[0]):
         q[i] = work[i, BEST]
     code, steps, best2, error_p, error_r = descend(
-        joints, ends, scale, goal, tol_p, tol_r, 200, SHORT_STEP, ALONG, best2, normal, work, q
+        joints, ends, scale, goal, tol_p, tol_r, 200, SHORT_STEP, 1.0 - 1e-9, ALONG, best2, normal, work, q
     )
     if code != CONVERGED:
-        for i in range(joints.shape[0]):
-            q[i] = work[i, BEST]
-        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
-        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-        error_p = math.sqrt(ex * ex + ey * ey + ez * ez)
-        error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+        error_p, error_r = recall(joints, ends, scale, goal, work, q)
     return code, steps, error_p, error_r
 
 
 @_jit
-def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, normal, work, goal, q):
+def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scratch, q):
     """Levenberg-Marquardt with restarts, every other one THROUGH the limits.
 
     Returns (code, steps, restarts, position error [scaled], orientation error).
     """
+    goal, normal, work, _ = partition(scratch, joints.shape[0])
     fault = begin(joints, ends, scale, X, q0, True, goal, q)
     if fault in (BAD_TARGET, BAD_START):
         return fault, 0, 0, 0.0, 0.0
@@ -475,7 +511,20 @@ def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, norm
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
         code, spent, best2, error_p, error_r = descend(
-            joints, ends, scale, goal, tol_p, tol_r, limit - steps, LONG_STEP, mode, best2, normal, work, q
+            joints,
+            ends,
+            scale,
+            goal,
+            tol_p,
+            tol_r,
+            limit - steps,
+            LONG_STEP,
+            STALL_FACTOR,
+            mode,
+            best2,
+            normal,
+            work,
+            q,
         )
         steps += spent
         if code == CONVERGED:
@@ -520,27 +569,299 @@ def handedness(joints, ends, scale, q, work, normal):
 
 
 @_jit
-def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, normal, work, goal, q):
+def branch_left(joints, ends, scale, q, work, normal):
+    """Whether `q` went far from `work[:, START]` and beyond a singular configuration (tested for six joints only)."""
+    far = 0.0
+    for i in range(joints.shape[0]):
+        far = max(far, abs(q[i] - work[i, START]))
+    if joints.shape[0] != 6 or far <= SHORT_STEP:
+        return False
+    end = handedness(joints, ends, scale, q, work, normal)
+    return end * handedness(joints, ends, scale, work[:, START], work, normal) < 0.0
+
+
+@_jit
+def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, scratch, q):
     """Levenberg-Marquardt by short steps from `q0`, without leaps or restarts. Returns as `solve_hybrid`."""
+    goal, normal, work, _ = partition(scratch, joints.shape[0])
     fault = begin(joints, ends, scale, X, q0, False, goal, q)
+    if fault in (BAD_TARGET, BAD_START):
+        return fault, 0, 0, 0.0, 0.0
+    for i in range(joints.shape[0]):
+        work[i, START] = q[i]
+    code, steps, best2, error_p, error_r = descend(
+        joints, ends, scale, goal, tol_p, tol_r, limit, SHORT_STEP, STALL_FACTOR, ALONG, np.inf, normal, work, q
+    )
+    if code != CONVERGED:
+        code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
+        steps += spent
+    if code != CONVERGED:
+        code = fault if fault == OUT_OF_REACH else code
+    elif branch_left(joints, ends, scale, q, work, normal):
+        code = BRANCH_LOST
+    return code, steps, 0, error_p, error_r
+
+
+@_jit
+def mix(residuals, steps, n, count, memory, normal, q):
+    """Anderson's step: g - dG argmin |f - dF y|, from `count` pairs of differences, by regularised normal equations."""
+    top = 0.0
+    for a in range(count):
+        for b in range(a + 1):
+            t = 0.0
+            for i in range(n):
+                t += memory[i, residuals + a] * memory[i, residuals + b]
+            normal[a, b] = t
+        t = 0.0
+        for i in range(n):
+            t += memory[i, residuals + a] * memory[i, RESIDUAL]
+        normal[a, 6] = t
+        top = max(top, normal[a, a])
+    for a in range(count):
+        for b in range(a):
+            t = normal[a, b]
+            for k in range(b):
+                t -= normal[a, k] * normal[b, k]
+            normal[a, b] = t
+        d = normal[a, a] + 1e-12 * top + 1e-300
+        for k in range(a):
+            ld = normal[a, k]
+            lower = ld * normal[k, 7]
+            d -= lower * ld
+            normal[a, 6] -= lower * normal[k, 6]
+            normal[a, k] = lower
+        normal[a, 7] = 1.0 / d
+    for a in range(count - 1, -1, -1):
+        t = normal[a, 6] * normal[a, 7]
+        for k in range(a + 1, count):
+            t -= normal[k, a] * normal[k, 6]
+        normal[a, 6] = t
+    for i in range(n):
+        value = memory[i, SWEPT]
+        for a in range(count):
+            value -= normal[a, 6] * memory[i, steps + a]
+        q[i] = value
+
+
+@_jit
+def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, normal, work, memory, q):
+    """Combined sweeps as a fixed-point map g(q) under Anderson acceleration. Arguments and returns as `descend`.
+
+    A mixed step that raises the objective, which plain sweeps never do, is taken back and the memory dropped.
+    """
+    n = joints.shape[0]
+    sweeps, count, slot = 0, 0, 0
+    known = False  # whether the memory holds the sweep before this one
+    reference, mark = np.inf, np.inf
+    while True:
+        for i in range(n):
+            memory[i, AT] = q[i]
+        p2, error_r = sweep(joints, ends, scale, goal, mode, q, work)
+        error2 = p2 + error_r * error_r
+        if p2 <= tol_p * tol_p and error_r <= tol_r:
+            for i in range(n):
+                q[i] = memory[i, AT]
+            code = CONVERGED if mode != THROUGH or fold(joints, q) else STALLED
+            return code, sweeps, best2, math.sqrt(p2), error_r
+        if mode != THROUGH and error2 < best2:
+            best2 = error2
+            for i in range(n):
+                work[i, BEST] = memory[i, AT]
+        if sweeps >= limit:
+            return EXHAUSTED, sweeps, best2, math.sqrt(p2), error_r
+        sweeps += 1
+        objective = p2 + SWEEP_WEIGHT * 8.0 * math.sin(0.5 * error_r) ** 2
+        if objective > reference * (1.0 + 1e-9):
+            for i in range(n):
+                q[i] = memory[i, SWEPT]
+            known, count, slot, reference = False, 0, 0, np.inf
+            continue
+        if sweeps % SWEEP_WINDOW == 1:
+            if not objective < SWEEP_FACTOR * mark:
+                return STALLED, sweeps, best2, math.sqrt(p2), error_r
+            mark = objective
+        reference = objective
+        for i in range(n):
+            residual = q[i] - memory[i, AT]
+            memory[i, TURNS + slot] = residual - memory[i, RESIDUAL]
+            memory[i, STEPS + slot] = q[i] - memory[i, SWEPT]
+            memory[i, RESIDUAL] = residual
+            memory[i, SWEPT] = q[i]
+        if known:
+            count = min(count + 1, DEPTH)
+            slot = (slot + 1) % DEPTH
+            mix(TURNS, STEPS, n, count, memory, normal, q)
+            for i in range(n):
+                if mode != THROUGH or joints[i, KIND] == SLIDE:
+                    q[i] = min(max(q[i], joints[i, LOWER]), joints[i, UPPER])
+        known = True
+
+
+@_jit
+def solve_jacobian_free(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, keep, scratch, q):
+    """Accelerated combined sweeps with restarts, every other one THROUGH the limits. Returns as `solve_hybrid`."""
+    goal, normal, work, memory = partition(scratch, joints.shape[0])
+    fault = begin(joints, ends, scale, X, q0, not keep, goal, q)
+    if fault in (BAD_TARGET, BAD_START):
+        return fault, 0, 0, 0.0, 0.0
+    if fault == OUT_OF_REACH:
+        restarts = min(restarts, 4)
+    for i in range(joints.shape[0]):
+        work[i, START] = q[i]
+    sweeps, restart, best2 = 0, 0, np.inf
+    while True:
+        mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
+        code, spent, best2, error_p, error_r = accelerate(
+            joints, ends, scale, goal, tol_p, tol_r, limit - sweeps, mode, best2, normal, work, memory, q
+        )
+        sweeps += spent
+        if code == CONVERGED:
+            if keep and branch_left(joints, ends, scale, q, work, normal):
+                code = BRANCH_LOST
+            return code, sweeps, restart, error_p, error_r
+        if sweeps >= limit or restart >= restarts:
+            break
+        restart += 1
+        scatter(joints, scale, restart, q0, q)
+    error_p, error_r = recall(joints, ends, scale, goal, work, q)
+    if fault == OUT_OF_REACH:
+        code = fault
+    return code, sweeps, restart, error_p, error_r
+
+
+@_jit
+def place(joints, ends, scale, goal, tol_p, q, work):
+    """One sweep of the position stage, base to tip: formulas (2) to (4) of paper 003; returns |R|^2.
+
+    The target is carried instead of the links: turning all that lies beyond a joint by d is turning the target by -d.
+    """
+    px, py, pz, _, _, _, _, _, _, _, _, _ = trace(joints, ends, scale, q, work)
+    rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+    for i in range(joints.shape[0]):
+        if rx * rx + ry * ry + rz * rz <= tol_p * tol_p:
+            break
+        lower, upper = joints[i, LOWER], joints[i, UPPER]
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        if joints[i, KIND] == SLIDE:
+            moved = min(max(q[i] + (ex * rx + ey * ry + ez * rz) / scale, lower), upper)
+            d = scale * (moved - q[i])
+            q[i] = moved
+            rx, ry, rz = rx - d * ex, ry - d * ey, rz - d * ez
+            continue
+        sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
+        if joints[i, KIND] == HINGE:
+            sx, sy, sz = px - sx, py - sy, pz - sz
+        kx, ky, kz = sx + rx, sy + ry, sz + rz
+        near = sx * kx + sy * ky + sz * kz - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
+        across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
+        if near * near + across * across < 1e-28:
+            continue
+        moved = min(max(q[i] + math.atan2(across, near), lower), upper)
+        c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
+        q[i] = moved
+        if joints[i, KIND] == PANTOGRAPH:
+            lx, ly, lz = turn(sx, sy, sz, ex, ey, ez, c, s)
+            rx, ry, rz = kx - lx, ky - ly, kz - lz
+        else:
+            kx, ky, kz = turn(kx, ky, kz, ex, ey, ez, c, -s)
+            rx, ry, rz = kx - sx, ky - sy, kz - sz
+    return rx * rx + ry * ry + rz * rz
+
+
+@_jit
+def align(joints, ends, scale, ux, uy, uz, tx, ty, tz, tolerance, q, work):
+    """One sweep of an axis stage, tip to base: bring the axis u of the last joint frame to t; returns their angle."""
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
+    angle = angle_between(ax, ay, az, tx, ty, tz)
+    for i in range(joints.shape[0] - 1, -1, -1):
+        if angle <= tolerance:
+            break
+        if joints[i, KIND] != HINGE:
+            continue
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        near = ax * tx + ay * ty + az * tz - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
+        across = ex * (ay * tz - az * ty) + ey * (az * tx - ax * tz) + ez * (ax * ty - ay * tx)
+        if near * near + across * across < 1e-28:
+            continue
+        moved = min(max(q[i] + math.atan2(across, near), joints[i, LOWER]), joints[i, UPPER])
+        ax, ay, az = turn(ax, ay, az, ex, ey, ez, math.cos(moved - q[i]), math.sin(moved - q[i]))
+        q[i] = moved
+        angle = angle_between(ax, ay, az, tx, ty, tz)
+    return angle
+
+
+@_jit
+def angle_between(ax, ay, az, tx, ty, tz):
+    cx, cy, cz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
+    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * tx + ay * ty + az * tz)
+
+
+@_jit
+def goal_axis(goal, ux, uy, uz):
+    """The axis u of the last joint frame, where the goal wants it."""
+    return (
+        ux * goal[1, 0] + uy * goal[2, 0] + uz * goal[3, 0],
+        ux * goal[1, 1] + uy * goal[2, 1] + uz * goal[3, 1],
+        ux * goal[1, 2] + uy * goal[2, 2] + uz * goal[3, 2],
+    )
+
+
+@_jit
+def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, q):
+    """The stages of paper 003, chapter 3, in turn until all three of formula (6) hold. Returns as `solve_hybrid`.
+
+    The tool axes are those of the last joint frame, whose z is the last joint's axis e_n: unless one tool axis is
+    parallel to e_n, the two axis stages undo each other.
+    """
+    goal, normal, work, _ = partition(scratch, joints.shape[0])
+    fault = begin(joints, ends, scale, X, q0, not keep, goal, q)
     if fault in (BAD_TARGET, BAD_START):
         return fault, 0, 0, 0.0, 0.0
     n = joints.shape[0]
     for i in range(n):
         work[i, START] = q[i]
-    code, steps, best2, error_p, error_r = descend(
-        joints, ends, scale, goal, tol_p, tol_r, limit, SHORT_STEP, ALONG, np.inf, normal, work, q
-    )
-    if code != CONVERGED:
-        code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
-        steps += spent
-        if code != CONVERGED:
-            return OUT_OF_REACH if fault == OUT_OF_REACH else code, steps, 0, error_p, error_r
-    far = 0.0
-    for i in range(n):
-        far = max(far, abs(q[i] - work[i, START]))
-    if n == 6 and far > SHORT_STEP:
-        end = handedness(joints, ends, scale, q, work, normal)
-        if end * handedness(joints, ends, scale, work[:, START], work, normal) < 0.0:
-            code = BRANCH_LOST
-    return code, steps, 0, error_p, error_r
+    last = n - 1
+    while last > 0 and joints[last, KIND] != HINGE:
+        last -= 1
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+    ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
+    # E_z of the paper: the last hinge's axis in the last joint frame. It is z unless slides lie beyond the hinge.
+    ux, uy, uz = ex * xx + ey * xy + ez * xz, ex * yx + ey * yy + ez * yz, ex * zx + ey * zy + ez * zz
+    if abs(ux) < 0.6:  # E_x: any axis across it
+        length = math.sqrt(uy * uy + uz * uz)
+        lx, ly, lz = length, -ux * uy / length, -ux * uz / length
+    else:
+        length = math.sqrt(ux * ux + uy * uy)
+        lx, ly, lz = -uy / length, ux / length, 0.0
+    tx, ty, tz = goal_axis(goal, ux, uy, uz)
+    mx, my, mz = goal_axis(goal, lx, ly, lz)
+    tol_a = tol_r * math.sqrt(0.5)  # two axes within tol_a leave the frame within tol_r
+    sweeps, best2 = 0, np.inf
+    while True:
+        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
+        p2 = (goal[0, 0] - px) ** 2 + (goal[0, 1] - py) ** 2 + (goal[0, 2] - pz) ** 2
+        error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+        if p2 <= tol_p * tol_p and error_r <= tol_r:
+            code = BRANCH_LOST if keep and branch_left(joints, ends, scale, q, work, normal) else CONVERGED
+            return code, sweeps, 0, math.sqrt(p2), error_r
+        error2 = p2 + error_r * error_r
+        if error2 < best2:
+            best2 = error2
+            for i in range(n):
+                work[i, BEST] = q[i]
+        if sweeps >= limit:
+            error_p, error_r = recall(joints, ends, scale, goal, work, q)
+            return (OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED), sweeps, 0, error_p, error_r
+        for _ in range(STAGE_SWEEPS):
+            sweeps += 1
+            if place(joints, ends, scale, goal, tol_p, q, work) <= tol_p * tol_p:
+                break
+        for _ in range(STAGE_SWEEPS):
+            sweeps += 1
+            if align(joints, ends, scale, lx, ly, lz, mx, my, mz, tol_a, q, work) <= tol_a:
+                break
+        for _ in range(STAGE_SWEEPS):
+            sweeps += 1
+            if align(joints, ends, scale, ux, uy, uz, tx, ty, tz, tol_a, q, work) <= tol_a:
+                break

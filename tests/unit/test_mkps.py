@@ -1,0 +1,400 @@
+"""Inverse kinematics against forward kinematics written here, MuJoCo's, and finite differences."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+import pytest
+
+from controllers.mkps import Branch, Chain, Method, solve
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
+
+H = np.pi / 2
+ARMS: dict[str, list[tuple[float, float, float, float]]] = {  # standard DH: theta0 [rad], d [m], a [m], alpha [rad]
+    "puma": [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)],
+    "ur5": [
+        (0, 0.0892, 0, H),
+        (0, 0, -0.425, 0),
+        (0, 0, -0.3922, 0),
+        (0, 0.1092, 0, H),
+        (0, 0.0947, 0, -H),
+        (0, 0.0823, 0, 0),
+    ],
+    "panda": [
+        (0, 0.333, 0, -H),
+        (0, 0, 0, H),
+        (0, 0.316, 0.0825, H),
+        (0, 0, -0.0825, -H),
+        (0, 0.384, 0, H),
+        (0, 0, 0.088, H),
+        (0, 0.107, 0, 0),
+    ],
+    "general 6R": [
+        (0.1, 0.3, 0.1, 1.2),
+        (0.2, 0.1, 0.4, -0.4),
+        (0.3, 0.15, 0.35, 1),
+        (-0.2, 0.2, 0.1, -1.3),
+        (0.4, 0.1, 0.15, 1.1),
+        (0.1, 0.12, 0.05, 0),
+    ],
+    "stanford": [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0.263, 0, 0)],
+}
+TYPES = {"stanford": "rrprrr"}
+HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])
+METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
+
+HULL_ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="hull" pos="1 2 3" euler="0.1 0.2 0.3">
+      <freejoint/> <geom size="0.1"/>
+      <body name="turret" pos="0.1 0.2 0.3" euler="0.3 0.2 0.1">
+        <joint name="yaw" axis="0 1 1" range="-1 2" limited="true" ref="0.3"/> <geom size="0.1"/>
+        <body name="boom" pos="0.1 0 0.3">
+          <joint name="reach" type="slide" axis="1 0 1" pos="0.1 0.1 0"/>
+          <joint name="pitch" axis="0 1 0" pos="0 0 0.1"/> <geom size="0.1"/>
+          <body name="tool" pos="0.1 0 0.3">
+            <joint name="spring" type="slide" axis="0 0 1"/> <geom size="0.1"/>
+            <site name="tip" pos="0 0.1 0.2" euler="0.5 0.1 0.2"/>
+          </body>
+        </body>
+      </body>
+      <body name="camera"> <geom size="0.1"/> <site name="lens"/> </body>
+      <body name="ball"> <joint name="neck" type="ball"/> <geom size="0.1"/> <site name="eye"/> </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def dh_forward(dh: np.ndarray, types: str, q: Array, tool: Array | None = None) -> Array:
+    """Product of textbook DH matrices."""
+    X = np.eye(4)
+    for (theta, d, a, alpha), kind, value in zip(dh, types, q, strict=True):
+        turn, lift = (theta, d + value) if kind == "p" else (theta + value, d)
+        c, s, ca, sa = np.cos(turn), np.sin(turn), np.cos(alpha), np.sin(alpha)
+        X = X @ np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, lift], [0, 0, 0, 1]])
+        if kind == "o":  # undo the turn, about the joint axis, at the end of the link
+            X[:3, :3] = X[:3, :3] @ exp_so3([-alpha, 0, 0]) @ exp_so3([0, 0, -value]) @ exp_so3([alpha, 0, 0])
+    return X if tool is None else X @ tool
+
+
+def errors_between(X_a: Array, X_b: Array) -> tuple[float, float]:
+    return float(np.linalg.norm(X_a[:3, 3] - X_b[:3, 3])), float(np.linalg.norm(log_so3(X_a[:3, :3].T @ X_b[:3, :3])))
+
+
+def random_dh(rng: np.random.Generator, n: int, kinds: str) -> tuple[np.ndarray, str, np.ndarray]:
+    """DH rows with offsets everywhere, joint letters, and limits: a good turn, or 0.6 m."""
+    types = "".join(rng.choice(list(kinds), size=n))
+    dh = np.column_stack(
+        [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0, 0.4, n), rng.uniform(-2, 2, n)]
+    )
+    limits = np.array([(-0.3, 0.3) if kind == "p" else (-2.6, 2.6) for kind in types])
+    return dh, types, limits
+
+
+def arm_case(
+    name: str, degrees: float, count: int, rng: np.random.Generator
+) -> tuple[Chain, Array, list[Array], Array]:
+    """A known arm with even limits, joint values within them, their poses, and a home."""
+    dh, n = np.array(ARMS[name]), len(ARMS[name])
+    types = TYPES.get(name, "r" * n)
+    limits = np.array([(0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees)) for kind in types])
+    q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
+    chain = Chain.from_dh(dh, types, limits=limits)
+    return chain, q, [dh_forward(dh, types, values) for values in q], np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+
+
+@pytest.fixture(params=[0, 1, "fresh"])
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    seed = np.random.SeedSequence().entropy if request.param == "fresh" else request.param
+    print(f"seed {seed}")  # pytest shows it when the test fails
+    return np.random.default_rng(seed)
+
+
+def hull_arm() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(HULL_ARM)
+
+
+def test_forward_is_the_product_of_dh_matrices(rng: np.random.Generator) -> None:
+    for n in (1, 2, 6, 9):
+        dh, types, _ = random_dh(rng, n, "rpo")
+        tool = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
+        q = rng.uniform(-3, 3, n)
+        difference = Chain.from_dh(dh, types, tool=tool).forward(q) - dh_forward(dh, types, q, tool)
+        assert np.abs(difference).max() < 2e-14  # measured 2e-15
+
+
+def test_forward_agrees_with_mujoco(rng: np.random.Generator) -> None:
+    model = hull_arm()
+    data = mujoco.MjData(model)
+    for exclude in ((), ("spring",)):
+        chain = Chain.from_mjcf(model, "hull", "tip", exclude=exclude)
+        q = rng.normal(size=chain.n)
+        data.qpos[7 : 7 + chain.n] = q
+        data.qpos[3:7] = rng.normal(size=4)
+        data.qpos[7 + chain.n :] = 0.0
+        mujoco.mj_kinematics(model, data)
+        hull, tip = data.body("hull"), data.site("tip")
+        X_W_hull, X_W_tip = pose(hull.xmat.reshape(3, 3), hull.xpos), pose(tip.xmat.reshape(3, 3), tip.xpos)
+        assert np.abs(chain.forward(q) - inverse(X_W_hull) @ X_W_tip).max() < 2e-14  # measured 1e-15
+        assert chain.names == ("yaw", "reach", "pitch", "spring")[: chain.n]
+        assert chain.joint_types == "rprp"[: chain.n]
+        np.testing.assert_allclose(chain.limits[:2], [[-1, 2], [-np.inf, np.inf]])
+
+
+def test_vectors_and_dh_describe_the_same_arm(rng: np.random.Generator) -> None:
+    dh, types, limits = random_dh(rng, 6, "rpo")
+    by_dh = Chain.from_dh(dh, types, limits=limits)
+    M = np.diff(np.vstack([by_dh.points, by_dh.X_base_tip0[:3, 3]]), axis=0)
+    kinds = ["pro".index(letter) for letter in types]
+    plain = Chain.from_vectors(M, 2.5 * by_dh.axes, kinds, limits.T)
+    tool = inverse(plain.X_base_tip0) @ by_dh.X_base_tip0
+    by_vectors = Chain.from_vectors(M, 2.5 * by_dh.axes, kinds, limits.T, tool=tool)
+    q = rng.uniform(-2, 2, 6)
+    assert np.abs(by_vectors.forward(q) - by_dh.forward(q)).max() < 2e-14
+    z = plain.X_base_tip0[:3, 2]
+    np.testing.assert_allclose(z, M[-1] / np.linalg.norm(M[-1]), atol=1e-14)  # the paper's E_x
+    np.testing.assert_array_equal(by_vectors.limits, by_dh.limits)
+
+
+def test_jacobian_is_the_derivative_of_forward(rng: np.random.Generator) -> None:
+    dh, types, _ = random_dh(rng, 7, "rpo")
+    chain = Chain.from_dh(dh, types)
+    q, step = rng.uniform(-2, 2, 7), 1e-6
+    J = chain.jacobian(q)
+    for i in range(7):
+        ahead, behind = chain.forward(q + step * np.eye(7)[i]), chain.forward(q - step * np.eye(7)[i])
+        linear = (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
+        angular = log_so3(ahead[:3, :3] @ behind[:3, :3].T) / (2 * step)
+        np.testing.assert_allclose(J[:, i], [*linear, *angular], atol=1e-8)  # measured 3e-10
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_errors_are_those_of_the_answer_and_limits_hold(method: Method, rng: np.random.Generator) -> None:
+    converged = 0
+    for n in (6, 7, 8):
+        dh, types, limits = random_dh(rng, n, "rrrp")
+        chain = Chain.from_dh(dh, types, limits=limits)
+        for _ in range(20):
+            target = dh_forward(dh, types, rng.uniform(limits[:, 0], limits[:, 1]))
+            result = solve(chain, target, rng.uniform(-4, 4, n), method=method, max_iterations=1000)
+            position, orientation = errors_between(dh_forward(dh, types, result.q), target)
+            assert abs(position - result.position_error) < 1e-12
+            assert abs(orientation - result.orientation_error) < 1e-7  # log_so3 loses digits near zero
+            assert np.all((limits[:, 0] <= result.q) & (result.q <= limits[:, 1]))
+            assert result.converged == (position <= 1e-4 and orientation <= 1e-3)
+            assert result.converged == result.cause.startswith("converged")
+            converged += result.converged
+    assert converged >= {"hybrid": 58, "jacobian_free": 50, "plain": 1}[method]  # of 60
+
+
+@pytest.mark.parametrize("name", list(ARMS))
+@pytest.mark.parametrize("degrees", [150.0, 180.0])
+def test_solve_rate(name: str, degrees: float) -> None:
+    """Measured on 1000 targets an arm and bar, cold: 100 % everywhere."""
+    chain, _, targets, home = arm_case(name, degrees, 200, np.random.default_rng(7))
+    assert all(solve(chain, X, home).converged for X in targets)
+    assert all(solve(chain, X, home, 1e-6, 1e-5).converged for X in targets)
+
+
+@pytest.mark.parametrize(("method", "least"), [("jacobian_free", 0.98), ("plain", 0.9)])
+def test_solve_rate_of_the_other_methods(method: Method, least: float) -> None:
+    """PUMA without limits, cold. Measured: jacobian_free 100 %, plain 97 %, as facts/ik.md says of the dissertation."""
+    dh = np.array(ARMS["puma"])
+    chain, q, _, home = arm_case("puma", 150.0, 200, np.random.default_rng(7))
+    free = Chain.from_dh(dh)
+    solved = [solve(free, chain.forward(values), home, method=method).converged for values in q]
+    assert np.mean(solved) >= least
+
+
+@pytest.mark.parametrize("name", list(ARMS))
+def test_keep_follows_the_branch(name: str) -> None:
+    """From within 5 degrees of an answer, `keep` gives an answer near it, for the limits too."""
+    rng = np.random.default_rng(3)
+    chain, q, targets, _ = arm_case(name, 150.0, 200, rng)
+    for values, target in zip(q, targets, strict=True):
+        result = solve(chain, target, values + rng.uniform(-0.087, 0.087, chain.n), branch="keep")
+        assert result.converged
+        assert result.restarts == 0
+        assert np.abs(result.q - values).max() < 0.6  # measured 0.3, by the redundant arms
+
+
+def test_keep_says_when_the_branch_is_lost() -> None:
+    """The elbow-up pose is asked for from elbow down: `free` may take it, `keep` must not cross over unsaid."""
+    chain = Chain.from_dh(ARMS["puma"])
+    elbow_down, elbow_up = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]), np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1])
+    crossed = 0
+    for blend in np.linspace(0.0, 1.0, 21):
+        target = chain.forward(elbow_down + blend * (elbow_up - elbow_down))
+        result = solve(chain, target, elbow_down, branch="keep")
+        sign = np.linalg.det(chain.jacobian(result.q)) * np.linalg.det(chain.jacobian(elbow_down))
+        assert not (result.converged and sign < 0)
+        crossed += "branch" in result.cause
+        assert solve(chain, target, elbow_down).converged
+    print(f"{crossed} of 21 lost their branch")
+
+
+def test_tracking_through_a_wrist_singularity() -> None:
+    """500 Hz steps of a joint path that takes the wrist of a PUMA through zero (paper 003, chapter 4)."""
+    chain = Chain.from_dh(ARMS["puma"])
+    q = np.array([0.2, 0.5, 0.7, 0.4, 0.35, 0.1])
+    for s in np.linspace(0.0, 1.0, 501):
+        wanted = np.array([0.2 + 0.2 * s, 0.5, 0.7, 0.4, 0.35 - 0.7 * s, 0.1])
+        result = solve(chain, chain.forward(wanted), q, branch="keep")
+        assert result.converged
+        assert np.abs(result.q - q).max() < 0.2  # no fast turn of the wrist
+        q = result.q
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
+    chain, _, targets, home = arm_case("general 6R", 150.0, 12, np.random.default_rng(5))
+
+    def answer(i: int) -> bytes:
+        return solve(chain, targets[i], home, method=method, max_iterations=500).q.tobytes()
+
+    once = [answer(i) for i in range(12)]
+    assert [answer(i) for i in reversed(range(12))][::-1] == once
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(answer, range(12))) == once
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("branch", ["free", "keep"])
+def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Branch) -> None:
+    """A planar 2R arm of 1 m, reached for along x at 3 m: straight out, and said so."""
+    chain = Chain.from_dh([(0, 0, 0.6, 0), (0, 0, 0.4, 0)], limits=[(-2, 2), (-2, 2)])
+    result = solve(chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, max_iterations=300)
+    assert not result.converged
+    assert "farther away" in result.cause
+    np.testing.assert_allclose(result.q, 0.0, atol=1e-3)
+    assert abs(result.position_error - 2.0) < 1e-6
+
+
+def test_a_pose_that_limits_forbid_is_not_claimed() -> None:
+    chain = Chain.from_dh(ARMS["puma"], limits=np.tile([-0.5, 0.5], (6, 1)))
+    target = Chain.from_dh(ARMS["puma"]).forward([2.5, 0.3, 0.2, 0.1, 0.4, 0.2])
+    result = solve(chain, target, np.zeros(6))
+    assert not result.converged
+    assert "nearest" in result.cause
+    assert np.all(np.abs(result.q) <= 0.5)
+
+
+def test_one_slide_takes_one_sweep() -> None:
+    """Formula for slides: the step is R.e, exact at once."""
+    chain = Chain.from_vectors([[0.0, 0.0, 0.2]], [[1.0, 0.0, 0.0]], [0], [[-1.0], [1.0]])
+    target = chain.forward([0.37])
+    for method in METHODS:
+        result = solve(chain, target, [-0.5], method=method)
+        assert result.converged
+        assert abs(result.q[0] - 0.37) < 1e-4
+
+
+def test_a_pantograph_link_keeps_what_it_carries_parallel() -> None:
+    """Two plain hinges that turn against each other are one pantograph link."""
+    dh = [(0.2, 0.1, 0.0, H), (0.3, 0.0, 0.7, 0.0), (0.1, 0.1, 0.3, H), (0.0, 0.2, 0.1, -H)]
+    chain = Chain.from_dh(dh, "rorr")
+    pair = Chain.from_dh([dh[0], dh[1], (-0.3, 0, 0, 0), (0.3 + dh[2][0], *dh[2][1:]), dh[3]])
+    q = np.array([0.4, -0.9, 0.3, 0.5])
+    both = pair.forward([q[0], q[1], -q[1], q[2], q[3]])
+    np.testing.assert_allclose(chain.forward(q), both, atol=1e-14)
+    for method in METHODS:
+        result = solve(chain, both, q + 0.1, method=method)
+        assert result.converged
+        np.testing.assert_allclose(result.q, q, atol=1e-2)
+
+
+def test_long_chains_are_solved() -> None:
+    rng = np.random.default_rng(2)
+    n = 60
+    chain = Chain.from_dh(np.column_stack([np.zeros(n), np.zeros(n), np.full(n, 0.05), np.tile([H, -H], n // 2)]))
+    for _ in range(10):
+        target = chain.forward(rng.uniform(-0.4, 0.4, n))
+        assert solve(chain, target, rng.uniform(-0.1, 0.1, n)).converged
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"dh": np.zeros((0, 4))}, "dh"),
+        ({"dh": np.zeros((2, 3))}, "dh"),
+        ({"dh": [[0, 0, np.nan, 0]]}, "dh"),
+        ({"dh": "six"}, "dh"),
+        ({"joint_types": "rr"}, "joint_types"),
+        ({"joint_types": "rx"}, "r .hinge.*p .slide"),
+        ({"limits": [[1, -1]] * 3}, "limits: row 0"),
+        ({"limits": [[np.nan, 1]] * 3}, "limits"),
+        ({"limits": [[-1, 1]]}, "limits"),
+        ({"tool": np.eye(3)}, "tool"),
+        ({"tool": np.diag([1.0, 1.0, -1.0, 1.0])}, "tool.*pose"),
+    ],
+)
+def test_bad_chains_are_refused(change: dict[str, object], names: str) -> None:
+    arguments: dict[str, object] = {"dh": np.ones((3, 4))} | change
+    with pytest.raises(ConfigurationError, match=names):
+        Chain.from_dh(**arguments)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("M", "e", "p", "L", "names"),
+    [
+        ([[1, 0, 0]], [[0, 0, 0]], [1], None, "e: .*row 0"),
+        ([[1, 0, 0]], [[0, 0, 1]], [3], None, "p: allowed"),
+        ([[0, 0, 0]], [[0, 0, 1]], [1], None, "M: the last link"),
+        ([[1, 0, 0]], [[0, 0, 1]], [1], [[1], [-1]], "limits"),
+        ([[1, 0, 0]], [[0, 0, 1]], [1], [[1, 1]], "L"),
+        ([[1, 0, 0]], [[0, 0, 1], [0, 0, 1]], [1], None, "e"),
+    ],
+)
+def test_bad_vectors_are_refused(M: object, e: object, p: object, L: object, names: str) -> None:
+    with pytest.raises(ConfigurationError, match=names):
+        Chain.from_vectors(M, e, p, L)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("body", "site", "exclude", "names"),
+    [
+        ("bull", "tip", (), "base_body.*hull.*'bull'"),
+        ("hull", "tap", (), "tip_site.*tip.*'tap'"),
+        ("hull", "tip", ("twist",), "exclude.*yaw.*'twist'"),
+        ("boom", "lens", (), "tip_site.*'lens'"),
+        ("hull", "lens", (), "no joint"),
+        ("hull", "eye", (), "'neck'.*ball"),
+        ("world", "tip", (), "free"),
+    ],
+)
+def test_bad_models_are_refused(body: str, site: str, exclude: tuple[str, ...], names: str) -> None:
+    with pytest.raises(ConfigurationError, match=names):
+        Chain.from_mjcf(hull_arm(), body, site, exclude=exclude)
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"X_base_tip": np.eye(3)}, "X_base_tip.*shape"),
+        ({"X_base_tip": 2 * np.eye(4)}, "X_base_tip.*pose"),
+        ({"X_base_tip": np.diag([1.0, 1.0, -1.0, 1.0])}, "X_base_tip.*pose"),
+        ({"X_base_tip": np.full((4, 4), np.nan)}, "X_base_tip.*finite"),
+        ({"X_base_tip": pose(p=[np.inf, 0, 0])}, "X_base_tip.*finite"),
+        ({"q0": np.zeros(5)}, "q0.*shape"),
+        ({"q0": np.full(6, np.nan)}, "q0.*finite"),
+        ({"position_tolerance": 0.0}, "tolerances"),
+        ({"orientation_tolerance": np.nan}, "tolerances"),
+        ({"method": "magic"}, "method: allowed hybrid"),
+        ({"branch": "leave"}, "branch: allowed free"),
+        ({"max_iterations": 0}, "max_iterations"),
+        ({"max_restarts": -1}, "max_restarts"),
+    ],
+)
+def test_bad_calls_are_refused(change: dict[str, object], names: str) -> None:
+    arguments: dict[str, object] = {"X_base_tip": np.eye(4), "q0": np.zeros(6)} | change
+    with pytest.raises(ConfigurationError, match=names):
+        solve(Chain.from_dh(ARMS["puma"]), **arguments)  # pyright: ignore[reportArgumentType]
+
+
+def test_forward_refuses_bad_joint_values() -> None:
+    with pytest.raises(ConfigurationError, match="q"):
+        Chain.from_dh(ARMS["puma"]).forward(np.zeros(5))

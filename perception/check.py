@@ -20,6 +20,7 @@ TRIM = 0.15  # share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m], how truly a model is known
 _RAY_STEP = 0.006  # [m] along the curves
 _LINES = 8
+_SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
 _MIN_RAYS = 40
 # Limits on shares of rays and edges (0..1), set between true poses and poses 5 deg or 2 cm off (tests/unit).
 MIN_AGREEMENT = 0.70
@@ -74,7 +75,8 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
         return _unmade(f"only {int(expected.sum())} check rays meet the visible model; need {_MIN_RAYS}")
     C_model, cosine, starts, t_model = C_model[expected], cosine[expected], starts[expected], t_model[expected]
 
-    vertices, triangles = triangulate(evidence.scan, evidence.scan.depth > 0.0)
+    part = evidence.scan.part(evidence.scan.window(C_model, 0.05, _SURFACE_PIXELS))
+    vertices, triangles = triangulate(part, part.depth > 0.0)
     if not len(triangles):
         return _unmade("the scan has no surface")
     on_scan = open3d_loader.cast_rays(

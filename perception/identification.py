@@ -22,7 +22,8 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _PLANES = 3  # background planes taken out at most: floor and two walls
-_REFINED = 2  # starts that are worth a full fit
+_REFINED = 3  # starts that are worth a full fit
+_HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,7 +87,7 @@ def identify(
     sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:
-        X_prior[:3, 3] -= X_prior[:3, :3] @ surface.target.center
+        X_prior[:3, 3] -= X_prior[:3, :3] @ surface.center
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
         mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
@@ -102,8 +103,11 @@ def identify(
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
     verdict = check(evidence, surface, X_ST)
     reason = verdict.reason
+    # A declared axis leaves one motion free; whatever else this view leaves free was not measured but guessed.
+    if not reason and len(found.fit.free) > (surface.target.symmetry.axis is not None):
+        reason = "this view does not hold the whole pose: the model can slide or turn on what is seen"
     if not reason and p_approach is not None:
-        astray = float(np.linalg.norm(transform_points(X_ST, surface.target.center) - p_approach))
+        astray = float(np.linalg.norm(transform_points(X_ST, surface.center) - p_approach))
         if astray > 1.5 * approach_error:
             reason = f"found {astray:.2f} m from where it was expected, limit {1.5 * approach_error:.2f} m"
     visible = surface.visible(X_ST, scan, sensor.max_incidence)
@@ -182,9 +186,9 @@ def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R
     starts = []
     for R in turns:
         if approach is not None:
-            starts.append(pose(R, approach - R @ surface.target.center))
+            starts.append(pose(R, approach - R @ surface.center))
         # Pre-approach: centre of the visible model onto the centre of the cloud.
-        X = pose(R, centroid * (1.0 + 0.5 * surface.target.radius / np.linalg.norm(centroid)))
+        X = pose(R, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
         visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() >= 10:
             X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
@@ -207,13 +211,18 @@ def _distinct_turns(target: TargetModel) -> list[Array]:
 
 def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
     """Coarse fits from all starts, full fits from the best of them, the best of those."""
-    rough = [(coarse_fit(evidence, surface, X), X) for X in starts]
-    rough = sorted(rough, key=lambda pair: -score(evidence, surface, pair[0]))
+    rough: list[tuple[float, Array, Array]] = []
+    for X_start in starts:
+        X = coarse_fit(evidence, surface, X_start)
+        rough.append((score(evidence, surface, X), X, X_start))
+    rough.sort(key=lambda item: -item[0])
     symmetry = surface.target.symmetry
     distinct: list[tuple[Array, Array]] = []
-    for X, X_start in rough:
+    for rough_score, X, X_start in rough:
         apart = [symmetry.error(X, Y) for Y, _ in distinct]
-        if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
+        if rough_score > rough[0][0] - _HOPELESS and all(
+            p > 0.2 * surface.radius or a > np.deg2rad(20.0) for p, a in apart
+        ):
             distinct.append((X, X_start))
     fits = [(fine_fit(evidence, surface, X), X_start) for X, X_start in distinct[:_REFINED]]
     ranked = sorted(

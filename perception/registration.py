@@ -21,6 +21,8 @@ SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends w
 _WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
 _MAX_SCAN_POINTS = 4000
 _COARSE_POINTS = 600
+_PULL = 0.3  # weight of distances along the surface against those across it, while far off
+_REACH = 3.0  # [spacings] within which scan and model count as lying on each other
 _FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
 
 
@@ -32,6 +34,8 @@ class ModelSurface:
     points: Array  # (M, 3) [m]
     normals: Array  # (M, 3) unit
     spacing: float  # [m]
+    center: Array  # (3,) [m], of the target's bounding box
+    radius: float  # [m], of the sphere around it
     scene: Any  # Open3D RaycastingScene
 
     @classmethod
@@ -58,6 +62,8 @@ class ModelSurface:
             points=points[first],
             normals=cross[face[first]] / double_area[face[first], None],
             spacing=spacing,
+            center=target.center,
+            radius=target.radius,
             scene=open3d_loader.ray_scene(target.vertices, target.triangles),
         )
 
@@ -71,16 +77,16 @@ class ModelSurface:
         inside = scan.pixels(transform_points(X_ST, self.points))[2]
         return inside & (first > distance - 0.002) & (cosine > np.cos(max_incidence))
 
-    def seen(self, X_ST: Array, scan: Scan, window: tuple[slice, slice]) -> tuple[Scan, Array]:
-        """The model as the sensor would see it at `X_ST` through `window` of its grid, and cosines (H, W)."""
-        tangent_x, tangent_y = scan.tangent_x[window[1]], scan.tangent_y[window[0]]
-        rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
+    def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
+        """The model as the sensor would see it at `X_ST` on the grid of `scan`, and cosines of incidence (H, W)."""
+        width, height = len(scan.tangent_x), len(scan.tangent_y)
+        rays = np.stack([*np.meshgrid(scan.tangent_x, scan.tangent_y), np.ones((height, width))], axis=-1)
         X_TS = inverse(X_ST)
         rays_T = rays @ X_TS[:3, :3].T
         hit = open3d_loader.cast_rays(self.scene, X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
-        return Scan(points=rays * depth[..., None], tangent_x=tangent_x, tangent_y=tangent_y), cosine
+        return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +134,8 @@ def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iteration
     """A quick fit from far off, on few points, with a gate that narrows from the model's size to a few spacings."""
     step = max(1, len(evidence.points) // _COARSE_POINTS)
     points, normals, sigma = evidence.points[::step], evidence.normals[::step], evidence.sigma[::step]
-    gates = np.geomspace(0.7 * surface.target.radius, 6.0 * surface.spacing, iterations)
+    gates = np.geomspace(0.7 * surface.radius, 6.0 * surface.spacing, iterations)
+    scan_tree = cKDTree(evidence.points)
     for stage in np.array_split(gates, 5):
         visible = np.nonzero(surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence))[0]
         thin = visible[:: max(1, len(visible) // 1500)]
@@ -137,12 +144,17 @@ def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iteration
         model_points, model_normals = surface.points[thin], surface.normals[thin]
         tree = cKDTree(model_points)
         for gate in stage:
-            H, g, _ = _plane_terms(points, normals, sigma, model_points, model_normals, tree, X_ST, gate, 0.3, surface)
-            X_ST, _ = _moved(X_ST, H, g, surface)
+            H, g, _ = _plane_terms(
+                points, normals, sigma, model_points, model_normals, tree, X_ST, gate, _PULL, surface
+            )
+            H_over, g_over = _overhang_terms(
+                evidence, scan_tree, model_points[:: len(thin) // 500 + 1], X_ST, gate, surface
+            )
+            X_ST, _ = _moved(X_ST, H + H_over, g + g_over, surface)
     return X_ST
 
 
-def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 4, inner: int = 5) -> Fit:
+def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 3, inner: int = 4) -> Fit:
     """The full fit: hidden points removed before each round, planes and depth edges together."""
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
     free = np.zeros((0, 6))
@@ -263,24 +275,50 @@ def _plane_terms(
     H = J.T @ (weight[:, None] * J)
     g = J.T @ (weight * along)
     if tangential > 0.0:
+        # Only where the model does not reach: elsewhere neighbours slide along with it and would hold it where it is.
+        length = np.linalg.norm(offset, axis=1)
+        pull = tangential * (length > _REACH * surface.spacing) / (1.0 + (length / gate) ** 2)
         for axis in np.eye(3):
             J = _rows(np.broadcast_to(axis, q.shape), q, X_ST, surface)
-            w = tangential * weight / (1.0 + (np.linalg.norm(offset, axis=1) / gate) ** 2)
+            w = weight * pull
             H += J.T @ (w[:, None] * J)
             g += J.T @ (w * (offset @ axis))
     return H, g, float(np.sqrt(np.average(along**2, weights=weight)))
 
 
+def _overhang_terms(
+    evidence: Evidence, scan_tree: cKDTree, model_points: Array, X_ST: Array, gate: float, surface: ModelSurface
+) -> tuple[Array, Array]:
+    """Normal equations (6, 6), (6,) of visible model points that stick out of the scan, drawn to its nearest points.
+
+    Without them a model slides unpunished along itself, beyond the end of what was scanned.
+    """
+    q = transform_points(X_ST, model_points)
+    q = q[evidence.scan.pixels(q)[2]]
+    distance, index = scan_tree.query(q, distance_upper_bound=gate)
+    out = np.isfinite(distance) & (distance > _REACH * surface.spacing)
+    if not out.any():
+        return np.zeros((6, 6)), np.zeros(6)
+    p, q, distance = evidence.points[index[out]], q[out], distance[out]
+    weight = _PULL / (1.0 + (distance / gate) ** 2) ** 2 / (evidence.sensor.sigma(q[:, 2]) ** 2 + 1e-6)
+    H, g = np.zeros((6, 6)), np.zeros(6)
+    for axis in np.eye(3):
+        J = _rows(np.broadcast_to(axis, q.shape), q, X_ST, surface)
+        H += J.T @ (weight[:, None] * J)
+        g += J.T @ (weight * ((p - q) @ axis))
+    return H, g
+
+
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
     """Jacobian rows (N, 6) of `direction . at` for a twist about the model's centre, rotation scaled by its radius."""
-    arm = at - transform_points(X_ST, surface.target.center)
-    return np.hstack([direction, np.cross(arm, direction) / surface.target.radius])
+    arm = at - transform_points(X_ST, surface.center)
+    return np.hstack([direction, np.cross(arm, direction) / surface.radius])
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
     """One Gauss-Newton step in the directions that the data hold; and the free directions (k, 6)."""
-    radius = surface.target.radius
-    center = transform_points(X_ST, surface.target.center)
+    radius = surface.radius
+    center = transform_points(X_ST, surface.center)
     axis = surface.target.symmetry.axis
     spin = np.zeros((0, 6))
     if axis is not None:
@@ -303,18 +341,12 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
 def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | None:
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
-    center = transform_points(X_ST, surface.target.center)
-    reach = 1.1 * surface.target.radius / max(center[2] - surface.target.radius, 0.3)
-    tangent = center[:2] / max(center[2], 0.1)
-    columns = np.searchsorted(scan.tangent_x, [tangent[0] - reach, tangent[0] + reach])
-    rows = np.searchsorted(scan.tangent_y, [tangent[1] - reach, tangent[1] + reach])
-    stride = max(1, int(np.ceil(np.sqrt(np.prod(np.ptp([rows, columns], axis=1)) / _WINDOW_PIXELS))))
-    window = slice(rows[0], rows[1], stride), slice(columns[0], columns[1], stride)
-    model, cosine = surface.seen(X_ST, scan, window)
-    part = Scan(points=scan.points[window], tangent_x=model.tangent_x, tangent_y=model.tangent_y)
-    mask = evidence.mask[window]
-    if min(mask.shape) < 8:
+    window = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    part = scan.part(window)
+    if min(part.depth.shape) < 8:
         return None
+    model, cosine = surface.seen(X_ST, part)
+    mask = evidence.mask[window]
     of_scan = contour(part, mask, part.depth)
     covered = np.isfinite(model.depth)
     of_model = contour(model, covered, model.depth)

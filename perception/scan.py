@@ -73,13 +73,26 @@ class Scan:
             inside,
         )
 
-    def thinned(self, stride: int) -> "Scan":
-        """Every `stride`-th pixel in both directions."""
+    def part(self, window: tuple[slice, slice]) -> "Scan":
+        """The rows and columns of `window`, whose steps may thin the grid."""
         return Scan(
-            points=self.points[::stride, ::stride],
-            tangent_x=self.tangent_x[::stride],
-            tangent_y=self.tangent_y[::stride],
+            points=self.points[window], tangent_x=self.tangent_x[window[1]], tangent_y=self.tangent_y[window[0]]
         )
+
+    def window(self, points: Array, margin: float, pixels: int) -> tuple[slice, slice]:
+        """Rows and columns that hold the picture of points (N, 3) [m] in S, for `part`.
+
+        `margin` is added on each side, as a share of the picture's size; the steps leave at most about `pixels`.
+        """
+        row, column, _ = self.pixels(points[points[:, 2] > 0.0])
+        if not len(row):
+            return slice(0, 0), slice(0, 0)
+        border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
+        top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
+        left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
+        height, width = min(bottom, self.depth.shape[0]) - top, min(right, self.depth.shape[1]) - left
+        stride = max(1, int(np.ceil(np.sqrt(height * width / pixels))))
+        return slice(top, bottom, stride), slice(left, right, stride)
 
     @classmethod
     def from_depth(cls, image: DepthImage) -> "Scan":

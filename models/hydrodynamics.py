@@ -18,6 +18,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
 
 SEA_WATER: Final = 1025.0  # [kg/m^3]
+ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag a body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations a segment
 
@@ -139,9 +140,9 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
 
 def set_current(
     spec: mujoco.MjSpec,
-    velocity: ArrayLike = (0.0, 0.0, 0.0),
-    acceleration: ArrayLike = (0.0, 0.0, 0.0),
-    shear: ArrayLike = (0.0, 0.0, 0.0),
+    velocity: ArrayLike = ORIGIN,
+    acceleration: ArrayLike = ORIGIN,
+    shear: ArrayLike = ORIGIN,
 ) -> None:
     """Set the current: its velocity (3,) [m/s] at z = 0, acceleration (3,) [m/s^2] and shear dv/dz (3,) [1/s].
 
@@ -277,7 +278,7 @@ def trim(
 
 
 def sphere(
-    radius: float, *, center: ArrayLike = (0, 0, 0), drag_coefficient: float = 0.47, water_density: float = SEA_WATER
+    radius: float, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 0.47, water_density: float = SEA_WATER
 ) -> BodyHydrodynamics:
     """A sphere of `radius` [m] at `center` (3,) [m].
 
@@ -299,33 +300,32 @@ def sphere(
 def ellipsoid(
     semi_axes: ArrayLike,
     *,
-    center: ArrayLike = (0, 0, 0),
-    drag_coefficients: ArrayLike = (0.47, 0.47, 0.47),
+    center: ArrayLike = ORIGIN,
+    drag_coefficient: float = 0.47,
     water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:
     """An ellipsoid with `semi_axes` (3,) [m] along the body axes, at `center` (3,) [m].
 
     Added mass from Lamb, Hydrodynamics, art. 114 and 115 (for two equal axes these are his k-factors of spheroids);
-    each drag coefficient (3,) is on the frontal area of its axis. Drag acts at the body origin.
+    the drag coefficient is on the frontal area of each axis. Drag acts at the body origin.
     """
     a, b, c = axes = checked(semi_axes, (3,), "semi_axes [m]")
     if np.any(axes <= 0.0):
         raise ConfigurationError(f"semi_axes [m]: must be positive, got {axes.tolist()}")
     volume = 4.0 / 3.0 * np.pi * a * b * c
-    drag = checked(drag_coefficients, (3,), "drag_coefficients")
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
         volume=volume,
         center_of_buoyancy=readonly(center),
         added_mass=moved_added_mass(np.diag(water_density * volume * _ellipsoid_factors(axes)), np.eye(3), center),
-        quadratic_damping=np.concatenate([0.5 * water_density * drag * area, np.zeros(3)]),
+        quadratic_damping=np.concatenate([0.5 * water_density * drag_coefficient * area, np.zeros(3)]),
     )
 
 
 def box(
     size: ArrayLike,
     *,
-    center: ArrayLike = (0, 0, 0),
+    center: ArrayLike = ORIGIN,
     drag_coefficient: float = 1.05,
     water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:

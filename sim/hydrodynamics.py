@@ -228,8 +228,8 @@ def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> N
     mobility = np.diag(Minv)
     for i in range(model.njnt):
         first = model.jnt_dofadr[i]
-        blocks = {mujoco.mjtJoint.mjJNT_FREE: [3, 3], mujoco.mjtJoint.mjJNT_BALL: [3]}.get(model.jnt_type[i], [1])
-        for block in blocks:
+        blocks = {int(mujoco.mjtJoint.mjJNT_FREE): [3, 3], int(mujoco.mjtJoint.mjJNT_BALL): [3]}
+        for block in blocks.get(int(model.jnt_type[i]), [1]):
             model.dof_invweight0[first : first + block] = mobility[first : first + block].mean()
             first += block
     model.dof_M0 = np.diag(M)
@@ -244,6 +244,5 @@ def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> N
         columns, moment = data.moment_colind[entries], data.actuator_moment[entries]
         model.actuator_acc0[i] = np.linalg.norm(Minv[:, columns] @ moment)
         if i in damping_ratios:
-            felt = moment**2 > mujoco.mjMINVAL
-            reflected = float(np.sum(model.dof_M0[columns[felt]] / moment[felt] ** 2))
+            reflected = 1.0 / float(moment @ Minv[np.ix_(columns, columns)] @ moment)
             model.actuator_biasprm[i, 2] = -damping_ratios[i] * 2.0 * np.sqrt(model.actuator_gainprm[i, 0] * reflected)

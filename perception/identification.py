@@ -50,6 +50,7 @@ class Identification:
     model_before: Array  # (M, 3) [m] all model points at the start, in S
     model_after: Array  # (K, 3) [m] visible model points at the fitted pose, in S
     evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
+    surface: ModelSurface  # the model as it was matched
     score: float  # share of model confirmed and scan explained, up to 2
     margin: float  # score above the best different pose tried; inf if there was none
     duration_s: float  # [s]
@@ -122,6 +123,7 @@ def identify(
         model_before=readonly(transform_points(found.X_start, surface.points)),
         model_after=readonly(transform_points(X_ST, surface.points[visible])),
         evidence=evidence,
+        surface=surface,
         score=found.score,
         margin=found.margin,
         duration_s=perf_counter() - started,
@@ -262,6 +264,7 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
         model_before=readonly(transform_points(X_prior, surface.points)),
         model_after=nothing,
         evidence=None,
+        surface=surface,
         score=-1.0,
         margin=0.0,
         duration_s=perf_counter() - started,

@@ -325,7 +325,7 @@ def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
     Curved primitives are within SAGITTA of the true surface. Raises ConfigurationError for an unknown type.
     """
     kinds = mujoco.mjtGeom
-    kind, size = model.geom_type[geom], model.geom_size[geom]
+    kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
     if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF):
         mesh = model.geom_dataid[geom]
         start, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]

@@ -1,0 +1,109 @@
+"""Depth frames in, the target and its tool path out: identification as a part of the vehicle."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.targets import ModelPath, TargetModel
+from perception.identification import APPROACH_ERROR, Identification, identify
+from perception.registration import ModelSurface
+from perception.scan import Scan, SensorModel
+from perception.toolpath import plan_path
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import DepthImage, Measurement, StateEstimate, Target, ToolPath
+from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FinderState:
+    """What the finder has seen last, for the log; a frame's outcome does not depend on it."""
+
+    frames: int = 0
+    last: Identification | None = None
+    X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
+
+    def in_world(self, points_C: Array) -> Array:
+        """Points (N, 3) [m] of `last` (cloud, model_before, model_after) in W. Empty before the first frame."""
+        return np.zeros((0, 3)) if self.X_WC is None else transform_points(self.X_WC, points_C)
+
+
+class KnownObjectFinder:
+    """Finds one known object near where a coarse detection has put it, and lays a tool path on it.
+
+    Implements `sim.interfaces.protocols.TargetFinder`.
+    """
+
+    def __init__(
+        self,
+        target: TargetModel,
+        path: str | ModelPath,
+        approach_W: ArrayLike,
+        orientation_W: ArrayLike | None = None,
+        *,
+        sensor: SensorModel | None = None,
+        approach_error: float = APPROACH_ERROR,
+        path_spacing: float = 0.0015,
+        seed: int = 0,
+    ) -> None:
+        """Look for `target` around `approach_W` (3,) [m], the coarse position of its centre in W.
+
+        `path`: name of one of the target's paths, or a path of its own. `orientation_W` (3, 3): coarse rotation of
+        T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool path's samples.
+        Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
+        """
+        self._path = target.path(path) if isinstance(path, str) else path
+        self._approach_W = checked(approach_W, (3,), "approach_W")
+        self._R_WT = None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
+        if not path_spacing > 0.0:
+            raise ConfigurationError(f"path_spacing: must be positive [m], got {path_spacing}")
+        self._sensor = sensor or SensorModel()
+        self._approach_error = approach_error
+        self._spacing = path_spacing
+        self._seed = seed
+        self._surface = ModelSurface.of(target, seed)
+
+    def init(self) -> FinderState:
+        return FinderState()
+
+    def step(self, state: FinderState, estimate: StateEstimate, measurement: Measurement) -> tuple[FinderState, Target]:
+        """Look for the target in one depth frame, taken when the hull was where `estimate` says.
+
+        A frame that shows nothing gives a Target that is not accepted, with a reason. Raises ConfigurationError if
+        `measurement` is no depth frame or a malformed one.
+        """
+        if not isinstance(measurement, DepthImage):
+            raise ConfigurationError(f"target finder: expected a DepthImage, got {type(measurement).__name__}")
+        X_WC = estimate.X_WB @ measurement.X_BC
+        X_CW = inverse(X_WC)
+        found = identify(
+            Scan.from_depth(measurement),
+            self._surface,
+            transform_points(X_CW, self._approach_W),
+            None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
+            sensor=self._sensor,
+            approach_error=self._approach_error,
+            seed=self._seed,
+        )
+        path = _in_world(X_WC, plan_path(found, self._path, spacing=self._spacing)) if found.accepted else None
+        target = Target(
+            time=measurement.time,
+            X_WT=readonly(X_WC @ found.X_sensor_target),
+            accepted=found.accepted,
+            check_m=found.check.figure_m if found.check is not None else float("inf"),
+            range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
+            reason=found.reason,
+            path=path,
+        )
+        return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target
+
+
+def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
+    R_WC = X_WC[:3, :3]
+    return ToolPath(
+        s=path.s,
+        p=readonly(transform_points(X_WC, path.p)),
+        z=readonly(path.z @ R_WC.T),
+        x=readonly(path.x @ R_WC.T),
+        on_scan=path.on_scan,
+    )

@@ -128,7 +128,8 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         if len(body.userdata) and body.userdata[LAYOUT.stamp] != LAYOUT.stamp_value:
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
-    spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
+    if spec.nuser_body >= 0:  # else MuJoCo takes the longest row, and attaching specs makes no conflict
+        spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = water_density
     spec.worldbody.userdata = world

@@ -1,4 +1,4 @@
-"""Every physics test runs with the hydrodynamic callback installed, and random ones with fixed seeds and a fresh one."""
+"""Every physics test runs with the callback installed; random ones run with fixed seeds and a fresh one."""
 
 import os
 from collections.abc import Iterator

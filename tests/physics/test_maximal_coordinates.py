@@ -86,7 +86,7 @@ def body_jacobians(model: mujoco.MjModel, qpos: Array) -> Array:
 
 
 def body_accelerations(model: mujoco.MjModel, qpos: Array, qvel: Array) -> Array:
-    """(nbody, 6) accelerations of the body origins with qacc = 0, by sixth-order differences of the kinematics alone."""
+    """(nbody, 6) accelerations of the body origins with qacc = 0: sixth-order differences of the kinematics."""
     h, total = 5e-3, np.zeros((model.nbody, 6))
     for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
         for sign in (1.0, -1.0):
@@ -161,7 +161,7 @@ def independent_acceleration(
             [zero((model.nv, count)), np.diag(model.dof_armature), Js.T],
         ]
     )
-    solution = np.linalg.solve(system, np.concatenate([F, bias[1:].ravel(), tau]))
+    solution: Array = np.linalg.solve(system, np.concatenate([F, bias[1:].ravel(), tau])).astype(np.float64)
     return solution[count : count + model.nv]
 
 
@@ -177,4 +177,4 @@ def test_acceleration_of_random_trees(rng, within):
         expected = independent_acceleration(model, coefficients, data.qpos, data.qvel, data.qfrc_applied)
         assert np.max(np.abs(data.qacc)) > 0.1
         worst = max(worst, float(np.max(np.abs(data.qacc - expected)) / np.max(np.abs(expected))))
-    within("relative qacc", worst, 1e-9)
+    within("relative qacc", worst, 1e-11)  # measured up to 3e-13

@@ -1,0 +1,287 @@
+"""Added mass as part of the inertia: closed forms, conservation, equivalence with a heavier body."""
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from models import hydrodynamics as water
+from models.hydrodynamics import BodyHydrodynamics
+from sim import hydrodynamics
+from sim.interfaces.spatial import Array
+
+NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
+
+CHAIN = """
+<mujoco>
+  <option timestep="0.002" integrator="RK4" gravity="0 0 0"/>
+  <worldbody>
+    <body name="a"> <freejoint/> <geom type="box" size=".3 .2 .1" mass="20" pos=".1 0 .05"/>
+      <body name="b" pos=".4 0 0"> <joint type="ball"/> <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
+        <body name="c" pos=".4 .1 0"> <joint axis="1 2 3"/> <geom type="box" size=".1 .2 .1" mass="3" pos=".1 0 0"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def semidefinite(rng: np.random.Generator, scale: float) -> Array:
+    L = rng.normal(size=(6, 6))
+    return scale * L @ L.T
+
+
+def chain(rng: np.random.Generator) -> mujoco.MjModel:
+    """Three bodies with full random added masses, no drag, no gravity."""
+    spec = mujoco.MjSpec.from_string(CHAIN)
+    water.attach(spec, {name: BodyHydrodynamics(volume=0.01, added_mass=semidefinite(rng, 1.0)) for name in "abc"})
+    return hydrodynamics.compile(spec)
+
+
+def moving(model: mujoco.MjModel, rng: np.random.Generator, speed: float) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    data.qvel = speed * rng.normal(size=model.nv)
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def kinetic_energy(model: mujoco.MjModel, data: mujoco.MjData) -> float:
+    """Of bodies and water [J]; `d.M` holds both."""
+    p = np.zeros(model.nv)
+    mujoco.mj_mulM(model, data, p, data.qvel)
+    return 0.5 * float(data.qvel @ p)
+
+
+def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Linear [N s] and angular [N m s] momentum (6,) of bodies and water about the world origin, body by body."""
+    total = np.zeros(6)
+    for i in range(1, model.nbody):
+        R, p = data.xmat[i].reshape(3, 3), data.xpos[i]
+        twist = np.zeros(6)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, i, twist, 0)
+        w, v = twist[:3], twist[3:]
+        turn = np.kron(np.eye(2), R)
+        wet = turn @ water.unpack(model.body_user[i]).added_mass @ turn.T @ np.concatenate([v, w])
+        c, C = data.xipos[i] - p, data.ximat[i].reshape(3, 3)
+        linear = model.body_mass[i] * (v + np.cross(w, c))
+        angular = C @ (model.body_inertia[i] * (C.T @ w))
+        total[:3] += linear + wet[:3]
+        total[3:] += np.cross(p + c, linear) + angular + np.cross(p, wet[:3]) + wet[3:]
+    return total
+
+
+@pytest.mark.parametrize("integrator", ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
+@pytest.mark.parametrize("solver", ["CG", "NEWTON"])
+def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within):
+    """a = (rho V - m) g / (m + m_A), constant, so v = a t with every integrator."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><option timestep="0.002"/><worldbody>'
+        '<body name="ball"><freejoint/><geom size=".1" mass="3"/></body></worldbody></mujoco>'
+    )
+    spec.option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+    spec.option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver}")
+    water.attach(spec, {"ball": water.sphere(0.1, drag_coefficient=0.0, water_density=1000.0)}, 1000.0)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    for _ in range(500):
+        mujoco.mj_step(model, data)
+    displaced = 1000.0 * 4.0 / 3.0 * np.pi * 0.1**3
+    expected = (displaced - 3.0) * 9.81 / (3.0 + 0.5 * displaced)
+    within("relative speed after 1 s", data.qvel[2] / expected - 1.0, 1e-13)  # measured 6e-15
+    within("sideways speed [m/s]", data.qvel[[0, 1, 3, 4, 5]], 1e-12)
+
+
+def test_energy_of_a_free_chain_is_constant(rng, within):
+    model = chain(rng)
+    data = moving(model, rng, 0.05)
+    before, start = kinetic_energy(model, data), data.qpos.copy()
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    assert np.linalg.norm(data.qpos - start) > 0.05
+    # Measured 3e-10 and 3e-14: RK4 of MuJoCo before 4.0 is second order in the orientation of free bodies.
+    within("relative energy after 2 s", kinetic_energy(model, data) / before - 1.0, 1e-11 if NEWER else 1e-9)
+
+
+def test_momentum_of_bodies_and_water_is_constant(rng, within):
+    model = chain(rng)
+    data = moving(model, rng, 0.1)
+    before, start = momentum(model, data), data.qpos.copy()
+    data.qfrc_applied[6:] = 0.1 * rng.normal(size=model.nv - 6)  # joint torques are internal
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    assert np.linalg.norm(data.qpos - start) > 0.1
+    change = (momentum(model, data) - before) / np.linalg.norm(before)
+    within("relative momentum after 2 s", change, 1e-12 if NEWER else 1e-7)  # measured 1e-14, 1e-8
+
+
+def test_velocity_terms_are_powerless(rng, within):
+    """The power of the velocity terms is what the changing inertia stores: qvel . f = -1/2 qvel . dA/dt qvel."""
+    model = chain(rng)
+    data = moving(model, rng, 1.0)
+    mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+    mujoco.mj_forward(model, data)
+    rate, h = 0.0, 5e-3
+    for k, weight in ((1, 45.0), (2, -9.0), (3, 1.0)):
+        for sign in (1.0, -1.0):
+            there = mujoco.MjData(model)
+            there.qpos = data.qpos
+            mujoco.mj_integratePos(model, there.qpos, data.qvel, sign * k * h)
+            mujoco.mj_fwdPosition(model, there)
+            rate += sign * weight * data.qvel @ hydrodynamics.added_inertia(model, there) @ data.qvel
+    power = data.qvel @ data.qfrc_passive
+    assert abs(power) > 1e-2
+    within("relative power", power / (-0.5 * rate / (60.0 * h)) - 1.0, 1e-9)  # measured 7e-11, of the differences
+
+
+def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
+    """Kirchhoff's equations P' = P x w, H' = H x w + P x v, integrated by SciPy (Lamb, Hydrodynamics, art. 124)."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><option timestep="0.001" integrator="RK4"/><worldbody>'
+        '<body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" density="1000"/></body></worldbody></mujoco>'
+    )
+    water.attach(spec, {"e": water.ellipsoid([0.3, 0.2, 0.1], drag_coefficient=0, water_density=1000)}, 1000)
+    model = hydrodynamics.compile(spec)
+    A = water.unpack(model.body_user[1]).added_mass
+    G = A + np.diag([*[model.body_mass[1]] * 3, *model.body_inertia[1]])
+    Ginv: Array = np.linalg.inv(G).astype(np.float64)
+    nu0 = np.array([0.3, 0.2, -0.4, 1.0, -2.0, 1.5])
+
+    def rates(_: float, nu: Array) -> Array:
+        P, H = np.split(G @ nu, 2)
+        v, w = np.split(nu, 2)
+        return Ginv @ np.concatenate([np.cross(P, w), np.cross(H, w) + np.cross(P, v)])
+
+    exact = solve_ivp(rates, (0.0, 2.0), nu0, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
+    data = mujoco.MjData(model)
+    data.qvel = nu0
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+    mujoco.mj_kinematics(model, data)
+    nu = np.concatenate([data.xmat[1].reshape(3, 3).T @ data.qvel[:3], data.qvel[3:]])
+    assert np.linalg.norm(exact - nu0) > 1.0
+    within("twist after 2 s", nu - exact, 3e-10 if NEWER else 3e-5)  # measured 3e-11, 3e-6
+
+
+def test_munk_moment_turns_a_slender_body_broadside(within):
+    """N = -(Y' - X') u v in body axes: a body that moves bow up is turned further up."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".5 .1 .1" density="1000"/>'
+        "</body></worldbody></mujoco>"
+    )
+    body = water.ellipsoid([0.5, 0.1, 0.1], drag_coefficient=0, water_density=1000)
+    water.attach(spec, {"e": body}, 1000.0)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    u, v = 1.0, 0.2
+    data.qvel[:2] = u, v
+    mujoco.mj_forward(model, data)
+    expected = (body.added_mass[0, 0] - body.added_mass[1, 1]) * u * v
+    assert expected < 0.0
+    within("relative moment", data.qfrc_passive[5] / expected - 1.0, 1e-14)  # measured 1e-16
+
+
+def test_steady_current_is_a_moving_frame(rng, within):
+    """Bodies that drift with the water move as in still water: added mass, damping and drag see the relative flow."""
+    spec = mujoco.MjSpec.from_string(CHAIN)
+    for name in "abc":
+        body = BodyHydrodynamics(
+            volume=0.004,
+            center_of_buoyancy=0.1 * rng.normal(size=3),
+            added_mass=semidefinite(rng, 1.0),
+            linear_damping=rng.uniform(0, 3, 6),
+            quadratic_damping=rng.uniform(0, 3, 6),
+            strips=water.cylinder(0.03, [0, 0, 0], [0.3, 0, 0]).segments,
+        )
+        water.attach(spec, {name: body})
+    spec.option.gravity = [0.0, 0.0, -9.81]
+    model = hydrodynamics.compile(spec)
+    velocity = 0.3 * rng.normal(size=model.nv)
+    current = rng.normal(size=3)
+    runs = []
+    for v_c in (np.zeros(3), current):
+        model.opt.wind = v_c
+        data = mujoco.MjData(model)
+        data.qvel = velocity
+        data.qvel[:3] += v_c
+        for _ in range(500):
+            mujoco.mj_step(model, data)
+        runs.append((data.qpos.copy(), data.qvel.copy()))
+    (still, slow), (carried, fast) = runs
+    assert np.linalg.norm(still[:3]) > 0.1
+    still[:3] += current * 500 * model.opt.timestep
+    slow[:3] += current
+    within("position and velocity after 1 s", np.concatenate([carried - still, fast - slow]), 3e-13)  # measured 3e-14
+
+
+def test_accelerating_flow_carries_neutral_water_along(within):
+    """A body that is water itself (m = rho V) takes exactly the acceleration of the flow, whatever its added mass."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><worldbody><body name="e"><freejoint/><geom type="ellipsoid" size=".3 .2 .1" density="1000"/>'
+        "</body></worldbody></mujoco>"
+    )
+    body = water.ellipsoid([0.3, 0.2, 0.1], water_density=1000)
+    water.attach(spec, {"e": body}, 1000.0)
+    flow = [0.3, -0.1, 0.2]
+    water.set_current(spec, acceleration=flow)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    data.qpos[3:] = [0.6, 0.5, -0.3, 0.2]
+    mujoco.mj_forward(model, data)
+    within("acceleration [m/s^2]", data.qacc - [*flow, 0, 0, 0], 3e-14)  # measured 3e-15
+
+
+CRASH = """
+<mujoco>
+  <option timestep="0.002" gravity="0 0 0" integrator="{integrator}" cone="{cone}"/>
+  <worldbody>
+    <geom type="plane" size="5 5 1"/>
+    <body name="box" pos="0 0 .3"> <freejoint/> <inertial pos="0 0 0" mass="{mass}" diaginertia="{i} {i} {i}"/>
+      <geom type="box" size=".1 .15 .05" friction=".5"/>
+      <body name="rod" pos=".1 0 0"> <joint axis="0 1 0" range="-30 30" damping=".1"/>
+        <inertial pos="0 0 0" mass="{rod}" diaginertia=".1 .1 .1"/> <geom size=".04" pos=".1 0 0"/> </body>
+    </body>
+  </worldbody>
+  <actuator> <position joint="{joint}" kp="5" dampratio="1"/> </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
+@pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
+def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, within):
+    """The same throw at the floor, with friction, a joint limit and a servo: 1 + 20 kg of water, or 21 kg."""
+    paths, touched = [], 0
+    for wet in (True, False):
+        text = CRASH.format(
+            integrator=integrator,
+            cone=cone,
+            mass=1 if wet else 21,
+            rod=0.5 if wet else 2.5,
+            i=0.2 if wet else 0.5,
+            joint="j",
+        ).replace("<joint axis", '<joint name="j" axis')
+        spec = mujoco.MjSpec.from_string(text)
+        if wet:
+            A = np.diag([20.0] * 3 + [0.3] * 3)
+            water.attach(
+                spec,
+                {
+                    "box": BodyHydrodynamics(volume=0.0, added_mass=A),
+                    "rod": BodyHydrodynamics(volume=0.0, added_mass=np.diag([2.0] * 3 + [0.0] * 3)),
+                },
+            )
+        model = hydrodynamics.compile(spec)
+        data = mujoco.MjData(model)
+        data.qvel[:] = [1.0, 0.2, -1.0, 0.5, -0.3, 0.8, 2.0]
+        path = []
+        for _ in range(400):
+            mujoco.mj_step(model, data)
+            touched += data.ncon > 0
+            path.append(data.qpos.copy())
+        paths.append(np.array(path))
+    assert touched > 20
+    # Measured 1e-15. "implicit" alone differentiates the velocity terms, and MuJoCo knows only the dry ones.
+    within("position [m, rad]", paths[0] - paths[1], 1e-3 if integrator == "implicit" else 1e-13)

@@ -1,0 +1,151 @@
+"""Buoyancy, trim and drag against closed forms."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from models import hydrodynamics as water
+from models.hydrodynamics import BodyHydrodynamics, StripDrag
+from sim import hydrodynamics
+
+RHO = 1000.0
+FREE = """
+<mujoco>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <worldbody> <body name="hull" pos="0 0 -5"> <freejoint/> <geom {geom}/> </body> </worldbody>
+</mujoco>
+"""
+VEHICLE = """
+<mujoco>
+  <option timestep="0.01" integrator="implicitfast"/>
+  <worldbody>
+    <body name="hull" pos="0 0 -5"> <freejoint/> <geom type="box" size=".5 .3 .2" mass="80" pos=".02 -.01 -.03"/>
+      <body name="upper" pos=".4 0 -.2"> <joint axis="0 1 0" damping="5" stiffness="300"/>
+        <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="6"/>
+        <body name="lower" pos="0 0 -.5"> <joint axis="0 1 0" damping="5" stiffness="300"/>
+          <geom type="capsule" size=".04 .2" pos="0 0 -.25" mass="5"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def test_terminal_velocity(within):
+    """A light sphere rises at sqrt(2 (rho V - m) g / (rho C_d pi r^2))."""
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
+    water.attach(spec, {"hull": water.sphere(0.1, drag_coefficient=0.47, water_density=RHO)}, RHO)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    for _ in range(5000):
+        mujoco.mj_step(model, data)
+    lift = (RHO * 4.0 / 3.0 * np.pi * 0.1**3 - 3.0) * 9.81
+    expected = np.sqrt(2.0 * lift / (RHO * 0.47 * np.pi * 0.1**2))
+    within("relative terminal velocity", data.qvel[2] / expected - 1.0, 1e-13)  # measured 1e-15
+
+
+def test_righting_period(within):
+    """A trimmed body rocks about its centre of mass with 2 pi sqrt((I + I_A) / (m g h)), for small angles."""
+    h = 0.05
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".5 .2 .2" mass="80"'))
+    body = water.ellipsoid([0.5, 0.2, 0.2], drag_coefficient=0.0, water_density=RHO)
+    water.attach(spec, {"hull": body}, RHO)
+    water.trim(spec, "hull", metacentric_height=h)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    pitch = 1e-4
+    data.qpos[3:] = [np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
+    mujoco.mj_forward(model, data)
+    inertia = model.body_inertia[1, 1] + body.added_mass[4, 4]
+    expected = -80.0 * 9.81 * h * np.sin(pitch) / inertia
+    within("relative pitch acceleration", data.qacc[4] / expected - 1.0, 1e-11)  # rounding of the angle
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.7])
+def test_trimmed_vehicle_stays_for_a_minute(bend, within):
+    """Weight equals buoyancy and both act on one vertical, at home or with the arm bent."""
+    spec = mujoco.MjSpec.from_string(VEHICLE)
+    link = water.cylinder(0.04, [0, 0, 0], [0, 0, -0.5], water_density=RHO)
+    water.attach(spec, {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link}, RHO)
+    home = np.array([0, 0, -5, 1, 0, 0, 0, bend, -bend])
+    for i, joint in enumerate(spec.joints[1:]):
+        joint.springref = home[7 + i]
+    water.trim(spec, "hull", metacentric_height=0.03, qpos=home)
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    data.qpos = home
+    mujoco.mj_forward(model, data)
+    hold = -data.qfrc_passive[6:] + data.qfrc_bias[6:]  # a static arm needs torque against its net weight
+    for _ in range(6000):
+        data.qfrc_applied[6:] = hold
+        mujoco.mj_step(model, data)
+    within("drift [m, rad]", data.qpos - home, 1e-11)  # measured 1e-13
+
+
+def test_simple_neutral_body_stays_for_a_minute(within):
+    """Its inertial frame is its body frame: MuJoCo would store only the diagonal of its inertia."""
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".3 .2 .1" mass="20"'))
+    water.attach(spec, {"hull": water.ellipsoid([0.3, 0.2, 0.1])})
+    water.trim(spec, "hull", metacentric_height=0.02)
+    model = hydrodynamics.compile(spec)
+    assert model.M_rownnz.tolist() == [1, 2, 3, 4, 5, 6]
+    data = mujoco.MjData(model)
+    for _ in range(30000):
+        mujoco.mj_step(model, data)
+    within("drift [m]", data.qpos[:3] - [0.0, 0.0, -5.0], 1e-11)  # measured 1e-12
+    within("tilt", data.qpos[3:] - [1.0, 0.0, 0.0, 0.0], 1e-14)
+
+
+def test_drag_of_a_swinging_strip(within):
+    """About one end, k w |w| x^3 integrates to k w^2 L^4 / 4; across, k v^2 L acts in the middle."""
+    k, L, w, v = 30.0, 0.6, 1.5, 0.8
+    strip = StripDrag(start=np.zeros(3), end=np.array([L, 0.0, 0.0]), normal=k, tangential=2.0, stations=2)
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="50"'))
+    water.attach(spec, {"hull": BodyHydrodynamics(volume=0.0, strips=strip)}, RHO)
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    data.qvel[5] = w
+    mujoco.mj_forward(model, data)
+    within("relative torque", data.qfrc_passive[5] / (-k * w**2 * L**4 / 4.0) - 1.0, 1e-14)
+    within("relative force", data.qfrc_passive[1] / (-k * w**2 * L**3 / 3.0) - 1.0, 1e-14)
+    data.qvel[:] = [v, v, 0, 0, 0, 0]
+    mujoco.mj_forward(model, data)
+    expected = np.array([-2.0 * v**2 * L, -k * v**2 * L, 0.0, 0.0, 0.0, -k * v**2 * L * L / 2.0])
+    within("force [N, N m]", data.qfrc_passive - expected, 1e-13)
+
+
+def test_drag_follows_the_shear_of_the_current(within):
+    """At depth z the current is v + z dv/dz, and a body that drifts with it feels no drag."""
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
+    water.attach(spec, {"hull": BodyHydrodynamics(volume=0.003, quadratic_damping=np.ones(6))}, RHO)
+    water.set_current(spec, velocity=[0.5, 0.0, 0.0], shear=[0.1, 0.04, 0.0])
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    within("force at rest [N]", data.qfrc_passive[:3] - [0.0, -(0.2**2), 0.003 * RHO * 9.81], 1e-13)
+    data.qvel[:2] = [0.0, -0.2]
+    mujoco.mj_forward(model, data)
+    within("force adrift [N]", data.qfrc_passive[:3] - [0.0, 0.0, 0.003 * RHO * 9.81], 1e-13)
+
+
+def test_drag_never_feeds_energy(rng):
+    """With a full linear 6x6, quadratic rows and strips, the power of drag is negative for any twist."""
+    skewed = rng.normal(size=(6, 6))
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="50"'))
+    body = BodyHydrodynamics(
+        volume=0.0,
+        linear_damping=np.eye(6) + skewed - skewed.T,
+        quadratic_damping=rng.uniform(0, 5, 6),
+        strips=(*water.cylinder(0.03, [0.1, 0, 0], [0.5, 0.2, 0]).segments,),
+    )
+    water.attach(spec, {"hull": body})
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    for _ in range(200):
+        data.qvel = rng.normal(size=6)
+        data.qpos[3:] = rng.normal(size=4)
+        mujoco.mj_forward(model, data)
+        assert data.qvel @ data.qfrc_passive < 0.0

@@ -242,8 +242,8 @@ def solve(
     orientation_tolerance: float = 1e-3,
     method: Method = "hybrid",
     branch: Branch = "free",
-    max_iterations: int = 2000,
-    max_restarts: int = 100,
+    max_iterations: int = 4000,
+    max_restarts: int = 200,
 ) -> IkResult:
     """Joint values within the limits that bring the tip to `X_base_tip` (4, 4), sought from `q0` (n,) [rad] or [m].
 
@@ -338,6 +338,9 @@ def _tables(chain: Chain) -> tuple[Array, Array, float]:
     ends[1, :, :3] = R.T @ chain.X_base_tip0[:3, :3]
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
     ends[1, 0, 3] = scale * (size + sum(strokes)) * (1.0 + 1e-9)
+    # Measured: full sweeps curl the tip of long chains, and drive joints onto narrow limits.
+    turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
+    ends[1, 1, 3] = float(n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p"))
     return readonly(joints), readonly(ends), scale
 
 

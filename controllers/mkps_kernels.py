@@ -4,8 +4,9 @@ A chain comes as two tables. `joints` has one row per joint, columns as named be
 its z axis by offset + q, moves by the link vector, then turns about its x axis by alpha to reach the next joint axis.
 With the link vector free this form takes any two axes, parallel ones too, and costs two plane rotations a joint.
 `ends` is (2, 3, 4): the pose of the first joint frame in the base, and the rotation of the tip in the last joint frame;
-`ends[1, 0, 3]` bounds the distance that the tip can get from the first joint. Lengths in both are multiplied by
-`scale`, a power of two that makes the arm about one unit long, so that metres and radians can share one norm.
+`ends[1, 0, 3]` bounds the distance that the tip can get from the first joint, `ends[1, 1, 3]` is 1 where a far start
+deserves a sweep. Lengths in both are multiplied by `scale`, a power of two that makes the arm about one unit long, so
+that metres and radians can share one norm.
 `scratch` is uninitialised memory of `scratch_size(n)` numbers, cut by `partition` into `goal` (4, 3): the scaled tip
 position, then the wanted axes of the last joint frame, one a row; `normal` (6, 8), `work` (n, WORK), `memory`
 (n, HISTORY).
@@ -30,7 +31,9 @@ ALONG, WITHIN, THROUGH = 0, 1, 2
 # Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
 DAMPING = 0.1  # of the squared error
 LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on its branch
-SWEEP_WEIGHT = 0.01  # [1/rad^2] of the tool axes against the scaled position in a combined sweep
+FAR = 0.1  # squared error of a start from which a sweep pays off before a descent
+FAR_WEIGHT = 0.1  # [1/rad^2] of the tool axes against the scaled position in that sweep
+SWEEP_WEIGHT = 0.01  # [1/rad^2] the same in accelerated sweeps, where position must lead
 STAGE_SWEEPS = 10  # longest run of one stage of plain MKPS
 SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # like STALL_*, for accelerated sweeps
 DEPTH = 5  # of the Anderson acceleration
@@ -272,8 +275,8 @@ def admit(value, lower, upper, hinge):
 
 
 @_jit
-def sweep(joints, ends, scale, goal, mode, q, work):
-    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + w sum |a_k - t_k|^2.
+def sweep(joints, ends, scale, goal, weight, mode, q, work):
+    """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum |a_k - t_k|^2.
 
     This joins the three stages of paper 003, formulas (2), (4) and (5), into one. Joints above the moving one keep
     their axes and points, so only the tip point and the tool axes are carried: O(n). `mode` as in `descend`.
@@ -314,10 +317,10 @@ def sweep(joints, ends, scale, goal, mode, q, work):
                 + (ex * yx + ey * yy + ez * yz) * (ex * ux + ey * uy + ez * uz)
                 + (ex * zx + ey * zy + ez * zz) * (ex * vx + ey * vy + ez * vz)
             )
-            near += SWEEP_WEIGHT * (
+            near += weight * (
                 xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - ea_et
             )
-            across += SWEEP_WEIGHT * (
+            across += weight * (
                 ex * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
                 + ey * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
                 + ez * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
@@ -470,14 +473,20 @@ def begin(joints, ends, scale, X, q0, leaps, goal, q):
 
 
 @_jit
-def recall(joints, ends, scale, goal, work, q):
-    """The best joint values seen into `q`; returns their position and orientation errors."""
-    for i in range(joints.shape[0]):
-        q[i] = work[i, BEST]
+def errors(joints, ends, scale, goal, q, work):
+    """Position [scaled] and orientation error at `q`."""
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
     ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
     error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
     return math.sqrt(ex * ex + ey * ey + ez * ez), error_r
+
+
+@_jit
+def recall(joints, ends, scale, goal, work, q):
+    """The best joint values seen into `q`; returns their position and orientation errors."""
+    for i in range(joints.shape[0]):
+        q[i] = work[i, BEST]
+    return errors(joints, ends, scale, goal, q, work)
 
 
 @_jit
@@ -495,7 +504,7 @@ def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q):
 
 @_jit
 def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scratch, q):
-    """Levenberg-Marquardt with restarts, every other one THROUGH the limits.
+    """A combined sweep from a far start, then Levenberg-Marquardt, then restarts, every other one THROUGH the limits.
 
     Returns (code, steps, restarts, position error [scaled], orientation error).
     """
@@ -510,6 +519,10 @@ def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scra
     restart = 0
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
+        if restart == 0 and ends[1, 1, 3] > 0.0:
+            error_p, error_r = errors(joints, ends, scale, goal, q, work)
+            if error_p * error_p + error_r * error_r > FAR:
+                sweep(joints, ends, scale, goal, FAR_WEIGHT, mode, q, work)
         code, spent, best2, error_p, error_r = descend(
             joints,
             ends,
@@ -656,7 +669,7 @@ def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, norm
     while True:
         for i in range(n):
             memory[i, AT] = q[i]
-        p2, error_r = sweep(joints, ends, scale, goal, mode, q, work)
+        p2, error_r = sweep(joints, ends, scale, goal, SWEEP_WEIGHT, mode, q, work)
         error2 = p2 + error_r * error_r
         if p2 <= tol_p * tol_p and error_r <= tol_r:
             for i in range(n):

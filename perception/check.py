@@ -22,6 +22,9 @@ _RAY_STEP = 0.006  # [m] along the curves
 _LINES = 8
 _SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
 _MIN_RAYS = 40
+_PATCHES = 9.0  # patches to the model's radius
+_PATCH_RAYS = 5
+_PATCH_TRIM = 0.25  # share of patches that may be fouled or dented
 # Limits on shares of rays and edges (0..1), set between true poses and poses 5 deg or 2 cm off (tests/unit).
 MIN_AGREEMENT = 0.70
 MAX_THROUGH = 0.12
@@ -35,6 +38,8 @@ class Check:
 
     figure_m: float  # [m] trimmed rms distance of both projections along o; inf if it could not be made
     threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
+    form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: what noise does not explain
+    form_threshold_m: float  # [m]
     agreement: float  # share of the rays where both surfaces lie within that limit (3 sigma each)
     through: float  # share of the rays where the scan lies behind the model's surface
     rays: int  # that should hit both
@@ -90,9 +95,12 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
     near = np.abs(E) < 3.0 * sigma
     # A ray past the scanned object meets what is behind it, or nothing.
     through = ~near & (E > 0.0)
-    distances = np.sort(np.abs(E))[: max(1, int((1.0 - TRIM) * len(E)))]
-    figure = float(np.sqrt(np.mean(distances**2)))
+    if both.sum() < _MIN_RAYS:
+        return _unmade(f"only {int(both.sum())} check rays meet the scan; need {_MIN_RAYS}")
+    figure = _trimmed_rms(E[both], TRIM)
     threshold = 1.5 * float(np.sqrt(np.mean(sigma**2)))
+    form, rays_a_patch = _form(C_model[both], E[both], surface.radius / _PATCHES)
+    form_threshold = MODEL_TOLERANCE + 1.1 * float(np.sqrt(np.mean(sigma**2) / rays_a_patch))
 
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
@@ -102,6 +110,7 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
         text
         for failed, text in (
             (figure > threshold, f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm"),
+            (form > form_threshold, f"shapes differ by {1e3 * form:.1f} mm, limit {1e3 * form_threshold:.1f} mm"),
             (agreement < MIN_AGREEMENT, f"only {agreement:.0%} of the check rays agree, need {MIN_AGREEMENT:.0%}"),
             (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
             (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
@@ -113,6 +122,8 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
     return Check(
         figure_m=figure,
         threshold_m=threshold,
+        form_m=form,
+        form_threshold_m=form_threshold,
         agreement=agreement,
         through=seen_through,
         rays=len(E),
@@ -124,6 +135,24 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
         points_model=C_model[both],
         reason="; ".join(failures),
     )
+
+
+def _trimmed_rms(distances: Array, trim: float) -> float:
+    kept = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
+    return float(np.sqrt(np.mean(kept**2)))
+
+
+def _form(points: Array, E: Array, size: float) -> tuple[float, float]:
+    """Trimmed rms [m] of the medians of `E` (N,) over cubes of edge `size` [m], and the mean number of rays in one.
+
+    Averaging takes the noise out and leaves what is wrong with shape and pose.
+    """
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    medians = np.array([np.median(E[patch == i]) for i in np.nonzero(count >= _PATCH_RAYS)[0]])
+    if len(medians) < 4:
+        return 0.0, 1.0
+    return _trimmed_rms(medians, _PATCH_TRIM), float(count[count >= _PATCH_RAYS].mean())
 
 
 def _curves(H_D: Array, o: Array, points: Array) -> Array:
@@ -148,6 +177,8 @@ def _unmade(reason: str) -> Check:
     return Check(
         figure_m=np.inf,
         threshold_m=0.0,
+        form_m=np.inf,
+        form_threshold_m=0.0,
         agreement=0.0,
         through=0.0,
         rays=0,

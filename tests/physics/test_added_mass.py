@@ -40,8 +40,10 @@ def chain(rng: np.random.Generator) -> mujoco.MjModel:
 
 
 def moving(model: mujoco.MjModel, rng: np.random.Generator, speed: float) -> mujoco.MjData:
+    """In motion, the vector of speeds [m/s, rad/s] being `speed` long: what the integrator misses grows with it."""
     data = mujoco.MjData(model)
-    data.qvel = speed * rng.normal(size=model.nv)
+    direction = rng.normal(size=model.nv)
+    data.qvel = speed * direction / np.linalg.norm(direction)
     mujoco.mj_forward(model, data)
     return data
 
@@ -99,14 +101,14 @@ def test_energy_of_a_free_chain_is_constant(rng, within):
     for _ in range(1000):
         mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
-    assert np.linalg.norm(data.qpos - start) > 0.05
-    # Measured 3e-10 and 3e-14: RK4 of MuJoCo before 4.0 is second order in the orientation of free bodies.
+    assert np.linalg.norm(data.qpos - start) > 0.03
+    # Measured up to 1e-10 and 1e-14 over 100 seeds. Before 4.0, RK4 is second order in a free body's orientation.
     within("relative energy after 2 s", kinetic_energy(model, data) / before - 1.0, 1e-11 if NEWER else 1e-9)
 
 
 def test_momentum_of_bodies_and_water_is_constant(rng, within):
     model = chain(rng)
-    data = moving(model, rng, 0.1)
+    data = moving(model, rng, 0.2)
     before, start = momentum(model, data), data.qpos.copy()
     data.qfrc_applied[6:] = 0.1 * rng.normal(size=model.nv - 6)  # joint torques are internal
     for _ in range(1000):
@@ -114,13 +116,13 @@ def test_momentum_of_bodies_and_water_is_constant(rng, within):
     mujoco.mj_forward(model, data)
     assert np.linalg.norm(data.qpos - start) > 0.1
     change = (momentum(model, data) - before) / np.linalg.norm(before)
-    within("relative momentum after 2 s", change, 1e-12 if NEWER else 1e-7)  # measured 1e-14, 1e-8
+    within("relative momentum after 2 s", change, 1e-12 if NEWER else 5e-7)  # measured up to 1e-13, 5e-8
 
 
 def test_velocity_terms_are_powerless(rng, within):
     """The power of the velocity terms is what the changing inertia stores: qvel . f = -1/2 qvel . dA/dt qvel."""
     model = chain(rng)
-    data = moving(model, rng, 1.0)
+    data = moving(model, rng, 3.0)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
     mujoco.mj_forward(model, data)
     rate, h = 0.0, 5e-3
@@ -133,7 +135,7 @@ def test_velocity_terms_are_powerless(rng, within):
             rate += sign * weight * data.qvel @ hydrodynamics.added_inertia(model, there) @ data.qvel
     power = data.qvel @ data.qfrc_passive
     assert abs(power) > 1e-2
-    within("relative power", power / (-0.5 * rate / (60.0 * h)) - 1.0, 1e-9)  # measured 7e-11, of the differences
+    within("relative power", power / (-0.5 * rate / (60.0 * h)) - 1.0, 3e-9)  # measured up to 3e-10, of the differences
 
 
 def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
@@ -213,7 +215,8 @@ def test_steady_current_is_a_moving_frame(rng, within):
     assert np.linalg.norm(still[:3]) > 0.1
     still[:3] += current * 500 * model.opt.timestep
     slow[:3] += current
-    within("position and velocity after 1 s", np.concatenate([carried - still, fast - slow]), 3e-13)  # measured 3e-14
+    difference = np.concatenate([carried - still, fast - slow])
+    within("position and velocity after 1 s", difference, 3e-13)  # measured up to 3e-14
 
 
 def test_accelerating_flow_carries_neutral_water_along(within):

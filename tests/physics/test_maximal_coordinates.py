@@ -177,4 +177,4 @@ def test_acceleration_of_random_trees(rng, within):
         expected = independent_acceleration(model, coefficients, data.qpos, data.qvel, data.qfrc_applied)
         assert np.max(np.abs(data.qacc)) > 0.1
         worst = max(worst, float(np.max(np.abs(data.qacc - expected)) / np.max(np.abs(expected))))
-    within("relative qacc", worst, 1e-11)  # measured up to 3e-13
+    within("relative qacc", worst, 3e-11)  # measured up to 3e-12

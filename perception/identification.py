@@ -23,6 +23,7 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _PLANES = 3  # background planes taken out at most: floor and two walls
 _REFINED = 3  # starts that are worth a full fit
+_CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
 
 
@@ -217,6 +218,15 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
     for X_start in starts:
         X = coarse_fit(evidence, surface, X_start)
         rough.append((score(evidence, surface, X), X, X_start))
+    if max(item[0] for item in rough) < _CONVINCING:
+        # What can go wrong near a right attitude is a slide along the object; try again from both sides of it.
+        best = max(rough, key=lambda item: item[0])[1]
+        size = np.ptp(surface.points, axis=0)
+        along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
+        for share in (-0.7, -0.35, 0.35, 0.7):
+            X_start = best @ pose(p=share * along)
+            X = coarse_fit(evidence, surface, X_start)
+            rough.append((score(evidence, surface, X), X, X_start))
     rough.sort(key=lambda item: -item[0])
     symmetry = surface.target.symmetry
     distinct: list[tuple[Array, Array]] = []

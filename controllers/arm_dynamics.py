@@ -75,7 +75,7 @@ def _rotate_back(R, a, out):
 
 
 @numba.njit(cache=True)
-def _newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, tau, wrench_B):
+def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, tau, wrench_B):
     """Forward pass for motion, backward pass for forces; results in `tau` (n,) and `wrench_B` (6,).
 
     The tree comes as one block of numbers (`_Tree.packed`): a call with thirty arrays costs more than the sums.
@@ -277,8 +277,55 @@ def _newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work,
                 up[3 + i] += t2[i] + t3[i]
 
 
+@numba.njit(cache=True)
+def tip_kinematics(layout, numbers, work, X_BG, J_B):
+    """Tip pose in the hull's frame (4, 4) and its Jacobian (6, n), linear over angular, hull axes.
+
+    Reads the joint rotations and places that `newton_euler` left in `work`.
+    """
+    nb = layout.shape[1]
+    R = work[: 9 * nb].reshape(nb, 3, 3)
+    p = work[9 * nb : 12 * nb].reshape(nb, 3)
+    axis = numbers[0 : 3 * nb].reshape(nb, 3)
+    p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
+    R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
+    J_B[:, :] = 0.0
+    # From the tip inward: the tip seen from each body, and every joint's columns turned along.
+    X_BG[:3, :3] = R_tip
+    X_BG[:3, 3] = p_tip
+    X_BG[3, :3] = 0.0
+    X_BG[3, 3] = 1.0
+    t = work[39 * nb : 39 * nb + 3]
+    b = layout[3, 0]
+    while b >= 0:
+        column, kind = layout[2, b], layout[1, b]
+        if column >= 0:
+            if kind == _HINGE:
+                _cross(axis[b], X_BG[:3, 3], t)
+                for i in range(3):
+                    J_B[i, column], J_B[3 + i, column] = t[i], axis[b, i]
+            else:
+                for i in range(3):
+                    J_B[i, column] = axis[b, i]
+        for j in range(J_B.shape[1]):
+            for first in (0, 3):
+                x, y, z = J_B[first, j], J_B[first + 1, j], J_B[first + 2, j]
+                for i in range(3):
+                    J_B[first + i, j] = R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
+        for j in range(4):
+            x, y, z = X_BG[0, j], X_BG[1, j], X_BG[2, j]
+            for i in range(3):
+                X_BG[i, j] = R[b, i, 0] * x + R[b, i, 1] * y + R[b, i, 2] * z
+        for i in range(3):
+            X_BG[i, 3] += p[b, i]
+        b = layout[0, b]
+
+
 class ArmDynamics:
-    """Joint torques of the arm and its wrench on the hull, for a given motion of both."""
+    """Joint torques of the arm and its wrench on the hull, for a given motion of both.
+
+    `layout`, `numbers`, `stations` and `work` are what the kernels of this module take.
+    """
 
     def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
         """Read the arm of the vehicle in `model` (`models.vehicle.Vehicle`).
@@ -297,11 +344,11 @@ class ArmDynamics:
         R_tip = np.empty(9)
         mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
         p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
-        self._layout = np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)])
-        self._numbers = tree.packed(np.array(model.opt.gravity), R_tip, p_tip)
-        self._stations = tree.stations
+        self.layout = np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)])
+        self.numbers = tree.packed(np.array(model.opt.gravity), R_tip, p_tip)
+        self.stations = tree.stations
         self._hull = np.empty(24)
-        self._work = np.empty(39 * nb + 27)
+        self.work = np.zeros(39 * nb + 27)
 
     def inverse(
         self,
@@ -339,8 +386,8 @@ class ArmDynamics:
         hull[17] -= w0 * v1 - w1 * v0
         hull[21:] = v_current_W
         tau, wrench_B = np.empty(self.n), np.empty(6)
-        _newton_euler(
-            self._layout, self._numbers, self._stations, q, qd, qdd, hull, wrench_tip_G, self._work, tau, wrench_B
+        newton_euler(
+            self.layout, self.numbers, self.stations, q, qd, qdd, hull, wrench_tip_G, self.work, tau, wrench_B
         )
         return tau, wrench_B
 

@@ -7,6 +7,7 @@ joint limits, to singular postures, to torque limits under the set force, and to
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
@@ -45,30 +46,45 @@ class Search:
 
 def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
     """Tool pose (4, 4) at arc length `s` [m], and its change with `s`: of the point (3,), and rotation rate (3,) [rad/m]."""
-    R, p = _frame(path, s, roll)
-    step = 2e-3
-    low, high = max(0.0, s - step), min(float(path.s[-1]), s + step)
-    R_low, p_low = _frame(path, low, roll)
-    R_high, p_high = _frame(path, high, roll)
-    turn = R_high @ R_low.T
-    rate = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = R, p
-    return X, (p_high - p_low) / (high - low), rate / (high - low)
+    X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
+    _tool_pose(path.s, path.p, path.z, path.x, s, roll, X, tangent, turn)
+    return X, tangent, turn
 
 
-def _frame(path: ToolPath, s: float, roll: float) -> tuple[Array, Array]:
-    i = int(np.clip(np.searchsorted(path.s, s) - 1, 0, len(path.s) - 2))
-    share = (s - path.s[i]) / (path.s[i + 1] - path.s[i])
-    p = (1.0 - share) * path.p[i] + share * path.p[i + 1]
-    z = (1.0 - share) * path.z[i] + share * path.z[i + 1]
-    x = (1.0 - share) * path.x[i] + share * path.x[i + 1]
-    z = z / np.linalg.norm(z)
-    x = x - (x @ z) * z
-    x = x / np.linalg.norm(x)
-    y = np.cross(z, x)
+_HALF_STEP = 2e-3  # [m] over which the change along the path is taken
+
+
+@numba.njit(cache=True)
+def _tool_pose(path_s, path_p, path_z, path_x, s, roll, X, tangent, turn):
+    low, high = max(0.0, s - _HALF_STEP), min(path_s[-1], s + _HALF_STEP)
+    R_low, p_low = _frame(path_s, path_p, path_z, path_x, low, roll)
+    R_high, p_high = _frame(path_s, path_p, path_z, path_x, high, roll)
+    X[:3, :3], X[:3, 3] = _frame(path_s, path_p, path_z, path_x, s, roll)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        total = 0.0
+        for m in range(3):  # vee of the antisymmetric part of R_high R_low^T
+            total += R_high[k, m] * R_low[j, m] - R_high[j, m] * R_low[k, m]
+        turn[i] = 0.5 * total / (high - low)
+        tangent[i] = (p_high[i] - p_low[i]) / (high - low)
+
+
+@numba.njit(cache=True)
+def _frame(path_s, path_p, path_z, path_x, s, roll):
+    """Axes (3, 3) and place (3,) of the tool at `s`, between the path's samples."""
+    i = min(max(np.searchsorted(path_s, s) - 1, 0), path_s.shape[0] - 2)
+    share = (s - path_s[i]) / (path_s[i + 1] - path_s[i])
+    p = (1.0 - share) * path_p[i] + share * path_p[i + 1]
+    z = (1.0 - share) * path_z[i] + share * path_z[i + 1]
+    z /= np.sqrt((z * z).sum())
+    x = (1.0 - share) * path_x[i] + share * path_x[i + 1]
+    x -= (x * z).sum() * z
+    x /= np.sqrt((x * x).sum())
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
     c, sn = np.cos(roll), np.sin(roll)
-    return np.column_stack([c * x + sn * y, -sn * x + c * y, z]), p
+    R = np.empty((3, 3))
+    R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
+    return R, p
 
 
 def place(
@@ -94,7 +110,7 @@ def place(
     best: Placement | None = None
     furthest = 0.0
     for roll in np.arange(search.rolls) * (2.0 * np.pi / search.rolls):
-        frames = [_frame(path, s, roll) for s in shares]
+        frames = [_frame(path.s, path.p, path.z, path.x, s, roll) for s in shares]
         tool = [_pose(R, p) for R, p in frames]
         start = [_pose(R, p - R[:, 2] * d) for (R, p), d in ((frames[0], standoff * i / _STANDOFF_STEPS) for i in range(_STANDOFF_STEPS, 0, -1))]
         for height in search.heights:

@@ -24,7 +24,7 @@ class Displacement:
     """PID from normal force error to displacement, with anti-windup and a limit on its speed."""
 
     proportional: float = 6e-6  # [m]/[N]
-    integral: float = 6e-4  # [m]/[N s]
+    integral: float = 8e-4  # [m]/[N s]
     derivative: float = 0.0  # [m s]/[N]
     limit: float = 0.04  # [m] largest displacement either way
     speed: float = 0.03  # [m/s] largest speed of the displacement

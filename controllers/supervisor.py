@@ -30,8 +30,11 @@ class Job:
     speed: float = 0.02  # [m/s] along the path
     ramp: float = 1.0  # [s] from rest to that speed
     standoff: float = 0.1  # [m] from which the tool approaches
-    approach_speed: float = 0.02  # [m/s]
+    approach_speed: float = 0.03  # [m/s] while the surface is not yet expected, and of the retreat
+    touch_speed: float = 0.01  # [m/s] from `guard` before the expected surface on
+    guard: float = 0.03  # [m]
     touch: float = 6.0  # [N] felt force that counts as contact
+    touch_time: float = 0.04  # [s] that it must be felt
     search: float = 0.06  # [m] beyond the expected surface that the approach goes on
     force_rate: float = 30.0  # [N/s] at which a set force changes
     force_limit: float = 160.0  # [N] felt force that ends the work
@@ -75,6 +78,8 @@ class SupervisorState:
     joint_moves: list[JointMove] = field(default_factory=list)
     X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
     depth: float = 0.0  # [m] of the approach, from the stand-off
+    speed: float = 0.0  # [m/s] of the approach
+    felt_for: float = 0.0  # [s] that the touch has been felt
     path_s: float = 0.0  # [m]
     work_start: float = 0.0  # [s]
     progress: Progress | None = None
@@ -86,6 +91,8 @@ class SupervisorState:
 
 class SurfaceWork:
     """Planner (`sim.interfaces.protocols.Planner`) that works one tool path on one known object."""
+
+    _APPROACH_ACCELERATION = 0.03  # [m/s^2]
 
     def __init__(
         self,
@@ -226,16 +233,21 @@ class SurfaceWork:
 
     def _approach(self, state: SupervisorState, time: float, felt: float) -> None:
         job = self._job
-        if felt > job.touch:
-            state.force, state.contact_at, state.set_since = felt, time, np.inf
+        state.felt_for = state.felt_for + self.period if felt > job.touch else 0.0
+        if state.felt_for >= job.touch_time:
+            state.force, state.contact_at, state.set_since, state.speed = felt, time, np.inf, 0.0
             self._enter(state, WorkState.PRESS, time)
             return
-        state.depth += job.approach_speed * self.period
+        wanted = job.approach_speed if state.depth < job.standoff - job.guard else job.touch_speed
+        most = self._APPROACH_ACCELERATION * self.period
+        state.speed += min(max(wanted - state.speed, -most), most)
+        state.depth += state.speed * self.period
         if state.depth > job.standoff + job.search:
             self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
 
     def _press(self, state: SupervisorState, time: float, felt: float) -> None:
         job = self._job
+        state.contact_at = time
         first = job.forces[0]
         self._ramp_force(state, first)
         if abs(felt - first) > 0.05 * first or state.force != first:
@@ -272,10 +284,10 @@ class SurfaceWork:
         job = self._job
         if state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK) and felt > job.force_limit:
             self._break_off(state, time, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
-        if state.state in (WorkState.PRESS, WorkState.WORK):
+        if state.state is WorkState.WORK and job.force_control:
             if felt > 0.5 * job.touch:
                 state.contact_at = time
-            elif time - state.contact_at > job.lost_time and job.force_control:
+            elif time - state.contact_at > job.lost_time:
                 self._break_off(state, time, f"contact lost for {job.lost_time} s")
 
     def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
@@ -310,7 +322,7 @@ class SurfaceWork:
             X_WG = state.X_WG
         elif state.state is WorkState.APPROACH:
             X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
-            v_tool = job.approach_speed * X_WG[:3, 2]
+            v_tool = state.speed * X_WG[:3, 2]
         elif state.state is WorkState.PRESS:
             X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
             force, force_control = state.force, True

@@ -18,13 +18,14 @@ import numpy as np
 
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
-from controllers.force_estimate import Tare, tip_force
+from controllers.drive import aim, drive, feel
+from controllers.force_estimate import Tare
 from controllers.hover import Hover, HoverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, inverse
+from sim.interfaces.spatial import Array, exp_so3, inverse, skew
 
 Method = Literal["compensation", "drift-correction", "force-control"]
 
@@ -33,11 +34,12 @@ Method = Literal["compensation", "drift-correction", "force-control"]
 class Tuning:
     """Gains of the arm's side; the hover has its own (`controllers.hover`)."""
 
-    joint_frequency: float = 25.0  # [rad/s] of the joint servo
+    joint_frequency: float = 60.0  # [rad/s] of the joint servo
     joint_damping: float = 1.0
-    joint_integral_time: float = 0.25  # [s]; takes up friction at the tool and what the model lacks
+    joint_integral_time: float = 0.2  # [s]; takes up friction at the tool and what the model lacks
     force_filter: float = 0.012  # [s] first-order filter of the felt force
-    contact_feedforward: float = 1.0  # share of the felt force that the drives bear at once
+    acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
+    contact_feedforward: float = 0.0  # share of the felt force that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     hover_period: float = 0.02  # [s]
@@ -58,12 +60,10 @@ class WorkControllerState:
     tick: int
     q_wanted: Array  # (n,) [rad] at the last task step
     qd_wanted: Array  # (n,) [rad/s]
-    qdd: Array  # (n,) [rad/s^2] last wanted acceleration, filtered: stands for the true one in the model
+    qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
-    arm_wrench_B: Array  # (6,)
-    thrusters: Array  # (m,)
-    wrench_wanted_B: Array  # (6,)
+    thrusters: Array  # (m,) normalised
     believed: dict[str, Array] = field(default_factory=dict)
 
 
@@ -101,7 +101,21 @@ class WorkController:
         self._allocation = Allocation(vehicle)
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
-        self._rest = np.zeros(vehicle.joints.size)
+        n, tuning = vehicle.joints.size, self._tuning
+        self._gains = np.array(
+            [
+                tuning.joint_frequency**2,
+                2.0 * tuning.joint_damping * tuning.joint_frequency,
+                tuning.joint_frequency**2 / tuning.joint_integral_time,
+                tuning.integral_limit,
+            ]
+        )
+        self._armature, self._joint_damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
+        self._torque_limits = np.array(vehicle.torque_limits)
+        # Scratch of one step; nothing in it outlives the step, so the state stays explicit.
+        self._hull, self._borne_G, self._f_B = np.zeros(24), np.zeros(6), np.empty(3)
+        self._tau_e, self._qdd, self._wrench_free_B, self._wrench_borne_B = (np.empty(k) for k in (n, n, 6, 6))
+        self._X_BG, self._J_B = np.empty((4, 4)), np.empty((6, n))
         self._home_wrench = self._wrench_at_rest(np.array(vehicle.q_home))
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
@@ -114,92 +128,69 @@ class WorkController:
             tick=0,
             q_wanted=np.array(estimate.q),
             qd_wanted=np.zeros(n),
-            qdd=np.zeros(n),
+            qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
             f_tip_B=np.zeros(3),
-            arm_wrench_B=np.zeros(6),
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
-            wrench_wanted_B=np.zeros(6),
         )
 
-    def step(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference) -> tuple[WorkControllerState, Command]:
-        tuning, vehicle, dt = self._tuning, self._vehicle, self.period
+    def step(
+        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
+    ) -> tuple[WorkControllerState, Command]:
+        tuning, vehicle, dt, arm, hull = self._tuning, self._vehicle, self.period, self._arm, self._hull
         R_WB = estimate.X_WB[:3, :3]
-        hull = {
-            "R_WB": R_WB,
-            "nu_B": np.concatenate([estimate.v_WB_B, estimate.w_WB_B]),
-            "a_B": np.concatenate([estimate.a_WB_B, np.zeros(3)]),
-            "v_current_W": np.zeros(3),
-        }
-        X_AG, J_A = self._chain.kinematics(estimate.q)
-        R_BG = self._X_BA[:3, :3] @ X_AG[:3, :3]
+        hull[:9] = R_WB.ravel()
+        hull[9:12], hull[12:15] = estimate.v_WB_B, estimate.w_WB_B
+        hull[15:18] = estimate.a_WB_B  # angular acceleration and the current are not known: zero
 
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
-        tau_model, wrench_free_B = self._arm.inverse(estimate.q, estimate.qd, state.qdd, wrench_tip_G=np.zeros(6), **hull)
-        tau_e = tau_model - estimate.tau
+        lag = min(1.0, dt / tuning.acceleration_filter)
+        qdd = (estimate.qd - state.qd_slow) / tuning.acceleration_filter
+        state.qd_slow += lag * (estimate.qd - state.qd_slow)
+        feel(
+            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, qdd, estimate.tau, state.bias,
+            tuning.torque_noise, tuning.torque_floor, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, self._f_B,
+        )  # fmt: skip
         if reference.tare:
-            state.tare.add(tau_e)
+            state.tare.add(self._tau_e)
             state.bias = state.tare.bias()
-        sigma = tuning.torque_floor + tuning.torque_noise * np.abs(estimate.tau)
-        J_B = self._X_BA[:3, :3] @ J_A[:3]
-        f_B, _ = tip_force(tau_e - state.bias, J_B, sigma)
-        state.f_tip_B += min(1.0, dt / tuning.force_filter) * (f_B - state.f_tip_B)
-        f_tip_G = R_BG.T @ state.f_tip_B
+        state.f_tip_B += min(1.0, dt / tuning.force_filter) * (self._f_B - state.f_tip_B)
+        f_tip_G = self._X_BG[:3, :3].T @ state.f_tip_B
         felt = -float(f_tip_G[2])  # the tool presses along its z axis; the world pushes back
 
-        # 2. Where the tool should be, in the arm's base frame.
-        if state.tick % self._task_ticks == 0:
-            self._task(state, estimate, reference, J_A, felt)
+        # 2. Where the tool should be.
+        since = state.tick % self._task_ticks
+        if since == 0:
+            self._task(state, estimate, reference, felt)
 
         # 3. Drives.
-        wanted = state.q_wanted + (state.tick % self._task_ticks) * dt * state.qd_wanted
-        servo = tuning.joint_frequency
-        state.integral += dt * (wanted - estimate.q)
-        np.clip(state.integral, -tuning.integral_limit, tuning.integral_limit, out=state.integral)
-        qdd = (
-            servo**2 * (wanted - estimate.q)
-            + 2.0 * tuning.joint_damping * servo * (state.qd_wanted - estimate.qd)
-            + servo**2 / tuning.joint_integral_time * state.integral
-        )
         in_contact = reference.force > 0.0 or reference.force_control
-        borne_G = np.zeros(6)
-        if in_contact:
-            borne_G[:3] = tuning.contact_feedforward * f_tip_G
-        tau, _ = self._arm.inverse(estimate.q, estimate.qd, qdd, wrench_tip_G=borne_G, **hull)
-        tau += vehicle.armature * qdd + vehicle.joint_damping * estimate.qd
-        np.clip(tau, -vehicle.torque_limits, vehicle.torque_limits, out=tau)
-        state.qdd += min(1.0, dt / 0.02) * (qdd - state.qdd)
+        self._borne_G[:3] = tuning.contact_feedforward * f_tip_G if in_contact else 0.0
+        tau = np.empty(len(vehicle.joints))
+        drive(
+            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd,
+            state.q_wanted + since * dt * state.qd_wanted, state.qd_wanted, state.integral, dt, self._gains,
+            self._armature, self._joint_damping, self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
+        )  # fmt: skip
 
         # 4. Thrusters.
         if state.tick % self._hover_ticks == 0:
-            state.arm_wrench_B = wrench_free_B.copy()
-            if in_contact:
-                state.arm_wrench_B[:3] += state.f_tip_B
-                state.arm_wrench_B[3:] += np.cross(self._X_BA[:3, 3] + self._X_BA[:3, :3] @ X_AG[:3, 3], state.f_tip_B)
-            fed = self._home_wrench if "compensation" in self._without else state.arm_wrench_B
-            state.wrench_wanted_B = self._hover.step(
-                state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * dt
-            )
-            state.thrusters = self._allocation.command(self._allocation.thrust(state.wrench_wanted_B))
-            state.believed = {
-                "arm_wrench_B": state.arm_wrench_B,
-                "hover_wrench_B": state.wrench_wanted_B,
-                "q_wanted": state.q_wanted,
-            }
+            self._thrusters(state, estimate, reference, in_contact)
         state.tick += 1
-        believed = {
-            **state.believed,
-            "f_tip_W": R_WB @ state.f_tip_B,
-            "felt_normal": np.array([felt]),
-            "displacement": np.array([state.displacement.k]),
-        }
         return state, Command(
-            time=estimate.time, joint_torque=tau, thrusters=state.thrusters, scan=reference.scan, believed=believed
+            time=estimate.time,
+            joint_torque=tau,
+            thrusters=state.thrusters,
+            scan=reference.scan,
+            believed={
+                **state.believed,
+                "f_tip_W": R_WB @ state.f_tip_B,
+                "felt_normal": np.array([felt]),
+                "displacement": np.array([state.displacement.k]),
+            },
         )
 
-    def _task(
-        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, J_A: Array, felt: float
-    ) -> None:
+    def _task(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, felt: float) -> None:
         """Joint angles and speeds wanted now, from the tool's reference corrected twice."""
         tuning, dt = self._tuning, self._tuning.task_period
         since = estimate.time - reference.time
@@ -214,29 +205,41 @@ class WorkController:
             k = state.displacement.k = reference.force / tuning.nominal_stiffness
         else:
             k = self._displacement.step(state.displacement, reference.force - felt, dt)
-        R_WG = exp_so3(since * reference.w_WG_W) @ reference.X_WG[:3, :3]
-        X_WG = np.eye(4)
-        X_WG[:3, :3] = R_WG
-        X_WG[:3, 3] = reference.X_WG[:3, 3] + since * reference.v_WG_W + k * R_WG[:, 2]
-        # Re-aiming, p*_C = R^T (p*_O - r): the tool stays on the object while the hull drifts (paper 002).
-        X_WB = reference.X_WB if "drift-correction" in self._without else estimate.X_WB
-        X_AG = self._X_AB @ inverse(X_WB) @ X_WG
+        X_WG = np.array(reference.X_WG)
+        X_WG[:3, :3] = exp_so3(since * reference.w_WG_W) @ X_WG[:3, :3]
+        X_WG[:3, 3] += since * reference.v_WG_W + k * X_WG[:3, 2]
+        correct_drift = "drift-correction" not in self._without
+        X_WB = estimate.X_WB if correct_drift else reference.X_WB
+        X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
+        aim(
+            self._X_AB, X_WB, X_WG, reference.v_WG_W, reference.w_WG_W, self._hull[9:15], self._J_B, correct_drift,
+            tuning.joint_speed_limit, X_AG, qd,
+        )  # fmt: skip
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         most = tuning.joint_speed_limit * dt
-        step = np.clip(result.q - state.q_wanted, -most, most)
-        state.q_wanted = state.q_wanted + step
+        state.q_wanted = np.clip(result.q, state.q_wanted - most, state.q_wanted + most)
+        state.qd_wanted = qd
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
-        # Speed of the tool against the hull, in the arm's base axes, and J^-1 damped near singular postures.
-        R_WA = X_WB[:3, :3] @ self._X_BA[:3, :3]
-        v_W, w_W = reference.v_WG_W, reference.w_WG_W
-        if "drift-correction" not in self._without:
-            w_hull_W = X_WB[:3, :3] @ estimate.w_WB_B
-            arm_W = X_WG[:3, 3] - X_WB[:3, 3]
-            v_W = v_W - X_WB[:3, :3] @ estimate.v_WB_B - np.cross(w_hull_W, arm_W)
-            w_W = w_W - w_hull_W
-        twist_A = np.concatenate([v_W @ R_WA, w_W @ R_WA])
-        qd = J_A.T @ np.linalg.solve(J_A @ J_A.T + 1e-6 * np.eye(6), twist_A)
-        state.qd_wanted = np.clip(qd, -tuning.joint_speed_limit, tuning.joint_speed_limit)
+
+    def _thrusters(
+        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, in_contact: bool
+    ) -> None:
+        """Thruster commands: the hover's wrench, with the arm's wrench on the hull cancelled."""
+        arm_wrench_B = self._wrench_free_B.copy()
+        if in_contact:  # C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e (paper 002)
+            arm_wrench_B[:3] += state.f_tip_B
+            arm_wrench_B[3:] += skew(self._X_BG[:3, 3]) @ state.f_tip_B
+        fed = self._home_wrench if "compensation" in self._without else arm_wrench_B
+        wanted_B = self._hover.step(
+            state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * self.period
+        )
+        state.thrusters = self._allocation.command(self._allocation.thrust(wanted_B))
+        state.believed = {
+            **state.believed,
+            "arm_wrench_B": arm_wrench_B,
+            "hover_wrench_B": wanted_B,
+            "q_wanted": state.q_wanted,
+        }
 
     def _wrench_at_rest(self, q: Array) -> Array:
         """Wrench (6,) of the arm on the hull, both still and level."""

@@ -98,7 +98,7 @@ class Navigation:
     """Estimator (`sim.interfaces.protocols.Estimator`); the figures are what the filter believes of its sensors."""
 
     period: float = 0.002  # [s]
-    acceleration_noise: float = 0.012  # [m/s^2] white, per IMU sample
+    acceleration_noise: float = 2.5e-3  # [m/s^2] white, per IMU sample
     bias_walk: float = 2e-5  # [m/s^2] per square root of second
     dvl_noise: float = 3e-3  # [m/s]
     vision_noise: float = 2e-3  # [m]
@@ -138,7 +138,9 @@ class Navigation:
             gain=np.empty(3),
         )
 
-    def step(self, state: NavigationState, measurements: Sequence[Measurement]) -> tuple[NavigationState, StateEstimate]:
+    def step(
+        self, state: NavigationState, measurements: Sequence[Measurement]
+    ) -> tuple[NavigationState, StateEstimate]:
         """Take what has arrived, in any order, and give the estimate of now."""
         for m in measurements:
             if isinstance(m, EncoderMeasurement):

@@ -63,11 +63,11 @@ class JointTorqueSensors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imu:
-    """Accelerations, rates and attitude at the hull's origin: a tactical unit with a fibre-optic gyro."""
+    """Accelerations, rates and attitude at the hull's origin: a navigation unit with fibre-optic gyros."""
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
-    acceleration_noise: float = 0.01  # [m/s^2] white, per sample
+    acceleration_noise: float = 2e-3  # [m/s^2] white, per sample: 9 ug per root Hz, a quartz accelerometer
     acceleration_bias: float = 0.005  # [m/s^2] constant over a run, standard deviation
     rate_noise: float = 2e-4  # [rad/s] white, per sample
     attitude_noise: float = 5e-5  # [rad] white, per sample

@@ -1,0 +1,107 @@
+"""One step of the arm's drives in one kernel: feel the contact, then bear it and follow the wanted joint motion.
+
+Compiled as a whole because it runs at the rate of the drives; the parts are those of `controllers.arm_dynamics` and
+`controllers.force_estimate`, whose plain forms the tests hold against it.
+"""
+
+import numba
+import numpy as np
+
+from controllers.arm_dynamics import newton_euler, tip_kinematics
+
+
+@numba.njit(cache=True)
+def feel(
+    layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B, f_B
+):  # fmt: skip
+    """Force of the world on the tip `f_B` (3,) [N], hull axes, from what the torque sensors show beyond the model.
+
+    Also leaves the external torques `tau_e` (n,) before the bias is taken off, the arm's wrench on the hull without
+    contact `wrench_B` (6,), and the tip's pose and Jacobian in the hull's frame. The least squares is that of
+    `force_estimate.tip_force`, its normal equations solved by Cholesky.
+    """
+    n = q.shape[0]
+    no_contact = np.zeros(6)
+    newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
+    tip_kinematics(layout, numbers, work, X_BG, J_B)
+    a00, a11, a22, a01, a02, a12 = 1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0
+    b0 = b1 = b2 = 0.0
+    for j in range(n):
+        tau_e[j] -= tau_measured[j]
+        weight = 1.0 / (floor + noise * abs(tau_measured[j])) ** 2
+        x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
+        a00 += weight * x * x
+        a11 += weight * y * y
+        a22 += weight * z * z
+        a01 += weight * x * y
+        a02 += weight * x * z
+        a12 += weight * y * z
+        b0 += t * x
+        b1 += t * y
+        b2 += t * z
+    l00 = np.sqrt(a00)
+    l10, l20 = a01 / l00, a02 / l00
+    l11 = np.sqrt(a11 - l10 * l10)
+    l21 = (a12 - l20 * l10) / l11
+    l22 = np.sqrt(a22 - l20 * l20 - l21 * l21)
+    y0 = b0 / l00
+    y1 = (b1 - l10 * y0) / l11
+    y2 = (b2 - l20 * y0 - l21 * y1) / l22
+    f_B[2] = y2 / l22
+    f_B[1] = (y1 - l21 * f_B[2]) / l11
+    f_B[0] = (y0 - l10 * f_B[1] - l20 * f_B[2]) / l00
+
+
+@numba.njit(cache=True)
+def drive(
+    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, integral, dt, gains, armature, damping, limits,
+    borne_G, qdd, tau, wrench_B,
+):  # fmt: skip
+    """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
+
+    `gains`: stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the
+    contact that the drives bear at once. Where a drive is at its torque limit its integral stands still.
+    """
+    stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
+    n = q.shape[0]
+    for j in range(n):
+        qdd[j] = stiffness * (q_wanted[j] - q[j]) + damper * (qd_wanted[j] - qd[j]) + integrator * integral[j]
+    newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
+    for j in range(n):
+        tau[j] += armature[j] * qdd[j] + damping[j] * qd[j]
+        if abs(tau[j]) > limits[j]:
+            tau[j] = np.sign(tau[j]) * limits[j]
+        else:
+            grown = integral[j] + dt * (q_wanted[j] - q[j])
+            integral[j] = min(max(grown, -most), most)
+
+
+@numba.njit(cache=True)
+def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, qd):
+    """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
+
+    With `drift` the hull's own velocity `nu_B` (6,) is taken off, so that the tool stands still on the object. The
+    speeds are J^-1 of the tool's velocity against the hull, damped near singular postures.
+    """
+    X_BW = np.eye(4)
+    twist = np.empty(6)
+    for i in range(3):
+        twist[i] = twist[3 + i] = 0.0
+        for j in range(3):
+            X_BW[i, j] = X_WB[j, i]
+            X_BW[i, 3] -= X_WB[j, i] * X_WB[j, 3]
+            twist[i] += X_WB[j, i] * v_WG_W[j]
+            twist[3 + i] += X_WB[j, i] * w_WG_W[j]
+    X_BG = X_BW @ X_WG
+    X_AG[:, :] = X_AB @ X_BG
+    if drift:
+        p, w = X_BG[:3, 3], nu_B[3:]
+        twist[0] -= nu_B[0] + w[1] * p[2] - w[2] * p[1]
+        twist[1] -= nu_B[1] + w[2] * p[0] - w[0] * p[2]
+        twist[2] -= nu_B[2] + w[0] * p[1] - w[1] * p[0]
+        for i in range(3):
+            twist[3 + i] -= w[i]
+    J_T = J_B.T.copy()
+    qd[:] = J_T @ np.linalg.solve(J_B @ J_T + 1e-6 * np.eye(6), twist)
+    for j in range(qd.shape[0]):
+        qd[j] = min(max(qd[j], -speed_limit), speed_limit)

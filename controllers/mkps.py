@@ -7,13 +7,15 @@ Joints are hinges [rad], slides [m] and pantograph links [rad] (a link that swin
 direction). The base frame is whatever the chain was given in; the tip frame is the tool G of `design`.
 """
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Literal, Self, get_args
+from typing import Literal, NoReturn, Self, get_args
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from controllers import mkps_kernels as kernels
 from sim.interfaces.errors import ConfigurationError
@@ -24,6 +26,7 @@ Branch = Literal["free", "keep"]
 
 _FLOAT64 = np.dtype(np.float64)
 _METHODS, _BRANCHES = get_args(Method), get_args(Branch)
+_CHUNK = 64  # targets that a thread takes at a time in `solve_many`
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 
@@ -45,12 +48,14 @@ class Chain:
     _joints: Array = field(init=False, repr=False)
     _ends: Array = field(init=False, repr=False)
     _scale: float = field(init=False, repr=False)
+    _scratch: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         joints, ends, scale = _tables(self)
         object.__setattr__(self, "_joints", joints)
         object.__setattr__(self, "_ends", ends)
         object.__setattr__(self, "_scale", scale)
+        object.__setattr__(self, "_scratch", kernels.scratch_size(self.n))
 
     @property
     def n(self) -> int:
@@ -144,10 +149,11 @@ class Chain:
         """The chain of joints between a body and a site of a compiled model, in the frame of that body.
 
         The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Joints
-        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part.
+        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part. Two hinges in a row, turned
+        against each other by an active joint equality, are one pantograph link, named and measured by the first.
 
         Raises ConfigurationError for an unknown body, site or joint, a site that is not beyond the body, ball and free
-        joints on the way, and a chain without joints.
+        joints and other couplings of two joints on the way, and a chain without joints.
         """
         base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
         site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
@@ -172,27 +178,42 @@ class Chain:
         letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
         for name, kind in zip(names, kinds, strict=True):
             if kind not in letters:
-                raise ConfigurationError(
-                    f"joint {name!r}: only hinges and slides can be solved for, not ball or free joints"
-                )
+                raise ConfigurationError(f"joint {name!r}: only hinges and slides can be solved for, not ball or free")
         if not joints:
             raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
         data = mujoco.MjData(model)
         data.qpos[:] = model.qpos0
         data.qpos[model.jnt_qposadr[joints]] = 0.0
+        followers = _followers(model, joints)
+        for follower, (_, constant, _) in followers.items():
+            data.qpos[model.jnt_qposadr[follower]] = constant
         mujoco.mj_kinematics(model, data)
+        limits = np.where(model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf])
+        links = np.zeros((len(joints), 3))
+        types = [letters[kind] for kind in kinds]
+        for follower, (leader, constant, ratio) in followers.items():
+            i = joints.index(leader)
+            if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
+                raise ConfigurationError(
+                    f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they carry parallel"
+                )
+            types[i] = "o"
+            links[i] = data.xanchor[follower] - data.xanchor[leader]
+            bounds = np.sort((limits[i + 1] - constant) / ratio)
+            limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
+        own = [i for i, j in enumerate(joints) if j not in followers]
+        ids = [joints[i] for i in own]
         X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
-        X_base_W = inverse(X_W_base)
         X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
-        limited = model.jnt_limited[joints].astype(bool)[:, None]
+        R_W_base = X_W_base[:3, :3]
         return cls(
-            joint_types="".join(letters[kind] for kind in kinds),
-            axes=readonly(data.xaxis[joints] @ X_W_base[:3, :3]),
-            points=readonly((data.xanchor[joints] - X_W_base[:3, 3]) @ X_W_base[:3, :3]),
-            links=readonly(np.zeros((len(joints), 3))),
-            X_base_tip0=readonly(X_base_W @ X_W_tip),
-            limits=_checked_limits(np.where(limited, model.jnt_range[joints], [-np.inf, np.inf]), len(joints)),
-            names=tuple(names),
+            joint_types="".join(types[i] for i in own),
+            axes=readonly(data.xaxis[ids] @ R_W_base),
+            points=readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
+            links=readonly(links[own] @ R_W_base),
+            X_base_tip0=readonly(inverse(X_W_base) @ X_W_tip),
+            limits=_checked_limits(limits[own], len(own)),
+            names=tuple(names[i] for i in own),
         )
 
     def forward(self, q: ArrayLike) -> Array:
@@ -258,6 +279,122 @@ def solve(
     """
     target = _as_array(X_base_tip, (4, 4), "X_base_tip")
     start = _as_array(q0, (chain.n,), "q0")
+    _check_options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts)
+    scale, keep = chain._scale, branch == "keep"
+    q, scratch = np.empty(len(start)), np.empty(chain._scratch)
+    given = (chain._joints, chain._ends, scale, target, start, scale * position_tolerance, orientation_tolerance)
+    if method == "jacobian_free":
+        outcome = kernels.solve_jacobian_free(*given, max_iterations, 0 if keep else max_restarts, keep, scratch, q)
+    elif method == "plain":
+        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q)
+    elif keep:
+        outcome = kernels.solve_keep(*given, max_iterations, scratch, q)
+    else:
+        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q)
+    code, iterations, restarts, error_p, error_r = outcome
+    if code >= kernels.BAD_TARGET:
+        _refuse(code, target, start, "")
+    q.setflags(write=False)
+    return IkResult(
+        q, code == kernels.CONVERGED, iterations, error_p / scale, error_r, _cause(code, restarts), restarts
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IkBatch:
+    """What `solve_many` found, one row a target. `batch[i]` is what `solve` would have returned for target i."""
+
+    q: Array  # (N, n) [rad] or [m], within the limits
+    converged: NDArray[np.bool_]  # (N,)
+    iterations: NDArray[np.int64]  # (N,)
+    position_error: Array  # (N,) [m]
+    orientation_error: Array  # (N,) [rad]
+    restarts: NDArray[np.int64]  # (N,)
+    codes: NDArray[np.int64]  # (N,) why each ended, in the numbers of `mkps_kernels`
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, i: int) -> IkResult:
+        restarts = int(self.restarts[i])
+        return IkResult(
+            self.q[i],
+            bool(self.converged[i]),
+            int(self.iterations[i]),
+            float(self.position_error[i]),
+            float(self.orientation_error[i]),
+            _cause(int(self.codes[i]), restarts),
+            restarts,
+        )
+
+
+def solve_many(
+    chain: Chain,
+    X_base_tip: ArrayLike,
+    q0: ArrayLike,
+    position_tolerance: float = 1e-4,
+    orientation_tolerance: float = 1e-3,
+    method: Method = "hybrid",
+    branch: Branch = "free",
+    max_iterations: int = 4000,
+    max_restarts: int = 200,
+    threads: int | None = None,
+) -> IkBatch:
+    """`solve` for many targets `X_base_tip` (N, 4, 4), from one `q0` (n,) or one a target (N, n), on all cores.
+
+    The answers are those of `solve`, to the last bit, whatever `threads` is (default: the cores that this process may
+    use). The GIL is free meanwhile. Raises as `solve`, and names the first bad row; the other rows are then not given.
+    """
+    targets = _stack(X_base_tip, "X_base_tip")
+    count = len(targets) if targets.ndim == 3 else 0
+    if targets.shape != (count, 4, 4):
+        raise ConfigurationError(f"X_base_tip: expected shape (N, 4, 4), got {targets.shape}")
+    starts = _stack(q0, "q0")
+    if starts.shape not in ((chain.n,), (count, chain.n)):
+        raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
+    starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
+    _check_options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts)
+    if threads is None:
+        threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if threads < 1:
+        raise ConfigurationError(f"threads: must be at least 1, got {threads}")
+    keep = branch == "keep"
+    q, out = np.empty((count, chain.n)), np.empty((count, 5))
+
+    def work(first: int) -> None:
+        kernels.solve_range(
+            _METHODS.index(method), chain._joints, chain._ends, chain._scale, targets, starts,
+            chain._scale * position_tolerance, orientation_tolerance, max_iterations, 0 if keep else max_restarts, keep,
+            first, min(first + _CHUNK, count), np.empty(chain._scratch), q, out,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, range(0, count, _CHUNK)))
+    codes = out[:, 0].astype(np.int64)
+    for i in np.flatnonzero(codes >= kernels.BAD_TARGET):
+        _refuse(int(codes[i]), targets[i], starts[i], f"[{i}]")
+    batch = IkBatch(
+        q=q,
+        converged=codes == kernels.CONVERGED,
+        iterations=out[:, 1].astype(np.int64),
+        position_error=out[:, 3].copy(),
+        orientation_error=out[:, 4].copy(),
+        restarts=out[:, 2].astype(np.int64),
+        codes=codes,
+    )
+    for name in batch.__slots__:
+        getattr(batch, name).setflags(write=False)
+    return batch
+
+
+def _check_options(
+    position_tolerance: float,
+    orientation_tolerance: float,
+    method: str,
+    branch: str,
+    max_iterations: int,
+    max_restarts: int,
+) -> None:
     if not (position_tolerance > 0.0 and orientation_tolerance > 0.0):
         raise ConfigurationError(
             f"tolerances must be positive, got {position_tolerance} [m] and {orientation_tolerance} [rad]"
@@ -270,26 +407,18 @@ def solve(
         raise ConfigurationError(f"method: allowed {', '.join(_METHODS)}, got {method!r}")
     if branch not in _BRANCHES:
         raise ConfigurationError(f"branch: allowed {', '.join(_BRANCHES)}, got {branch!r}")
-    n, scale, keep = chain.n, chain._scale, branch == "keep"
-    q, scratch = np.empty(n), np.empty(kernels.scratch_size(n))
-    given = (chain._joints, chain._ends, scale, target, start, scale * position_tolerance, orientation_tolerance)
-    if method == "jacobian_free":
-        outcome = kernels.solve_jacobian_free(*given, max_iterations, 0 if keep else max_restarts, keep, scratch, q)
-    elif method == "plain":
-        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q)
-    elif keep:
-        outcome = kernels.solve_keep(*given, max_iterations, scratch, q)
-    else:
-        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q)
-    code, iterations, restarts, error_p, error_r = outcome
+
+
+def _cause(code: int, restarts: int) -> str:
+    return _RESTARTED if restarts and code == kernels.CONVERGED else _CAUSES[code]
+
+
+def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
+    """Raise what the kernel found wrong with its input."""
+    checked(target, (4, 4), f"X_base_tip{row}")
     if code == kernels.BAD_TARGET:
-        _checked_pose(target, "X_base_tip")
-    if code == kernels.BAD_START:
-        checked(start, start.shape, "q0")
-    q.setflags(write=False)
-    converged = code == kernels.CONVERGED
-    cause = _RESTARTED if converged and restarts else _CAUSES[code]
-    return IkResult(q, converged, iterations, error_p / scale, error_r, cause, restarts)
+        raise _not_a_pose(f"X_base_tip{row}", target)
+    raise ConfigurationError(f"q0{row}: every number must be finite, got {start.tolist()}")
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
@@ -297,6 +426,14 @@ def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.c_contiguous and values.shape == shape:
         return values
     return checked(values, shape, name)
+
+
+def _stack(values: ArrayLike, name: str) -> Array:
+    """`values` as contiguous float64 of any shape; the kernel checks the numbers, row by row."""
+    try:
+        return np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"{name}: expected numbers, got {type(values).__name__}: {error}") from error
 
 
 def _tables(chain: Chain) -> tuple[Array, Array, float]:
@@ -391,8 +528,42 @@ def _checked_pose(values: ArrayLike, name: str) -> Array:
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
     if not (np.allclose(R.T @ R, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0.0 and np.allclose(X[3], [0, 0, 0, 1])):
-        raise ConfigurationError(f"{name}: expected a pose (rotation, translation, last row 0 0 0 1), got {X.tolist()}")
+        raise _not_a_pose(name, X)
     return X
+
+
+def _not_a_pose(name: str, X: Array) -> ConfigurationError:
+    return ConfigurationError(
+        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {X.tolist()}"
+    )
+
+
+def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
+    """Hinges that follow the one before: {follower: (leader, constant, ratio)}, q = constant + ratio * q_leader."""
+    followers = {}
+    for e in range(model.neq):
+        pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+        coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
+        if not coupled or not set(pair) <= set(joints):
+            continue
+        # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., with q_0 the joint's value at qpos0
+        c0, c1 = model.eq_data[e, :2]
+        first, second = sorted(pair, key=joints.index)
+        hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
+        if (
+            not hinges
+            or joints.index(second) != joints.index(first) + 1
+            or abs(c1) != 1.0
+            or np.any(model.eq_data[e, 2:5])
+        ):
+            raise ConfigurationError(
+                f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only coupling known is a"
+                f" pantograph link (two hinges in a row, polycoef c 1 or c -1), got {model.eq_data[e, :5].tolist()}"
+            )
+        at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
+        shift = c0 if pair[0] == second else -c0 * c1
+        followers[second] = (first, at_rest[second] + shift - c1 * at_rest[first], c1)
+    return followers
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:

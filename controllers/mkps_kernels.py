@@ -27,6 +27,7 @@ AT, SWEPT, RESIDUAL, STEPS, TURNS, HISTORY = 0, 1, 2, 3, 8, 13  # columns of And
 
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH, BAD_TARGET, BAD_START = 0, 1, 2, 3, 4, 5, 6
 ALONG, WITHIN, THROUGH = 0, 1, 2
+HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2
 
 # Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
 DAMPING = 0.1  # of the squared error
@@ -878,3 +879,29 @@ def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, 
             sweeps += 1
             if align(joints, ends, scale, ux, uy, uz, tx, ty, tz, tol_a, q, work) <= tol_a:
                 break
+
+
+@_jit
+def solve_range(method, joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, keep, first, last, scratch, q, out):
+    """Solve targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n) into `q` (N, n) and `out` (N, 5).
+
+    A row of `out` is what the solver of one target returns.
+    """
+    for i in range(first, last):
+        if method == JACOBIAN_FREE:
+            code, spent, again, error_p, error_r = solve_jacobian_free(
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, keep, scratch, q[i]
+            )
+        elif method == PLAIN:
+            code, spent, again, error_p, error_r = solve_plain(
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, keep, scratch, q[i]
+            )
+        elif keep:
+            code, spent, again, error_p, error_r = solve_keep(
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, scratch, q[i]
+            )
+        else:
+            code, spent, again, error_p, error_r = solve_hybrid(
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, scratch, q[i]
+            )
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = code, spent, again, error_p / scale, error_r

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.mkps import Branch, Chain, Method, solve
+from controllers.mkps import Branch, Chain, Method, solve, solve_many
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
 
@@ -262,6 +262,41 @@ def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
         assert list(pool.map(answer, range(12))) == once
 
 
+@pytest.mark.parametrize("branch", ["free", "keep"])
+@pytest.mark.parametrize("method", METHODS)
+def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> None:
+    chain, q, targets, home = arm_case("puma", 150.0, 150, np.random.default_rng(6))
+    starts = home if branch == "free" else q + 0.05
+    options = {"method": method, "branch": branch, "max_iterations": 300}
+    for threads in (1, 3, None):
+        batch = solve_many(chain, targets, starts, threads=threads, **options)
+        assert len(batch) == 150
+        for i, target in enumerate(targets):
+            one, many = solve(chain, target, starts if branch == "free" else starts[i], **options), batch[i]
+            assert one.q.tobytes() == many.q.tobytes()
+            assert (one.converged, one.iterations, one.cause, one.restarts) == (
+                many.converged,
+                many.iterations,
+                many.cause,
+                many.restarts,
+            )
+            assert one.position_error == many.position_error
+            assert one.orientation_error == many.orientation_error
+
+
+def test_solve_many_names_the_bad_row() -> None:
+    chain = Chain.from_dh(ARMS["puma"])
+    targets = np.tile(np.eye(4), (5, 1, 1))
+    assert len(solve_many(chain, targets[:0], np.zeros(6))) == 0
+    with pytest.raises(ConfigurationError, match="q0: expected shape"):
+        solve_many(chain, targets, np.zeros((4, 6)))
+    with pytest.raises(ConfigurationError, match="threads"):
+        solve_many(chain, targets, np.zeros(6), threads=0)
+    targets[3] *= 2.0
+    with pytest.raises(ConfigurationError, match=r"X_base_tip\[3\].*pose"):
+        solve_many(chain, targets, np.zeros(6))
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("branch", ["free", "keep"])
 def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Branch) -> None:
@@ -305,6 +340,65 @@ def test_a_pantograph_link_keeps_what_it_carries_parallel() -> None:
         result = solve(chain, both, q + 0.1, method=method)
         assert result.converged
         np.testing.assert_allclose(result.q, q, atol=1e-2)
+
+
+@pytest.mark.parametrize("coupling", ['joint1="elbow" joint2="lift"', 'joint1="lift" joint2="elbow"'])
+def test_coupled_joints_of_a_model_are_a_pantograph_link(coupling: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco>
+      <compiler angle="radian"/>
+      <worldbody>
+        <body name="turret"> <joint name="yaw" axis="0 0 1"/> <geom size="0.1"/>
+          <body pos="0.1 0 0.2"> <joint name="lift" axis="0 1 0" ref="0.2" range="-1 1" limited="true"/>
+            <geom size="0.1"/>
+            <body pos="0.5 0 0.1"> <joint name="elbow" axis="0 1 0" ref="-0.1" range="-0.5 2" limited="true"/>
+              <geom size="0.1"/>
+              <body pos="0.2 0.1 0"> <joint name="wrist" axis="1 0 0"/> <geom size="0.1"/>
+                <site name="tip" pos="0.1 0.2 0.3" euler="0.3 0.1 0.2"/>
+              </body>
+            </body>
+          </body>
+        </body>
+      </worldbody>
+      <equality> <joint {coupling} polycoef="0.3 -1 0 0 0"/> </equality>
+    </mujoco>""")
+    chain = Chain.from_mjcf(model, "world", "tip")
+    assert chain.joint_types == "ror"
+    assert chain.names == ("yaw", "lift", "wrist")
+    # elbow - (-0.1) = 0.3 - (lift - 0.2), so elbow = 0.4 - lift, and its range leaves lift -1.6 to 0.9
+    np.testing.assert_allclose(chain.limits[1], [-1.0, 0.9])
+    data = mujoco.MjData(model)
+    for lift in (-0.7, 0.0, 0.6):
+        data.qpos[:] = [0.4, lift, 0.4 - lift, -0.6]
+        mujoco.mj_kinematics(model, data)
+        tip = data.site("tip")
+        X_W_tip = pose(tip.xmat.reshape(3, 3), tip.xpos)
+        np.testing.assert_allclose(chain.forward([0.4, lift, -0.6]), X_W_tip, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("second", "polycoef", "axis"),
+    [
+        ("pitch", "0 2 0 0 0", "0 1 0"),
+        ("pitch", "0 -1 0.1 0 0", "0 1 0"),
+        ("pitch", "0 -1 0 0 0", "1 0 0"),
+        ("roll", "0 -1 0 0 0", "0 1 0"),
+    ],
+)
+def test_other_couplings_are_refused(second: str, polycoef: str, axis: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"""
+    <mujoco>
+      <worldbody>
+        <body> <joint name="lift" axis="0 1 0"/> <geom size="0.1"/>
+          <body> <joint name="pitch" axis="{axis}"/> <geom size="0.1"/>
+            <body> <joint name="roll" axis="0 1 0"/> <geom size="0.1"/> <site name="tip"/> </body>
+          </body>
+        </body>
+      </worldbody>
+      <equality> <joint joint1="{second}" joint2="lift" polycoef="{polycoef}"/> </equality>
+    </mujoco>""")
+    with pytest.raises(ConfigurationError, match=f"'lift' and '{second}'"):
+        Chain.from_mjcf(model, "world", "tip")
 
 
 def test_long_chains_are_solved() -> None:

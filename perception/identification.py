@@ -16,12 +16,11 @@ from scipy import ndimage
 from models.targets import TargetModel
 from perception.check import Check, check
 from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
-from perception.scan import MIN_POINTS, Scan, SensorModel, background_plane, without_flying_pixels
+from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_z, transform_points
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
-_PLANES = 3  # background planes taken out at most: floor and two walls
 _REFINED = 3  # starts that are worth a full fit
 _CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
@@ -145,14 +144,7 @@ def segment(
     """
     usable = without_flying_pixels(scan)
     _need(usable, "of the scan form a surface")
-    extent = 2.4 * target.radius
-    background = np.zeros_like(usable)
-    for _ in range(_PLANES):
-        plane = background_plane(scan, usable & ~background, extent, sensor, rng)
-        if not plane.any():
-            break
-        background |= plane
-    mask = usable & ~background
+    mask = usable & ~background(scan, usable, 2.4 * target.radius, sensor, rng)
     if approach is not None:
         with np.errstate(invalid="ignore"):
             mask &= np.linalg.norm(scan.points - approach, axis=-1) < target.radius + approach_error
@@ -163,7 +155,7 @@ def segment(
     label, count = ndimage.label(mask, structure=np.ones((3, 3)))
     size = np.bincount(label.ravel(), minlength=count + 1)
     size[0] = 0
-    mask &= (size >= max(20, 0.02 * size.max()))[label]
+    mask &= (size >= max(20, 0.005 * size.max()))[label]
     _need(mask, "form patches of any size")
     return mask
 

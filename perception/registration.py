@@ -77,6 +77,11 @@ class ModelSurface:
         inside = scan.pixels(transform_points(X_ST, self.points))[2]
         return inside & (first > distance - 0.002) & (cosine > np.cos(max_incidence))
 
+    def covers(self, X_ST: Array, points: Array) -> np.ndarray:
+        """Mask (N,) of the points (N, 3) [m] in S that lie in the picture of the model at `X_ST`."""
+        X_TS = inverse(X_ST)
+        return np.isfinite(open3d_loader.cast_rays(self.scene, X_TS[:3, 3], points @ X_TS[:3, :3].T)["t"])
+
     def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
         """The model as the sensor would see it at `X_ST` on the grid of `scan`, and cosines of incidence (H, W)."""
         width, height = len(scan.tangent_x), len(scan.tangent_y)
@@ -235,6 +240,7 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
         goes_on &= inside & evidence.mask[row, column]
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
+        goes_on &= ~surface.covers(X_ST, probe)  # one part of the model before another is no end of it
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
 
 

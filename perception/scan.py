@@ -211,40 +211,64 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
     return support >= 3
 
 
-def background_plane(
-    scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator
+def background(
+    scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator, planes: int = 5
 ) -> np.ndarray:
-    """Mask (H, W) of the largest plane among the masked pixels, empty if none is background.
+    """Mask (H, W) of the masked pixels that lie on background planes.
 
     Background is a plane that reaches further than the object can: its points spread over more than `extent` [m].
+    The `planes` largest planes are judged; a face of the object may be among them, and is left.
     """
-    none = np.zeros_like(mask)
+    found = np.zeros_like(mask)
     rows, columns = np.nonzero(mask)
-    if len(rows) < MIN_POINTS:
-        return none
     step = max(1, len(rows) // 3000)
     sample = scan.points[rows[::step], columns[::step]]
-    picks = rng.integers(len(sample), size=(150, 3))
-    a, b, c = sample[picks[:, 0]], sample[picks[:, 1]], sample[picks[:, 2]]
+    least = max(20, int(0.08 * len(sample)))
+    for _ in range(planes):
+        plane = _largest_plane(sample, sensor, rng)
+        if plane is None or plane.inliers.sum() < least:
+            break
+        spread = sample[plane.inliers] - sample[plane.inliers].mean(axis=0)
+        if 2.0 * float(np.percentile(np.linalg.norm(spread, axis=1), 95)) > extent:
+            off = np.abs((scan.points - plane.center) @ plane.normal)
+            with np.errstate(invalid="ignore"):
+                found |= mask & (off < _plane_tolerance(scan.depth, sensor))
+        sample = sample[~plane.inliers]
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plane:
+    center: Array  # (3,) [m]
+    normal: Array  # (3,) unit
+    inliers: np.ndarray  # (N,) bool
+
+
+def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
+    return 3.0 * sensor.sigma(z) + 0.003
+
+
+def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
+    """The plane with most of the points (N, 3) near it: 150 random triples, then least squares; None if degenerate."""
+    if len(points) < 3:
+        return None
+    a, b, c = points[rng.integers(len(points), size=(3, 150))]
     normals = np.cross(b - a, c - a)
     length = np.linalg.norm(normals, axis=1)
     normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
     if not len(normals):
-        return none
-    tolerance = 3.0 * sensor.sigma(sample[:, 2]) + 0.003
-    near = np.abs(sample @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
-    best = near[:, int(near.sum(axis=0).argmax())]
+        return None
+    tolerance = _plane_tolerance(points[:, 2], sensor)
+    near = np.abs(points @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
+    inliers = near[:, int(near.sum(axis=0).argmax())]
+    center, normal = points[0], normals[0]
     for _ in range(3):
-        if best.sum() < max(20, 0.08 * len(sample)):
-            return none
-        center = sample[best].mean(axis=0)
-        normal = np.linalg.svd(sample[best] - center, full_matrices=False)[2][2]
-        best = np.abs((sample - center) @ normal) < tolerance
-    spread = sample[best] - sample[best].mean(axis=0)
-    if 2.0 * float(np.percentile(np.linalg.norm(spread, axis=1), 95)) < extent:
-        return none
-    z = scan.depth
-    return mask & (np.abs((scan.points - center) @ normal) < 3.0 * sensor.sigma(z) + 0.003)
+        if inliers.sum() < 3:
+            return None
+        center = points[inliers].mean(axis=0)
+        normal = np.linalg.eigh(np.cov((points[inliers] - center).T))[1][:, 0]
+        inliers = np.abs((points - center) @ normal) < tolerance
+    return _Plane(center, normal, inliers)
 
 
 def voxel_means(points: Array, size: float) -> Array:

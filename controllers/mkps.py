@@ -149,8 +149,8 @@ class Chain:
         """The chain of joints between a body and a site of a compiled model, in the frame of that body.
 
         The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Joints
-        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part. Two hinges in a row, turned
-        against each other by an active joint equality, are one pantograph link, named and measured by the first.
+        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part. Two hinges in a row,
+        turned against each other by an active joint equality, are one pantograph link, named and measured by the first.
 
         Raises ConfigurationError for an unknown body, site or joint, a site that is not beyond the body, ball and free
         joints and other couplings of two joints on the way, and a chain without joints.

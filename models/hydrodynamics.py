@@ -44,6 +44,7 @@ LAYOUT: Final = SimpleNamespace(
     density=1,
     current_acceleration=2,  # 3
     current_shear=5,  # 3
+    compiled=8,  # 1 once sim.hydrodynamics.compile has set the wet contact weights
 )
 
 
@@ -286,13 +287,13 @@ def sphere(
     Added mass half the displaced (Lamb, Hydrodynamics, art. 92); drag coefficient at Reynolds 1e4 to 1e5 (Hoerner 3-8).
     Drag acts at the body origin, so keep `center` near it or use strips.
     """
-    radius = _positive(radius, "radius [m]")
+    radius, center = _positive(radius, "radius [m]"), np.asarray(center, dtype=np.float64)
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
     return BodyHydrodynamics(
         volume=volume,
-        center_of_buoyancy=readonly(center),
+        center_of_buoyancy=center,
         added_mass=moved_added_mass(local, np.eye(3), center),
         quadratic_damping=np.array([drag] * 3 + [0.0] * 3),
     )
@@ -311,13 +312,14 @@ def ellipsoid(
     the drag coefficient is on the frontal area of each axis. Drag acts at the body origin.
     """
     a, b, c = axes = checked(semi_axes, (3,), "semi_axes [m]")
+    center = np.asarray(center, dtype=np.float64)
     if np.any(axes <= 0.0):
         raise ConfigurationError(f"semi_axes [m]: must be positive, got {axes.tolist()}")
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
         volume=volume,
-        center_of_buoyancy=readonly(center),
+        center_of_buoyancy=center,
         added_mass=moved_added_mass(np.diag(water_density * volume * _ellipsoid_factors(axes)), np.eye(3), center),
         quadratic_damping=np.concatenate([0.5 * water_density * drag_coefficient * area, np.zeros(3)]),
     )
@@ -336,7 +338,7 @@ def box(
     length goes to 0), in rotation as the ellipsoid in the box, scaled by the volumes. Drag on the frontal areas
     (cube, Hoerner 3-17), in rotation the same coefficient on the local speed of each face; it acts at the body origin.
     """
-    edges = checked(size, (3,), "size [m]")
+    edges, center = checked(size, (3,), "size [m]"), np.asarray(center, dtype=np.float64)
     if np.any(edges <= 0.0):
         raise ConfigurationError(f"size [m]: must be positive, got {edges.tolist()}")
     volume = float(np.prod(edges))
@@ -351,7 +353,7 @@ def box(
     spin = np.array([x * (y**4 + z**4), y * (x**4 + z**4), z * (x**4 + y**4)]) / 32.0  # integral of |r|^3 over faces
     return BodyHydrodynamics(
         volume=volume,
-        center_of_buoyancy=readonly(center),
+        center_of_buoyancy=center,
         added_mass=moved_added_mass(np.diag(np.concatenate([translation, rotation])), np.eye(3), center),
         quadratic_damping=0.5 * water_density * drag_coefficient * np.concatenate([area, spin]),
     )
@@ -375,8 +377,8 @@ def cylinder(
     """
     radius = _positive(radius, "radius [m]")
     strip = StripDrag(
-        start=readonly(start),
-        end=readonly(end),
+        start=np.asarray(start, dtype=np.float64),
+        end=np.asarray(end, dtype=np.float64),
         normal=0.5 * water_density * normal_coefficient * 2.0 * radius,
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,

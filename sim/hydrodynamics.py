@@ -24,7 +24,7 @@ import llvmlite.binding
 import mujoco
 import numpy as np
 
-from models.hydrodynamics import BodyHydrodynamics, carries, unpack
+from models.hydrodynamics import LAYOUT, BodyHydrodynamics, carries, unpack
 from sim import hydrodynamics_kernel, mujoco_layout
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import Array, skew
@@ -67,10 +67,22 @@ def is_installed() -> bool:
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
-    """Whether `model` is served as it should be; warns if it carries coefficients and the callback is off."""
-    if carries_hydrodynamics(model) and not is_installed():
+    """Whether `model` is served as it should be.
+
+    Warns in one line if it carries coefficients and the callback is off, or if it was not compiled by `compile`.
+    """
+    if not carries_hydrodynamics(model):
+        return True
+    if not is_installed():
         warnings.warn(
             "this model carries hydrodynamics but moves dry: call sim.hydrodynamics.install()", RuntimeWarning, 2
+        )
+        return False
+    if not model.body_user[0, LAYOUT.compiled]:
+        warnings.warn(
+            "this model has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile()",
+            RuntimeWarning,
+            2,
         )
         return False
     return True
@@ -101,12 +113,14 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
         return model
     check(model)
     _set_constants(model, ratios)
+    model.body_user[0, LAYOUT.compiled] = 1.0
     return model
 
 
 def check(model: mujoco.MjModel) -> None:
     """Refuse, by name and with the number, settings under which the hydrodynamics would be wrong or unstable.
 
+    Drag is explicit, so its rate, lambda_max of the slope of drag over M + A at qpos0, must not exceed 1 / timestep.
     Call it again after changing `model.opt`. Raises HydrodynamicsError.
     """
     if not carries_hydrodynamics(model):

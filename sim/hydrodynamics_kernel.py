@@ -6,7 +6,7 @@ tree's centre of mass (the reference point of `cdof` and `cvel`), summed up to t
 joint's axis, as MuJoCo's own composite-rigid-body pass does for the dry inertia.
 
 Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
-MuJoCo or a table with another layout.
+MuJoCo, or a table of coefficients, with another layout.
 """
 
 import math
@@ -21,12 +21,13 @@ from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
 from models.hydrodynamics import LAYOUT, MAX_STATIONS
+from sim.interfaces.spatial import Array
 from sim.mujoco_layout import offset
 
 # What the callback reads or writes; the layout of at least these is compared with live objects.
 # fmt: off
 MODEL_FIELDS = (
-    "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
+    "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
     "body_user", "M_rownnz", "M_rowadr", "M_colind",
 )
 DATA_FIELDS = (
@@ -37,11 +38,6 @@ DATA_FIELDS = (
 # `d.crb` of the world body is zero and MuJoCo zeroes it again whenever it rebuilds `d.M`, so this mark there means that
 # `d.M` holds the added mass already (mj_forwardSkip and finite differences call mj_passive again without rebuilding).
 WET_MARK = 6.20261121e8
-
-# Gauss-Legendre nodes and weights on [0, 1]; the rule with n stations starts at n (n - 1) / 2.
-_RULES = [np.polynomial.legendre.leggauss(n) for n in range(1, MAX_STATIONS + 1)]
-_NODES = np.concatenate([0.5 + 0.5 * x for x, _ in _RULES])
-_WEIGHTS = np.concatenate([0.5 * w for _, w in _RULES])
 
 # Symbols of libmujoco, which `sim.hydrodynamics.install` gives to LLVM under these names.
 SYMBOLS = ("mj_factorM", "mj_markStack", "mj_freeStack", "mj_stackAllocNum")
@@ -243,7 +239,7 @@ def _drag(row: int, v: Vector, w: Vector, linear_at: int, quadratic_at: int) -> 
 
 
 @_inline
-def _strip_drag(strip: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+def _strip_drag(strip: int, v: Vector, w: Vector, nodes: Array, weights: Array) -> tuple[Vector, Vector]:
     """Drag (force, torque) of one segment whose numbers begin at the address `strip`, in body axes."""
     start = _load3(strip, 0)
     along = _minus(_load3(strip, 3), start)
@@ -252,12 +248,12 @@ def _strip_drag(strip: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     normal, tangential, count = _f64(strip, 6), _f64(strip, 7), int(_f64(strip, 8))
     force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(count * (count - 1) // 2, count * (count + 1) // 2):
-        p = _plus(start, _scaled(_NODES[k], along))
+        p = _plus(start, _scaled(nodes[k], along))
         u = _plus(v, _cross(w, p))
         slip = _dot(u, axis)
         across = _minus(u, _scaled(slip, axis))
         speed = math.sqrt(_dot(across, across))
-        share = -length * _WEIGHTS[k]
+        share = -length * weights[k]
         f = _plus(_scaled(share * normal * speed, across), _scaled(share * tangential * abs(slip) * slip, axis))
         force = _plus(force, f)
         torque = _plus(torque, _cross(p, f))
@@ -285,6 +281,11 @@ def build() -> Any:
     volume_at, buoyancy_at, mass_at = LAYOUT.volume, LAYOUT.center_of_buoyancy, LAYOUT.added_mass
     linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
+
+    # Gauss-Legendre on [0, 1]; the rule with n stations starts at n (n - 1) / 2.
+    rules = [np.polynomial.legendre.leggauss(n) for n in range(1, MAX_STATIONS + 1)]
+    nodes = np.concatenate([0.5 + 0.5 * x for x, _ in rules])
+    weights = np.concatenate([0.5 * w for _, w in rules])
 
     # Scratch of each body: added mass (21), force (3), torque (3), acceleration with qacc = 0 (angular 3, linear 3),
     # and 1 if it or a descendant carries coefficients.
@@ -354,7 +355,7 @@ def build() -> Any:
             v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
             drag_f, drag_t = _drag(row, v_B, w_B, linear_at, quadratic_at)
             for k in range(int(_f64(row, strip_count_at))):
-                strip_f, strip_t = _strip_drag(row + 8 * (strips_at + k * strip_size), v_B, w_B)
+                strip_f, strip_t = _strip_drag(row + 8 * (strips_at + k * strip_size), v_B, w_B, nodes, weights)
                 drag_f, drag_t = _plus(drag_f, strip_f), _plus(drag_t, strip_t)
             drag_f = _times(R, drag_f)
             f = _plus(f, drag_f)

@@ -172,6 +172,11 @@ def test_without_coefficients_the_weights_are_those_of_mujoco(within):
     within("meaninertia", model.stat.meaninertia / expected.stat.meaninertia - 1.0, 1e-12)
 
 
+def test_says_when_a_model_was_compiled_without_its_water():
+    with pytest.warns(RuntimeWarning, match="contact weights of its dry mass"):
+        assert not hydrodynamics.check_installed(spec_of().compile())
+
+
 def test_says_when_a_wet_model_would_move_dry():
     wet, dry = hydrodynamics.compile(spec_of()), hydrodynamics.compile(spec_of(coefficients=False))
     assert hydrodynamics.check_installed(wet)

@@ -2,6 +2,7 @@
 
 Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the scanned and on the fitted
 model's triangulated surface (eq. 2); the distances E_i between both projections say how far the surfaces lie apart.
+
 The paper's Q = sqrt(sum E_i^2) grows with the number of rays and has no rule for rays that miss, and a few rays at
 edges dominate it. Here: a trimmed rms over rays that should hit both, the share of rays that agree, the share where
 the scan sees through the model, and the offset of sharp depth edges, for what no projection can feel.
@@ -13,7 +14,7 @@ import numpy as np
 
 from models import open3d_loader
 from perception.registration import Evidence, ModelSurface, edge_offsets
-from perception.scan import triangulate
+from perception.scan import jump, triangulate
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # share of the largest distances left out of the figure
@@ -68,6 +69,7 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
     )
     C_model = starts + on_model["t"][:, None] * o
     hit = np.isfinite(on_model["t"])
+    hit &= _clear_of_edges(surface, X_TS, starts, on_model["t"], o, 1.5 * evidence.scan.pitch * np.linalg.norm(H_D))
     normals = on_model["normal"] @ X_ST[:3, :3].T
     C_model, normals, starts, t_model = C_model[hit], normals[hit], starts[hit], on_model["t"][hit]
     # The rays are parallel, the sensor's are not: keep those whose model point the sensor itself should see.
@@ -137,6 +139,27 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
     )
 
 
+def _clear_of_edges(
+    surface: ModelSurface, X_TS: Array, starts: Array, t: np.ndarray, o: Array, margin: float
+) -> np.ndarray:
+    """Mask (N,) of the rays that meet the same face of the model when moved aside by `margin` [m]."""
+    clear = np.ones(len(starts), dtype=bool)
+    way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
+    u = _across(o)
+    v = np.cross(o, u)
+    for aside in (u, -u, v, -v):
+        beside = open3d_loader.cast_rays(surface.scene, transform_points(X_TS, starts + margin * aside), way)["t"]
+        with np.errstate(invalid="ignore"):
+            clear &= np.abs(beside - t) < jump(0.0) + 3.0 * margin
+    return clear
+
+
+def _across(o: Array) -> Array:
+    """A unit vector perpendicular to `o`."""
+    u = np.cross(o, [0.0, 1.0, 0.0] if abs(o[1]) < 0.9 else [1.0, 0.0, 0.0])
+    return u / np.linalg.norm(u)
+
+
 def _trimmed_rms(distances: Array, trim: float) -> float:
     kept = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
     return float(np.sqrt(np.mean(kept**2)))
@@ -157,8 +180,7 @@ def _form(points: Array, E: Array, size: float) -> tuple[float, float]:
 
 def _curves(H_D: Array, o: Array, points: Array) -> Array:
     """Points c_i (N, 3) of lines and circles in a plane across `o`, before the object, that cross all of it."""
-    u = np.cross(o, [0.0, 1.0, 0.0] if abs(o[1]) < 0.9 else [1.0, 0.0, 0.0])
-    u /= np.linalg.norm(u)
+    u = _across(o)
     v = np.cross(o, u)
     offset = points - H_D
     reach = float(np.linalg.norm(offset - np.outer(offset @ o, o), axis=1).max())

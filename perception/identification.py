@@ -21,6 +21,7 @@ from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_z, transform_points
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
+_TRIED = 8  # starts that are worth a whole coarse fit
 _REFINED = 3  # starts that are worth a full fit
 _CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
@@ -175,12 +176,12 @@ class _Found:
 
 
 def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array | None) -> list[Array]:
-    """Poses (4, 4) to start from: the prior orientation or 24 of them, each at the approach and over the cloud."""
+    """Poses (4, 4) to start from: the prior orientation, at the approach and over the cloud, or 24 over the cloud."""
     turns = [R_prior] if R_prior is not None else _distinct_turns(surface.target)
     centroid = evidence.points.mean(axis=0)
     starts = []
     for R in turns:
-        if approach is not None:
+        if approach is not None and R_prior is not None:
             starts.append(pose(R, approach - R @ surface.center))
         # Pre-approach: centre of the visible model onto the centre of the cloud.
         X = pose(R, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
@@ -206,9 +207,14 @@ def _distinct_turns(target: TargetModel) -> list[Array]:
 
 def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
     """Coarse fits from all starts, full fits from the best of them, the best of those."""
+    first = [(X, X) for X in starts]
+    if len(starts) > _TRIED:
+        # Many attitudes: a short fit from each tells which are worth a whole one.
+        first = [(coarse_fit(evidence, surface, X, iterations=7), X) for X in starts]
+        first = sorted(first, key=lambda pair: -score(evidence, surface, pair[0]))[:_TRIED]
     rough: list[tuple[float, Array, Array]] = []
-    for X_start in starts:
-        X = coarse_fit(evidence, surface, X_start)
+    for X_near, X_start in first:
+        X = coarse_fit(evidence, surface, X_near)
         rough.append((score(evidence, surface, X), X, X_start))
     if max(item[0] for item in rough) < _CONVINCING:
         # What can go wrong near a right attitude is a slide along the object; try again from both sides of it.

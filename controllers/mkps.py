@@ -49,6 +49,7 @@ class Chain:
     _ends: Array = field(init=False, repr=False)
     _scale: float = field(init=False, repr=False)
     _scratch: int = field(init=False, repr=False)
+    _no_trail: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         joints, ends, scale = _tables(self)
@@ -56,6 +57,7 @@ class Chain:
         object.__setattr__(self, "_ends", ends)
         object.__setattr__(self, "_scale", scale)
         object.__setattr__(self, "_scratch", kernels.scratch_size(self.n))
+        object.__setattr__(self, "_no_trail", np.empty((0, self.n)))
 
     @property
     def n(self) -> int:
@@ -243,6 +245,7 @@ class IkResult:
     orientation_error: float  # [rad] angle between tip and target, by atan2
     cause: str  # why it ended
     restarts: int = 0  # other starts tried; after any, the answer may lie on another branch than q0
+    history: Array | None = None  # (iterations + 1, n) joint values from the start to the answer, if asked for
 
 
 _CAUSES = {
@@ -265,6 +268,7 @@ def solve(
     branch: Branch = "free",
     max_iterations: int = 4000,
     max_restarts: int = 200,
+    history: bool = False,
 ) -> IkResult:
     """Joint values within the limits that bring the tip to `X_base_tip` (4, 4), sought from `q0` (n,) [rad] or [m].
 
@@ -272,7 +276,8 @@ def solve(
     turn; for six joints the answer is refused if it lies beyond a singular configuration, unless all joints moved by
     less than half a radian. It is the call for tracking. `branch="free"` restarts, from the same places for the same
     chain and q0, until a pose is met. "Nearest" is by the sum of squares of both errors, metres divided by a power of
-    two near the length of the chain. A `q0` beyond the limits is brought within them.
+    two near the length of the chain. A `q0` beyond the limits is brought within them. With `history` the result holds
+    the joint values after every iteration (paper 003, fig. 9).
 
     Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that is not positive, and an
     unknown method or branch.
@@ -282,21 +287,28 @@ def solve(
     _check_options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts)
     scale, keep = chain._scale, branch == "keep"
     q, scratch = np.empty(len(start)), np.empty(chain._scratch)
+    trail = np.empty((max_iterations + kernels.SETTLE_STEPS + 1, len(start))) if history else chain._no_trail
     given = (chain._joints, chain._ends, scale, target, start, scale * position_tolerance, orientation_tolerance)
     if method == "jacobian_free":
-        outcome = kernels.solve_jacobian_free(*given, max_iterations, 0 if keep else max_restarts, keep, scratch, q)
+        outcome = kernels.solve_jacobian_free(
+            *given, max_iterations, 0 if keep else max_restarts, keep, scratch, q, trail
+        )
     elif method == "plain":
-        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q)
+        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q, trail)
     elif keep:
-        outcome = kernels.solve_keep(*given, max_iterations, scratch, q)
+        outcome = kernels.solve_keep(*given, max_iterations, scratch, q, trail)
     else:
-        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q)
+        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q, trail)
     code, iterations, restarts, error_p, error_r = outcome
     if code >= kernels.BAD_TARGET:
         _refuse(code, target, start, "")
     q.setflags(write=False)
+    path = None
+    if history:
+        trail[iterations] = q  # where nothing converged, the answer is the best of the way
+        path = readonly(trail[: iterations + 1])
     return IkResult(
-        q, code == kernels.CONVERGED, iterations, error_p / scale, error_r, _cause(code, restarts), restarts
+        q, code == kernels.CONVERGED, iterations, error_p / scale, error_r, _cause(code, restarts), restarts, path
     )
 
 

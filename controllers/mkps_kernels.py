@@ -9,7 +9,7 @@ deserves a sweep. Lengths in both are multiplied by `scale`, a power of two that
 that metres and radians can share one norm.
 `scratch` is uninitialised memory of `scratch_size(n)` numbers, cut by `partition` into `goal` (4, 3): the scaled tip
 position, then the wanted axes of the last joint frame, one a row; `normal` (6, 8), `work` (n, WORK), `memory`
-(n, HISTORY).
+(n, HISTORY). `trail` takes the joint values of every iteration that it has a row for.
 """
 
 import math
@@ -35,6 +35,7 @@ LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on i
 FAR = 0.1  # squared error of a start from which a sweep pays off before a descent
 FAR_WEIGHT = 0.1  # [1/rad^2] of the tool axes against the scaled position in that sweep
 SWEEP_WEIGHT = 0.01  # [1/rad^2] the same in accelerated sweeps, where position must lead
+SETTLE_STEPS = 200  # longest creep to the nearest pose
 STAGE_SWEEPS = 10  # longest run of one stage of plain MKPS
 SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # like STALL_*, for accelerated sweeps
 DEPTH = 5  # of the Anderson acceleration
@@ -398,12 +399,21 @@ def fold(joints, q):
 
 
 @_jit
-def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, stall, mode, best2, normal, work, q):
+def note(q, trail, row):
+    """Joint values into a row of `trail`, if it has that row."""
+    if row < trail.shape[0]:
+        for i in range(q.shape[0]):
+            trail[row, i] = q[i]
+
+
+@_jit
+def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, stall, mode, best2, normal, work, q, trail, row):
     """Levenberg-Marquardt from `q` until the tolerances hold, the error stalls or `limit` steps are spent.
 
     `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
     their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`. A stall is a
-    squared error that does not fall to `stall` times itself in STALL_WINDOW steps.
+    squared error that does not fall to `stall` times itself in STALL_WINDOW steps. `trail` takes the joint values from
+    its row `row` on, one a step, as far as it has rows.
 
     Returns (code, steps, least squared error, position error, orientation error); `q` is where the last two were
     measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
@@ -413,6 +423,7 @@ def descend(joints, ends, scale, goal, tol_p, tol_r, limit, cap, stall, mode, be
     mark = np.inf
     steps = 0
     while True:
+        note(q, trail, row + steps)
         px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
         wx, wy, wz, error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
         ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
@@ -491,12 +502,27 @@ def recall(joints, ends, scale, goal, work, q):
 
 
 @_jit
-def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q):
+def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q, trail, row):
     """Go back to the best joint values seen and creep to the bottom of their valley."""
     for i in range(joints.shape[0]):
         q[i] = work[i, BEST]
     code, steps, best2, error_p, error_r = descend(
-        joints, ends, scale, goal, tol_p, tol_r, 200, SHORT_STEP, 1.0 - 1e-9, ALONG, best2, normal, work, q
+        joints,
+        ends,
+        scale,
+        goal,
+        tol_p,
+        tol_r,
+        SETTLE_STEPS,
+        SHORT_STEP,
+        1.0 - 1e-9,
+        ALONG,
+        best2,
+        normal,
+        work,
+        q,
+        trail,
+        row,
     )
     if code != CONVERGED:
         error_p, error_r = recall(joints, ends, scale, goal, work, q)
@@ -504,7 +530,7 @@ def settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q):
 
 
 @_jit
-def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scratch, q):
+def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scratch, q, trail):
     """A combined sweep from a far start, then Levenberg-Marquardt, then restarts, every other one THROUGH the limits.
 
     Returns (code, steps, restarts, position error [scaled], orientation error).
@@ -523,23 +549,13 @@ def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scra
         if restart == 0 and ends[1, 1, 3] > 0.0:
             error_p, error_r = errors(joints, ends, scale, goal, q, work)
             if error_p * error_p + error_r * error_r > FAR:
+                note(q, trail, steps)
                 sweep(joints, ends, scale, goal, FAR_WEIGHT, mode, q, work)
+                steps += 1
         code, spent, best2, error_p, error_r = descend(
-            joints,
-            ends,
-            scale,
-            goal,
-            tol_p,
-            tol_r,
-            limit - steps,
-            LONG_STEP,
-            STALL_FACTOR,
-            mode,
-            best2,
-            normal,
-            work,
-            q,
-        )
+            joints, ends, scale, goal, tol_p, tol_r, limit - steps, LONG_STEP, STALL_FACTOR, mode, best2,
+            normal, work, q, trail, steps,
+        )  # fmt: skip
         steps += spent
         if code == CONVERGED:
             return code, steps, restart, error_p, error_r
@@ -547,7 +563,9 @@ def solve_hybrid(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, scra
             break
         restart += 1
         scatter(joints, scale, restart, q0, q)
-    code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
+    code, spent, error_p, error_r = settle(
+        joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q, trail, steps
+    )
     if code != CONVERGED:
         code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
     return code, steps + spent, restart, error_p, error_r
@@ -595,7 +613,7 @@ def branch_left(joints, ends, scale, q, work, normal):
 
 
 @_jit
-def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, scratch, q):
+def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, scratch, q, trail):
     """Levenberg-Marquardt by short steps from `q0`, without leaps or restarts. Returns as `solve_hybrid`."""
     goal, normal, work, _ = partition(scratch, joints.shape[0])
     fault = begin(joints, ends, scale, X, q0, False, goal, q)
@@ -604,10 +622,27 @@ def solve_keep(joints, ends, scale, X, q0, tol_p, tol_r, limit, scratch, q):
     for i in range(joints.shape[0]):
         work[i, START] = q[i]
     code, steps, best2, error_p, error_r = descend(
-        joints, ends, scale, goal, tol_p, tol_r, limit, SHORT_STEP, STALL_FACTOR, ALONG, np.inf, normal, work, q
+        joints,
+        ends,
+        scale,
+        goal,
+        tol_p,
+        tol_r,
+        limit,
+        SHORT_STEP,
+        STALL_FACTOR,
+        ALONG,
+        np.inf,
+        normal,
+        work,
+        q,
+        trail,
+        0,
     )
     if code != CONVERGED:
-        code, spent, error_p, error_r = settle(joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q)
+        code, spent, error_p, error_r = settle(
+            joints, ends, scale, goal, tol_p, tol_r, best2, normal, work, q, trail, steps
+        )
         steps += spent
     if code != CONVERGED:
         code = fault if fault == OUT_OF_REACH else code
@@ -658,7 +693,7 @@ def mix(residuals, steps, n, count, memory, normal, q):
 
 
 @_jit
-def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, normal, work, memory, q):
+def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, normal, work, memory, q, trail, row):
     """Combined sweeps as a fixed-point map g(q) under Anderson acceleration. Arguments and returns as `descend`.
 
     A mixed step that raises the objective, which plain sweeps never do, is taken back and the memory dropped.
@@ -668,6 +703,7 @@ def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, norm
     known = False  # whether the memory holds the sweep before this one
     reference, mark = np.inf, np.inf
     while True:
+        note(q, trail, row + sweeps)
         for i in range(n):
             memory[i, AT] = q[i]
         p2, error_r = sweep(joints, ends, scale, goal, SWEEP_WEIGHT, mode, q, work)
@@ -712,7 +748,7 @@ def accelerate(joints, ends, scale, goal, tol_p, tol_r, limit, mode, best2, norm
 
 
 @_jit
-def solve_jacobian_free(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, keep, scratch, q):
+def solve_jacobian_free(joints, ends, scale, X, q0, tol_p, tol_r, limit, restarts, keep, scratch, q, trail):
     """Accelerated combined sweeps with restarts, every other one THROUGH the limits. Returns as `solve_hybrid`."""
     goal, normal, work, memory = partition(scratch, joints.shape[0])
     fault = begin(joints, ends, scale, X, q0, not keep, goal, q)
@@ -726,7 +762,7 @@ def solve_jacobian_free(joints, ends, scale, X, q0, tol_p, tol_r, limit, restart
     while True:
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
         code, spent, best2, error_p, error_r = accelerate(
-            joints, ends, scale, goal, tol_p, tol_r, limit - sweeps, mode, best2, normal, work, memory, q
+            joints, ends, scale, goal, tol_p, tol_r, limit - sweeps, mode, best2, normal, work, memory, q, trail, sweeps
         )
         sweeps += spent
         if code == CONVERGED:
@@ -822,7 +858,7 @@ def goal_axis(goal, ux, uy, uz):
 
 
 @_jit
-def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, q):
+def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, q, trail):
     """The stages of paper 003, chapter 3, in turn until all three of formula (6) hold. Returns as `solve_hybrid`.
 
     The tool axes are those of the last joint frame, whose z is the last joint's axis e_n: unless one tool axis is
@@ -853,6 +889,7 @@ def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, 
     tol_a = tol_r * math.sqrt(0.5)  # two axes within tol_a leave the frame within tol_r
     sweeps, best2 = 0, np.inf
     while True:
+        note(q, trail, sweeps)
         px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(joints, ends, scale, q, work)
         p2 = (goal[0, 0] - px) ** 2 + (goal[0, 1] - py) ** 2 + (goal[0, 2] - pz) ** 2
         error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
@@ -868,14 +905,17 @@ def solve_plain(joints, ends, scale, X, q0, tol_p, tol_r, limit, keep, scratch, 
             error_p, error_r = recall(joints, ends, scale, goal, work, q)
             return (OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED), sweeps, 0, error_p, error_r
         for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
             sweeps += 1
             if place(joints, ends, scale, goal, tol_p, q, work) <= tol_p * tol_p:
                 break
         for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
             sweeps += 1
             if align(joints, ends, scale, lx, ly, lz, mx, my, mz, tol_a, q, work) <= tol_a:
                 break
         for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
             sweeps += 1
             if align(joints, ends, scale, ux, uy, uz, tx, ty, tz, tol_a, q, work) <= tol_a:
                 break
@@ -887,21 +927,22 @@ def solve_range(method, joints, ends, scale, X, q0, tol_p, tol_r, limit, restart
 
     A row of `out` is what the solver of one target returns.
     """
+    trail = q[:0]
     for i in range(first, last):
         if method == JACOBIAN_FREE:
             code, spent, again, error_p, error_r = solve_jacobian_free(
-                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, keep, scratch, q[i]
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, keep, scratch, q[i], trail
             )
         elif method == PLAIN:
             code, spent, again, error_p, error_r = solve_plain(
-                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, keep, scratch, q[i]
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, keep, scratch, q[i], trail
             )
         elif keep:
             code, spent, again, error_p, error_r = solve_keep(
-                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, scratch, q[i]
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, scratch, q[i], trail
             )
         else:
             code, spent, again, error_p, error_r = solve_hybrid(
-                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, scratch, q[i]
+                joints, ends, scale, X[i], q0[i], tol_p, tol_r, limit, restarts, scratch, q[i], trail
             )
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = code, spent, again, error_p / scale, error_r

@@ -309,6 +309,24 @@ def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Br
     assert abs(result.position_error - 2.0) < 1e-6
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("far", [False, True])
+def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -> None:
+    chain, q, targets, home = arm_case("puma", 150.0, 5, np.random.default_rng(9))
+    for values, target in zip(q, targets, strict=True):
+        start = home if far else values + 0.05
+        wanted = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
+        result = solve(chain, wanted, start, method=method, max_iterations=200, history=True)
+        assert result.history is not None
+        assert result.history.shape == (result.iterations + 1, 6)
+        np.testing.assert_array_equal(result.history[0], np.clip(start, *chain.limits.T))
+        np.testing.assert_array_equal(result.history[-1], result.q)
+        assert solve(chain, wanted, start, method=method, max_iterations=200).history is None
+        if not far:
+            distances = [np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3]) for row in result.history]
+            assert distances[-1] < distances[0]
+
+
 def test_a_pose_that_limits_forbid_is_not_claimed() -> None:
     chain = Chain.from_dh(ARMS["puma"], limits=np.tile([-0.5, 0.5], (6, 1)))
     target = Chain.from_dh(ARMS["puma"]).forward([2.5, 0.3, 0.2, 0.1, 0.4, 0.2])

@@ -13,16 +13,19 @@ The current is `model.opt.wind` (3,) [m/s], world axes; its acceleration and she
 (`models.hydrodynamics.set_current`). A flow that varies in space moves past the body with its own acceleration,
 vdot_c + (v_c . grad) v_c, and is taken at the body origin (Auton, Hunt and Prud'homme 1988).
 
-MuJoCo's force and torque sensors do not see `qfrc_passive`, and `mj_setConst` undoes the wet contact weights.
+MuJoCo's force and torque sensors do not see `qfrc_passive`; `mj_setConst` undoes the wet contact weights; and the
+integrator "implicit" takes the velocity terms of the bodies implicitly, those of the water explicitly.
 """
 
 import ctypes
+import sys
 import warnings
 from typing import Any
 
 import llvmlite.binding
 import mujoco
 import numpy as np
+from numba.core import event
 
 from models.hydrodynamics import LAYOUT, BodyHydrodynamics, carries, unpack
 from sim import hydrodynamics_kernel, mujoco_layout
@@ -51,7 +54,8 @@ def install() -> None:
         for symbol in hydrodynamics_kernel.SYMBOLS:
             address = ctypes.cast(getattr(library, symbol), ctypes.c_void_p).value
             llvmlite.binding.add_symbol(symbol, address)
-        _callback = hydrodynamics_kernel.build()
+        with event.install_listener("numba:compile", _Notice()):
+            _callback = hydrodynamics_kernel.build()
     mujoco.set_mjcb_passive(_callback.ctypes)
 
 
@@ -182,6 +186,21 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
         J_B = _jacobian(model, data, i)
         total += J_B.T @ slope @ J_B
     return total
+
+
+class _Notice(event.Listener):
+    """Says once why the first start takes long; numba compiles only what its cache does not hold."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 (numba's signature)
+        if not self._said:
+            print("compiling the hydrodynamics for this MuJoCo, once: 5 to 8 s", file=sys.stderr, flush=True)
+            self._said = True
+
+    def on_end(self, event: event.Event) -> None:
+        pass
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:

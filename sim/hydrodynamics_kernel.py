@@ -221,9 +221,8 @@ def _applied(B: Matrix, C: Matrix, J: Matrix, v: Vector, w: Vector) -> tuple[Vec
 
 
 @_inline
-def _drag(row: int, v: Vector, w: Vector, linear_at: int, quadratic_at: int) -> tuple[Vector, Vector]:
-    """Linear and quadratic damping (force, torque) of a relative twist, all in body axes."""
-    D = linear_at
+def _drag(row: int, D: int, quadratic_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear (6x6 at `D`) and quadratic damping (force, torque) of a relative twist, all in body axes."""
     q = _load6(row, quadratic_at)
     force = (
         _dot(_load3(row, D), v) + _dot(_load3(row, D + 3), w) + q[0][0] * abs(v[0]) * v[0],
@@ -292,7 +291,7 @@ def build() -> Any:
     wrench, acceleration, loaded, stride = 21, 27, 33, 34
 
     @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
-    def passive(m, d):
+    def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
         if nuser < size or _f64(user, 0) != stamp:
             return
@@ -353,7 +352,7 @@ def build() -> Any:
             # Drag in body axes at the body origin.
             Rt = _transposed(R)
             v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
-            drag_f, drag_t = _drag(row, v_B, w_B, linear_at, quadratic_at)
+            drag_f, drag_t = _drag(row, linear_at, quadratic_at, v_B, w_B)
             for k in range(int(_f64(row, strip_count_at))):
                 strip_f, strip_t = _strip_drag(row + 8 * (strips_at + k * strip_size), v_B, w_B, nodes, weights)
                 drag_f, drag_t = _plus(drag_f, strip_f), _plus(drag_t, strip_t)

@@ -1,0 +1,350 @@
+"""The figures of a run, from its recording and the truth about the object; their meanings are fixed in the README.
+
+`assess` gives everything that `metrics.json` holds, and what of it missed its bound. A figure that the run did not
+live to produce is None (null in JSON) and counts as missed.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.targets import TargetModel
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, checked, inverse, transform_points
+from sim.recording import Recording
+from sim.surface import Surface, closest_on_curve
+
+SETTLING = 1.0  # [s] after a change of the set force, its ramp included, that do not count
+LOST_BELOW = 1.0  # [N] true normal force that is no contact
+RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
+TILT_RATE = 100.0  # [Hz] at which the surface normal under the tip is looked up
+STANDSTILL = 1e-6  # [m/s] of the commanded point, and below
+SCHEMA = "schemas/metrics.schema.json"
+
+Figures = dict[str, float | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """What a run must keep to be accepted."""
+
+    force_error_rms: float = 3.0  # [N]
+    force_error_max: float = 9.0  # [N]
+    lost: float = 0.0  # [s]
+    path_deviation: float = 0.003  # [m]
+    position_error: float = 0.005  # [m] of the identification
+    position_error_share: float = 0.005  # of the range
+    tilt: float = float(np.radians(3.0))  # [rad] tool and hull
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueObject:
+    """What was really there to be worked on."""
+
+    model: TargetModel
+    path: str  # name of the tool path on it
+    X_WT: Array  # (4, 4)
+
+    def __post_init__(self) -> None:
+        self.model.path(self.path)  # raises ConfigurationError if it has none of that name
+        object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One figure against its bound."""
+
+    name: str
+    value: float | None
+    bound: float | None  # None: reported only
+    unit: str
+    scale: float = 1.0  # from SI to `unit`
+
+    @property
+    def ok(self) -> bool:
+        return self.bound is None or (self.value is not None and self.value <= self.bound * (1.0 + 1e-9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessment:
+    """The metrics of a run and the checks that decide on its acceptance."""
+
+    metrics: Mapping[str, Any]  # as written to metrics.json
+    checks: tuple[Check, ...]
+    failed: tuple[str, ...]  # one line each
+
+    @property
+    def accepted(self) -> bool:
+        return not self.failed
+
+    def write(self, file: Path) -> None:
+        """Write metrics.json."""
+        file.write_text(json.dumps(self.metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of metrics.json."""
+    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
+
+
+def assess(
+    recording: Recording,
+    truth: TrueObject,
+    *,
+    seed: int,
+    wall_s: float,
+    identification_s: float | None = None,
+    bounds: Bounds | None = None,
+) -> Assessment:
+    """All figures of a run. `wall_s` [s] the loop took, `identification_s` [s] of it finding the object."""
+    bounds = bounds or Bounds()
+    identification = _identification(recording, truth, identification_s)
+    contact, segments = contact_figures(recording)
+    tool = tool_figures(recording, truth)
+    hull = hull_figures(recording)
+    collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
+    metrics: dict[str, Any] = {
+        "identification": identification,
+        "contact": {**contact, "segments": segments},
+        "tool": tool,
+        "force_estimate": force_estimate_figures(recording),
+        "hull": hull,
+        "thrusters": {"saturated_s": float(recording["saturated"].scalar.sum() * recording.timestep)},
+        "run": {
+            "simulated_s": recording.duration,
+            "wall_s": wall_s,
+            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
+            "seed": seed,
+            "state": recording.final.state.value,
+            "note": recording.final.note,
+            "collision_s": collision_s,
+        },
+    }
+    range_m = identification["range_m"]
+    position_bound = bounds.position_error
+    if range_m is not None:
+        position_bound = min(position_bound, bounds.position_error_share * range_m)
+    mm, degrees = 1e3, float(np.degrees(1.0))
+    checks = (
+        _check("identified position", identification["position_error_m"], position_bound, "mm", mm),
+        _check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
+        _check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
+        _check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
+        _check("contact lost", contact["lost_s"], bounds.lost, "s"),
+        _check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
+        _check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
+        _check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
+        _check("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        _check("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
+        _check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        _check("collision", collision_s, 0.0, "s"),
+    )
+    failed = [_failure(check) for check in checks if not check.ok]
+    if not identification["accepted"]:
+        failed.append("the object was not identified")
+    if recording.final.state is not WorkState.DONE:
+        note = f": {recording.final.note}" if recording.final.note else ""
+        failed.append(f"the run ended in state {recording.final.state.value}{note}")
+    metrics["accepted"] = not failed
+    metrics["failed"] = failed
+    return Assessment(metrics=metrics, checks=checks, failed=tuple(failed))
+
+
+def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
+    """True normal force against the set value in the work state: overall, and for each set value in turn."""
+    time, work = recording["set_force"].time, recording.within(WorkState.WORK)
+    names = ("force_error_rms_n", "force_error_max_n", "lost_s")
+    if not work.any():
+        return dict.fromkeys(names), []
+    wanted = recording["set_force"].scalar
+    error = recording["contact_normal"].scalar - wanted
+    lost = (recording["contact_normal"].scalar < LOST_BELOW) & work
+    changed = np.concatenate([[True], np.diff(wanted) != 0.0])
+    last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
+    settled = work & (time - last_change >= SETTLING - 1e-9)
+    begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
+    part = np.cumsum(begins)
+
+    def figures(where: np.ndarray) -> Figures:
+        e = error[where & settled]
+        return {
+            "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
+            "force_error_max_n": float(np.abs(e).max()) if e.size else None,
+            "lost_s": float((lost & where).sum() * recording.timestep),
+        }
+
+    segments: list[Figures] = []
+    for number in np.unique(part[work]):
+        where = work & (part == number)
+        segments.append(
+            {
+                "set_n": float(wanted[where][-1]),
+                **figures(where),
+                "duration_s": float(where.sum() * recording.timestep),
+            }
+        )
+    return figures(work), segments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathError:
+    """The true tip against the timed commanded path, split; over the work state."""
+
+    time: Array  # (N,) [s]
+    along: Array  # (N,) [m] signed, along the tangent
+    normal: Array  # (N,) [m] signed, along the tool axis: deeper is positive
+    lateral: Array  # (N,) [m] signed, along axis x tangent
+    deviation: Array  # (N,) [m] the larger of along-track and cross-track
+
+    @property
+    def cross(self) -> Array:
+        """(N,) [m] distance across the tangent: lateral and normal together."""
+        return np.hypot(self.lateral, self.normal)
+
+
+def path_error(recording: Recording) -> PathError | None:
+    """The tip's error on its path, or None if the run never came to work."""
+    work = recording.within(WorkState.WORK)
+    velocity = recording["v_command"].value[work]
+    speed = np.linalg.norm(velocity, axis=1)
+    moving = np.flatnonzero(speed > STANDSTILL)
+    if not moving.size:
+        return None
+    # Where the commanded point rests, at both ends, the tangent is that of the nearest motion.
+    rows = np.arange(len(speed))
+    after = np.clip(np.searchsorted(moving, rows), 0, moving.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(rows - moving[before] < moving[after] - rows, moving[before], moving[after])
+    nearest = np.where(speed > STANDSTILL, rows, nearest)
+    tangent = velocity[nearest] / speed[nearest, None]
+    error = recording["p_pad"].value[work] - recording["p_command"].value[work]
+    axis = recording["tool_axis"].value[work]
+    axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    along, normal = np.sum(error * tangent, axis=1), np.sum(error * axis, axis=1)
+    lateral = np.sum(error * np.cross(axis, tangent), axis=1)
+    return PathError(
+        time=recording["p_pad"].time[work],
+        along=along,
+        normal=normal,
+        lateral=lateral,
+        deviation=np.maximum(np.abs(along), np.hypot(lateral, normal)),
+    )
+
+
+def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
+    """The true tip against the commanded path, the ideal path on the true object, and its surface."""
+    names = (
+        "path_deviation_rms_m", "path_deviation_max_m", "cross_track_max_m", "along_track_max_m",
+        "normal_deviation_max_m", "object_deviation_max_m", "tilt_max_rad", "speed_mean_m_s",
+    )  # fmt: skip
+    error = path_error(recording)
+    if error is None:
+        return dict.fromkeys(names)
+    work = recording.within(WorkState.WORK)
+    tip_T = transform_points(inverse(truth.X_WT), recording["p_pad"].value[work])
+    ideal, arc = closest_on_curve(tip_T, np.asarray(truth.model.path(truth.path).p))
+    moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
+    values = (
+        np.sqrt(np.mean(error.deviation**2)),
+        error.deviation.max(),
+        error.cross.max(),
+        np.abs(error.along).max(),
+        np.abs(error.normal).max(),
+        np.linalg.norm(tip_T - ideal, axis=1).max(),
+        tool_tilt(recording, truth)[1].max(),
+        np.ptp(arc) / (moving.sum() * recording.timestep),
+    )
+    return dict(zip(names, map(float, values), strict=True))
+
+
+def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+    """Times (N,) [s] in the work state, and angles (N,) [rad] between the tool axis and the true inward normal."""
+    every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
+    rows = np.flatnonzero(recording.within(WorkState.WORK))[::every]
+    X_TW = inverse(truth.X_WT)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    _, normal = surface.closest(transform_points(X_TW, recording["p_pad"].value[rows]))
+    axis = recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
+    sine = np.linalg.norm(np.cross(axis, normal), axis=1)
+    return recording["p_pad"].time[rows], np.arctan2(sine, -np.sum(axis * normal, axis=1))
+
+
+def force_estimate_figures(recording: Recording) -> Figures:
+    """Tool force felt through the joints against the true contact force, as vectors and along the tool, at work."""
+    work = recording.within(WorkState.WORK)
+    names = ("error_rms_n", "normal_error_rms_n")
+    vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
+    normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
+    if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
+        return dict.fromkeys(names)  # the controller need not believe in any force
+    return {names[0]: float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))), names[1]: float(np.sqrt(np.mean(normal**2)))}
+
+
+def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
+    """Times (N,) [s] in the work state, displacement (N, 3) [m] in W and turn (N,) [rad] of the hull since first touch.
+
+    The turn is the whole rotation, yaw included. None if the tool never touched or the run never came to work.
+    """
+    touching = np.flatnonzero(recording["contact_normal"].scalar > 0.0)
+    work = recording.within(WorkState.WORK)
+    if not touching.size or not work.any():
+        return None
+    first = touching[0]
+    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value
+    ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
+    chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
+    turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine
+    return recording["p_WB"].time[work], p[work] - p[first], turn
+
+
+def hull_figures(recording: Recording) -> Figures:
+    """How far the hull moved and turned under the work, from its pose at first touch."""
+    motion = hull_motion(recording)
+    if motion is None:
+        return {"excursion_max_m": None, "tilt_max_rad": None}
+    _, displacement, turn = motion
+    return {"excursion_max_m": float(np.linalg.norm(displacement, axis=1).max()), "tilt_max_rad": float(turn.max())}
+
+
+def _identification(recording: Recording, truth: TrueObject, duration_s: float | None) -> dict[str, Any]:
+    """The last view's outcome against the truth, up to the object's symmetry."""
+    found = recording.targets[-1] if recording.targets else None
+    figures: dict[str, Any] = {
+        "position_error_m": None,
+        "orientation_error_rad": None,
+        "range_m": None,
+        "check_m": None,
+        "accepted": found is not None and found.accepted,
+        "views": len(recording.targets),
+        "duration_s": duration_s,
+    }
+    if found is not None:
+        position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)
+        figures |= {
+            "position_error_m": _finite(position),
+            "orientation_error_rad": _finite(orientation),
+            "range_m": _finite(found.range_m),
+            "check_m": _finite(found.check_m),
+        }
+    return figures
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _check(name: str, value: float | None, bound: float | None, unit: str, scale: float = 1.0) -> Check:
+    return Check(name=name, value=value, bound=bound, unit=unit, scale=scale)
+
+
+def _failure(check: Check) -> str:
+    if check.value is None:
+        return f"{check.name}: no figure"
+    bound = 0.0 if check.bound is None else check.bound
+    return f"{check.name}: {check.value * check.scale:.3g} {check.unit}, allowed {bound * check.scale:.3g} {check.unit}"

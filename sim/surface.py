@@ -1,0 +1,115 @@
+"""Smooth normals and closest points of triangle meshes, for what is measured on them and for how they are drawn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.interfaces.spatial import Array
+
+CREASE = np.radians(30.0)  # neighbouring triangles that turn less than this are facets of one curved face
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surface:
+    """Triangles with a normal at each corner: a mesh of a cylinder has the cylinder's normals, edges stay sharp."""
+
+    corners: Array  # (T, 3, 3) [m]
+    normals: Array  # (T, 3, 3) unit, outward, one per corner
+
+    @classmethod
+    def of(cls, vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> "Surface":
+        """From `vertices` (V, 3) [m] and `triangles` (T, 3), counter-clockwise seen from outside.
+
+        Triangles without area are left out.
+        """
+        corners = np.asarray(vertices, dtype=np.float64)[triangles]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        size = np.linalg.norm(cross, axis=1)
+        keep = size > 1e-12 * size.max()
+        corners, flat, index = corners[keep], cross[keep] / size[keep, None], np.asarray(triangles)[keep]
+        # Weighted by the corner's angle, the mean does not depend on how a face is cut into triangles.
+        edges = np.roll(corners, -1, axis=1) - corners
+        edges /= np.linalg.norm(edges, axis=2, keepdims=True)
+        angle = np.arccos(np.clip(-np.sum(edges * np.roll(edges, 1, axis=1), axis=2), -1.0, 1.0))
+        normals = np.zeros_like(corners)
+        owner, vertex, weight = np.repeat(np.arange(len(index)), 3), index.ravel(), angle.ravel()
+        order = np.argsort(vertex, kind="stable")
+        groups = np.split(order, np.flatnonzero(np.diff(vertex[order])) + 1)
+        rows = normals.reshape(-1, 3)
+        for group in groups:
+            n = flat[owner[group]]
+            smooth = (n @ n.T) >= np.cos(crease)
+            rows[group] = smooth @ (weight[group, None] * n)
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        return cls(corners=corners, normals=normals)
+
+    def closest(self, points: Array) -> tuple[Array, Array]:
+        """Closest points (N, 3) on the surface to `points` (N, 3) [m], and the unit normals (N, 3) there.
+
+        Quick when neighbours in `points` are neighbours in space, as along a path.
+        """
+        low, high = self.corners.min(axis=1), self.corners.max(axis=1)
+        found, normals = np.empty_like(points), np.empty_like(points)
+        best = 0
+        for i, point in enumerate(points):
+            # The last triangle bounds the distance; only triangles whose box comes nearer can beat it.
+            held = self.corners[best]
+            reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
+            gap = np.maximum(np.maximum(low - point, point - high), 0.0)
+            near = np.flatnonzero(np.einsum("tk,tk->t", gap, gap) <= (reach + 1e-12) ** 2)
+            weights = _closest_barycentric(self.corners[near], point)
+            candidates = np.einsum("tk,tkj->tj", weights, self.corners[near])
+            choice = int(np.argmin(np.sum((candidates - point) ** 2, axis=1)))
+            best = int(near[choice])
+            found[i] = candidates[choice]
+            normal = weights[choice] @ self.normals[best]
+            normals[i] = normal / np.linalg.norm(normal)
+        return found, normals
+
+
+def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
+    """Closest points (N, 3) on the polyline `curve` (M, 3) to `points` (N, 3), and arc lengths (N,) there. All in m."""
+    start, edge = curve[:-1], np.diff(curve, axis=0)
+    length = np.linalg.norm(edge, axis=1)
+    arc = np.concatenate([[0.0], np.cumsum(length)])
+    best, found, at = np.full(len(points), np.inf), np.empty_like(points), np.empty(len(points))
+    for i in range(len(edge)):
+        if length[i] == 0.0:
+            continue
+        share = np.clip((points - start[i]) @ edge[i] / length[i] ** 2, 0.0, 1.0)
+        candidate = start[i] + share[:, None] * edge[i]
+        distance = np.sum((points - candidate) ** 2, axis=1)
+        closer = distance < best
+        best[closer], found[closer], at[closer] = (
+            distance[closer],
+            candidate[closer],
+            (arc[i] + share * length[i])[closer],
+        )
+    return found, at
+
+
+def _closest_barycentric(corners: Array, point: Array) -> Array:
+    """Barycentric weights (T, 3) of the point closest to `point` (3,) in each triangle `corners` (T, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, ac, ap = b - a, c - a, point - a
+    d11, d12, d22 = _dot(ab, ab), _dot(ab, ac), _dot(ac, ac)
+    e1, e2 = _dot(ab, ap), _dot(ac, ap)
+    area = d11 * d22 - d12**2
+    v, w = (d22 * e1 - d12 * e2) / area, (d11 * e2 - d12 * e1) / area
+    weights = np.stack([1.0 - v - w, v, w], axis=1)
+    outside = np.flatnonzero(weights.min(axis=1) < 0.0)
+    best = np.full(len(outside), np.inf)
+    for i, j in ((0, 1), (1, 2), (2, 0)):  # outside the face, the closest point lies on one of its edges
+        start, edge = corners[outside, i], corners[outside, j] - corners[outside, i]
+        share = np.clip(_dot(point - start, edge) / _dot(edge, edge), 0.0, 1.0)
+        distance = np.sum((start + share[:, None] * edge - point) ** 2, axis=1)
+        closer = distance < best
+        best[closer] = distance[closer]
+        rows = outside[closer]
+        weights[rows] = 0.0
+        weights[rows, i], weights[rows, j] = 1.0 - share[closer], share[closer]
+    return weights
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=-1)

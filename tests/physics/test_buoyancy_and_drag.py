@@ -45,8 +45,18 @@ def test_terminal_velocity(within):
     within("relative terminal velocity", data.qvel[2] / expected - 1.0, 1e-13)  # measured 1e-15
 
 
-def test_righting_period(within):
-    """A trimmed body rocks about its centre of mass with 2 pi sqrt((I + I_A) / (m g h)), for small angles."""
+def test_no_buoyancy_where_gravity_is_disabled(within):
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    water.attach(spec, {"hull": water.sphere(0.1)})
+    model = hydrodynamics.compile(spec)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    within("acceleration", data.qacc, 0.0)
+
+
+def test_righting_acceleration(within):
+    """A trimmed body that is pitched turns back with m g h sin(pitch) / (I + I_A)."""
     h = 0.05
     spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".5 .2 .2" mass="80"'))
     body = water.ellipsoid([0.5, 0.2, 0.2], drag_coefficient=0.0, water_density=RHO)

@@ -122,7 +122,7 @@ def main() -> int:
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would take
     console = Console()
-    console.print(f"MuJoCo {mujoco.__version__}; the callback is compiled on first use (5 to 8 s)")
+    console.print(f"MuJoCo {mujoco.__version__}")
     hydrodynamics.install()
 
     table = Table(title="12 degrees of freedom, 7 bodies, no contact", title_justify="left")

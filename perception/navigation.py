@@ -4,7 +4,10 @@ Position, velocity and accelerometer bias are one Kalman filter of three states 
 axes, driven by the accelerometer at the IMU's rate. Vision arrives late: it is compared with the position that the
 filter had when the picture was taken, and the correction also moves the stored past, so that two pictures that are
 on their way together do not correct the same error twice. Attitude follows the gyro and leans slowly to the
-attitude reference. What matters here is smoothness: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N (see README).
+attitude reference.
+
+What matters to a tool in contact is smoothness: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N. So corrections are
+not handed on at once: each is held back and released over `release_time`, while the filter itself has it at once.
 """
 
 from collections.abc import Sequence
@@ -82,6 +85,7 @@ class NavigationState:
     R_WB: Array  # (3, 3)
     x: Array  # (3, 3) rows: position [m], velocity [m/s], acceleration bias [m/s^2]; columns: world axes
     P: Array  # (3, 3) covariance, the same for each axis
+    held: Array  # (2, 3) corrections of position and velocity not yet handed on [m, m/s]
     a_B: Array  # (3,) smoothed acceleration [m/s^2]
     w_B: Array  # (3,) [rad/s]
     past_time: Array  # (_HISTORY,) [s]
@@ -102,6 +106,7 @@ class Navigation:
     bias_walk: float = 2e-5  # [m/s^2] per square root of second
     dvl_noise: float = 3e-3  # [m/s]
     vision_noise: float = 2e-3  # [m]
+    release_time: float = 0.4  # [s] over which a correction is handed on
     attitude_time: float = 1.0  # [s] over which attitude leans to the reference
     acceleration_time: float = 0.02  # [s] smoothing of the acceleration handed on
 
@@ -127,6 +132,7 @@ class Navigation:
             R_WB=np.array(imu.R_WB),
             x=x,
             P=np.diag([self.vision_noise**2, 0.02**2, 0.02**2]),
+            held=np.zeros((2, 3)),
             a_B=np.zeros(3),
             w_B=np.array(imu.w_WB_B),
             past_time=np.full(_HISTORY, -np.inf),
@@ -161,11 +167,11 @@ class Navigation:
                 self._correct(state, m.p_WB - state.past_p[then])
         X_WB = np.eye(4)
         X_WB[:3, :3] = state.R_WB
-        X_WB[:3, 3] = state.x[0]
+        X_WB[:3, 3] = state.x[0] - state.held[0]
         return state, StateEstimate(
             time=state.time,
             X_WB=X_WB,
-            v_WB_B=state.x[1] @ state.R_WB,
+            v_WB_B=(state.x[1] - state.held[1]) @ state.R_WB,
             w_WB_B=state.w_B,
             a_WB_B=state.a_B.copy(),
             q=state.q,
@@ -182,6 +188,7 @@ class Navigation:
                 dt, m.specific_force_B, m.w_WB_B, m.R_WB, min(1.0, dt / self.attitude_time),
                 min(1.0, dt / self.acceleration_time), state.R_WB, state.x, state.P, Q, state.a_B,
             )  # fmt: skip
+            state.held *= np.exp(-dt / self.release_time)
         state.time, state.w_B = m.time, m.w_WB_B
         state.past_time[state.at] = m.time
         state.past_p[state.at] = state.x[0]
@@ -190,4 +197,5 @@ class Navigation:
     @staticmethod
     def _correct(state: NavigationState, error: Array) -> None:
         state.x += np.outer(state.gain, error)
+        state.held += np.outer(state.gain[:2], error)
         state.past_p += state.gain[0] * error

@@ -22,7 +22,7 @@ from sim.surface import Surface, closest_on_curve
 SETTLING = 1.0  # [s] after a change of the set force, its ramp included, that do not count
 LOST_BELOW = 1.0  # [N] true normal force that is no contact
 RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
-TILT_RATE = 100.0  # [Hz] at which the surface normal under the tip is looked up
+TILT_RATE = 50.0  # [Hz] at which the surface normal under the tip is looked up
 STANDSTILL = 1e-6  # [m/s] of the commanded point, and below
 SCHEMA = "schemas/metrics.schema.json"
 

@@ -51,6 +51,17 @@ def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Arra
     return X, tangent, turn
 
 
+def middle_part(path: ToolPath, share: float) -> ToolPath:
+    """The middle `share` of a path, its arc length counted anew from 0."""
+    if share >= 1.0:
+        return path
+    cut = 0.5 * (1.0 - share) * float(path.s[-1])
+    keep = (path.s >= cut) & (path.s <= float(path.s[-1]) - cut)
+    return ToolPath(
+        s=path.s[keep] - path.s[keep][0], p=path.p[keep], z=path.z[keep], x=path.x[keep], on_scan=path.on_scan[keep]
+    )
+
+
 _HALF_STEP = 2e-3  # [m] over which the change along the path is taken
 
 

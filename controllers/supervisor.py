@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.mkps import Chain
-from controllers.placement import Placement, Search, place, tool_pose
+from controllers.placement import Placement, Search, middle_part, place, tool_pose
 from controllers.trajectories import JointMove, PoseMove, Progress
 from models.targets import TargetModel
 from models.vehicle import Vehicle
@@ -48,6 +48,7 @@ class Job:
     settle_speed: float = 0.006  # [m/s] below which the hull counts as quiet
     settle_time: float = 2.0  # [s] that it must be quiet
     scans: int = 3  # views taken before giving up
+    least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
 
     def __post_init__(self) -> None:
@@ -72,7 +73,7 @@ class SupervisorState:
     q: Array  # (n,) joint angles held while the arm is not following the tool
     quiet_since: float = np.inf  # [s]
     scans: int = 0
-    target: Target | None = None
+    path: ToolPath | None = None  # in W, as far as it is worked
     placement: Placement | None = None
     hull_move: PoseMove | None = None
     joint_moves: list[JointMove] = field(default_factory=list)
@@ -87,6 +88,7 @@ class SupervisorState:
     set_since: float = np.inf  # [s] the first force is held
     force: float = 0.0  # [N] now asked for
     reason: str = ""  # why the work was broken off
+    note: str = ""  # what else the user should know
 
 
 class SurfaceWork:
@@ -190,15 +192,25 @@ class SurfaceWork:
 
     def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
         job = self._job
-        try:
-            placement = place(
-                self._vehicle, self._chain, path, obstacle=transform_points(target.X_WT, self._model.vertices),
-                hull_box=self._hull_box, force=max(job.forces), standoff=job.standoff, search=self._search,
-            )  # fmt: skip
-        except ReachError as error:
-            self._give_up(state, time, str(error))
+        obstacle = transform_points(target.X_WT, self._model.vertices)
+        placement, failure, share = None, "", 1.0
+        while placement is None and share >= job.least_share - 1e-9:
+            shorter = middle_part(path, share)
+            try:
+                placement = place(
+                    self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
+                    force=max(job.forces), standoff=job.standoff, search=self._search,
+                )  # fmt: skip
+            except ReachError as error:
+                failure, share = failure or str(error), share - 0.04
+            else:
+                path = shorter
+        if placement is None:
+            self._give_up(state, time, failure)
             return
-        state.target, state.placement = target, placement
+        if share < 1.0:
+            state.note = f"the reach ends at {share:.0%} of the path; that part is worked"
+        state.path, state.placement = path, placement
         state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
         above = np.array(placement.X_WB)
         above[2, 3] = max(above[2, 3] + job.lift, state.X_WB[2, 3])
@@ -302,10 +314,9 @@ class SurfaceWork:
 
     def _on_path(self, state: SupervisorState, s: float, offset: float) -> tuple[Array, Array, Array]:
         """Tool pose at arc length `s`, moved by `offset` [m] along its axis; change of place and turn with `s`."""
-        assert state.target is not None
-        assert state.target.path is not None
+        assert state.path is not None
         assert state.placement is not None
-        X, tangent, turn = tool_pose(state.target.path, s, state.placement.roll)
+        X, tangent, turn = tool_pose(state.path, s, state.placement.roll)
         X[:3, 3] += offset * X[:3, 2]
         return X, tangent, turn
 
@@ -340,5 +351,5 @@ class SurfaceWork:
         return Reference(
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
             q=q, qd=qd, force=force, force_control=force_control, tare=state.state is WorkState.TARE,
-            scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason,
+            scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
         )  # fmt: skip

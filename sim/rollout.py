@@ -41,6 +41,7 @@ class Moment:
     reference: Reference
     command: Command
     frame: DepthImage | None  # the depth frame that arrived in this step
+    found: Any  # the finder's own state, for its clouds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -129,7 +130,7 @@ def rollout(
         if tick % controller_ticks == 0:
             controller_state, command = parts.controller.step(controller_state, estimate, reference)
         assert command is not None
-        moment = Moment(tick, truth, estimate, target, reference, command, frame)
+        moment = Moment(tick, truth, estimate, target, reference, command, frame, finder_state)
         for observer in observers:
             observer.observe(moment)
         plant.step(command)

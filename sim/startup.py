@@ -5,17 +5,47 @@ import io
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
-from sim.interfaces.errors import UuvError
+from sim.interfaces.errors import ConfigurationError, UuvError
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
 INTERRUPTED = 130  # exit code, as of a shell: 128 + SIGINT
 
 Options = TypeVar("Options")
+
+
+@dataclass(kw_only=True)
+class ScenarioOptions:
+    """What every scenario can be asked."""
+
+    seed: int = 0
+    """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
+    current: tuple[float, float, float] = (0.15, 0.0, 0.0)
+    """Steady current [m/s], world axes; gusts come on top."""
+    gust: float = 0.03
+    """Standard deviation of the gusts [m/s] per axis."""
+    out: Path | None = None
+    """Folder for metrics.json, run.rrd and report.html; runs/<scenario> by default."""
+    view: bool = False
+    """Open the Rerun viewer while the run goes on."""
+    quick: bool = False
+    """A shorter job, for a first look within a minute."""
+    record: bool = True
+    """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+
+    def folder(self, scenario: str) -> Path:
+        """The folder for results, made if need be. Raises ConfigurationError where it cannot be."""
+        folder = self.out if self.out is not None else Path("runs") / scenario
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+        return folder
 
 
 def check() -> None:

@@ -1,0 +1,74 @@
+"""Clean a barrel under water: hover, scan, identify, and move a tool along it with a set force, in a current.
+
+The vehicle knows the barrel's shape and roughly where it is. It takes a depth frame, finds the barrel, carries a tool
+path onto it, closes in, and presses a pad along the path with forces felt through the joint torques alone.
+"""
+
+from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from _job import ContactJob, run_contact_job
+
+from models.targets import barrel
+from sim.interfaces.spatial import exp_so3, pose
+
+
+@dataclass(kw_only=True)
+class Options(ScenarioOptions):
+    """Clean a barrel with a set force."""
+
+    path: Literal["longitudinal", "transverse"] = "longitudinal"
+    """Along the barrel's top, or half around it."""
+    forces: tuple[float, ...] = ()
+    """Set forces [N] on equal parts of the path; 60 90 60 along and 60 90 around by default."""
+    length: float = 0.6
+    """Of the longitudinal path [m]."""
+    arc: float = 180.0
+    """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
+    speed: float = 0.02
+    """Of the tool along the path [m/s]."""
+    range: float = 1.25
+    """From camera to barrel [m] at which it is scanned."""
+    without: tuple[Literal["compensation", "drift-correction", "force-control"], ...] = ()
+    """Methods to leave out, for ablation."""
+    vehicle: str = "uuv_puma"
+    """A name of models.available(), or an MJCF file with the named parts (README)."""
+    controller: str = "controllers.work_controller:WorkController"
+    """MODULE:CLASS of the controller."""
+
+
+def main() -> int:
+    options = parse(Options)
+    rng = np.random.default_rng(options.seed)
+    arc = 60.0 if options.quick else options.arc
+    target = barrel(line_length=0.2 if options.quick else options.length, arc=np.radians(arc))
+    # Where the barrel lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
+    X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), [0.0, 0.0, -1.5] + rng.uniform(-0.2, 0.2, 3))
+    way, axis = rng.standard_normal((2, 3))
+    approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
+    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    job = ContactJob(
+        scenario="clean_barrel",
+        title=f"Cleaning a barrel, {options.path} path, seed {options.seed}",
+        target=target,
+        path=options.path,
+        forces=options.forces or ((60.0, 90.0, 60.0) if options.path == "longitudinal" else (60.0, 90.0)),
+        speed=options.speed,
+        least_share=min(1.0, 150.0 / arc) if options.path == "transverse" else 1.0,
+        X_WT=X_WT,
+        approach_W=approach,
+        orientation_W=turn @ X_WT[:3, :3],
+        scan_range=options.range,
+        vehicle=options.vehicle,
+        controller=options.controller,
+        without=frozenset(options.without),
+    )
+    return run_contact_job(job, options, rng, started=time.perf_counter())
+
+
+if __name__ == "__main__":
+    run_scenario(main)

@@ -12,14 +12,38 @@ from controllers.arm_dynamics import newton_euler, tip_kinematics
 
 @numba.njit(cache=True)
 def feel(
-    layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B, f_B
+    layout, numbers, stations, work, hull, q, qd, tau_measured, bias, noise, floor, dt, filters, qd_slow, tau_e, wrench_B,
+    X_BG, J_B, f_tip_B, f_tip_G,
 ):  # fmt: skip
-    """Force of the world on the tip `f_B` (3,) [N], hull axes, from what the torque sensors show beyond the model.
+    """Force of the world on the tip from what the torque sensors show beyond the model; returns the felt normal force [N].
 
-    Also leaves the external torques `tau_e` (n,) before the bias is taken off, the arm's wrench on the hull without
-    contact `wrench_B` (6,), and the tip's pose and Jacobian in the hull's frame. The least squares is that of
-    `force_estimate.tip_force`, its normal equations solved by Cholesky.
+    Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered force `f_tip_B`
+    (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,) before the bias is
+    taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and Jacobian in the hull's
+    frame, and the force in tool axes. The least squares is that of `force_estimate.tip_force`, by Cholesky.
     """
+    acceleration = np.empty(q.shape[0])
+    lag = min(1.0, dt / filters[0])
+    for j in range(q.shape[0]):
+        acceleration[j] = (qd[j] - qd_slow[j]) / filters[0]
+        qd_slow[j] += lag * (qd[j] - qd_slow[j])
+    f_B = tip_force(
+        layout, numbers, stations, work, hull, q, qd, acceleration, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG,
+        J_B,
+    )  # fmt: skip
+    lag = min(1.0, dt / filters[1])
+    for i in range(3):
+        f_tip_B[i] += lag * (f_B[i] - f_tip_B[i])
+    for i in range(3):
+        f_tip_G[i] = X_BG[0, i] * f_tip_B[0] + X_BG[1, i] * f_tip_B[1] + X_BG[2, i] * f_tip_B[2]
+    return -f_tip_G[2]  # the tool presses along its z axis; the world pushes back
+
+
+@numba.njit(cache=True)
+def tip_force(
+    layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
+):  # fmt: skip
+    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind."""
     n = q.shape[0]
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
@@ -47,32 +71,32 @@ def feel(
     y0 = b0 / l00
     y1 = (b1 - l10 * y0) / l11
     y2 = (b2 - l20 * y0 - l21 * y1) / l22
-    f_B[2] = y2 / l22
-    f_B[1] = (y1 - l21 * f_B[2]) / l11
-    f_B[0] = (y0 - l10 * f_B[1] - l20 * f_B[2]) / l00
+    z = y2 / l22
+    y = (y1 - l21 * z) / l11
+    return (y0 - l10 * y - l20 * z) / l00, y, z
 
 
 @numba.njit(cache=True)
 def drive(
-    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, integral, dt, gains, armature, damping, limits,
-    borne_G, qdd, tau, wrench_B,
+    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, since, integral, dt, gains, armature, damping,
+    limits, borne_G, qdd, tau, wrench_B,
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
-    `gains`: stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the
+    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`. `gains`: stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the
     contact that the drives bear at once. Where a drive is at its torque limit its integral stands still.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
     for j in range(n):
-        qdd[j] = stiffness * (q_wanted[j] - q[j]) + damper * (qd_wanted[j] - qd[j]) + integrator * integral[j]
+        qdd[j] = stiffness * (q_wanted[j] + since * qd_wanted[j] - q[j]) + damper * (qd_wanted[j] - qd[j]) + integrator * integral[j]
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
     for j in range(n):
         tau[j] += armature[j] * qdd[j] + damping[j] * qd[j]
         if abs(tau[j]) > limits[j]:
             tau[j] = np.sign(tau[j]) * limits[j]
         else:
-            grown = integral[j] + dt * (q_wanted[j] - q[j])
+            grown = integral[j] + dt * (q_wanted[j] + since * qd_wanted[j] - q[j])
             integral[j] = min(max(grown, -most), most)
 
 

@@ -110,10 +110,11 @@ class WorkController:
                 tuning.integral_limit,
             ]
         )
+        self._filters = (tuning.acceleration_filter, tuning.force_filter)
         self._armature, self._joint_damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._torque_limits = np.array(vehicle.torque_limits)
         # Scratch of one step; nothing in it outlives the step, so the state stays explicit.
-        self._hull, self._borne_G, self._f_B = np.zeros(24), np.zeros(6), np.empty(3)
+        self._hull, self._borne_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_borne_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B = np.empty((4, 4)), np.empty((6, n))
         self._home_wrench = self._wrench_at_rest(np.array(vehicle.q_home))
@@ -144,19 +145,14 @@ class WorkController:
         hull[15:18] = estimate.a_WB_B  # angular acceleration and the current are not known: zero
 
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
-        lag = min(1.0, dt / tuning.acceleration_filter)
-        qdd = (estimate.qd - state.qd_slow) / tuning.acceleration_filter
-        state.qd_slow += lag * (estimate.qd - state.qd_slow)
-        feel(
-            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, qdd, estimate.tau, state.bias,
-            tuning.torque_noise, tuning.torque_floor, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, self._f_B,
+        felt = feel(
+            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, estimate.tau, state.bias,
+            tuning.torque_noise, tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B,
+            self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G,
         )  # fmt: skip
         if reference.tare:
             state.tare.add(self._tau_e)
             state.bias = state.tare.bias()
-        state.f_tip_B += min(1.0, dt / tuning.force_filter) * (self._f_B - state.f_tip_B)
-        f_tip_G = self._X_BG[:3, :3].T @ state.f_tip_B
-        felt = -float(f_tip_G[2])  # the tool presses along its z axis; the world pushes back
 
         # 2. Where the tool should be.
         since = state.tick % self._task_ticks
@@ -165,12 +161,12 @@ class WorkController:
 
         # 3. Drives.
         in_contact = reference.force > 0.0 or reference.force_control
-        self._borne_G[:3] = tuning.contact_feedforward * f_tip_G if in_contact else 0.0
+        self._borne_G[:3] = tuning.contact_feedforward * self._f_tip_G if in_contact else 0.0
         tau = np.empty(len(vehicle.joints))
         drive(
-            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd,
-            state.q_wanted + since * dt * state.qd_wanted, state.qd_wanted, state.integral, dt, self._gains,
-            self._armature, self._joint_damping, self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
+            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
+            state.qd_wanted, since * dt, state.integral, dt, self._gains, self._armature, self._joint_damping,
+            self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
 
         # 4. Thrusters.

@@ -32,8 +32,13 @@ _HISTORY = 256  # past positions kept, at the IMU's rate: vision may be this man
 
 
 @numba.njit(cache=True)
-def _predict(dt, specific_force_B, w_B, R_meas, lean, smooth, R, x, P, Q, a_B):
-    """Advance R (3, 3), x (3 states, 3 axes), P (3, 3), and the smoothed acceleration a_B (3,) by one IMU sample."""
+def _predict(dt, specific_force_B, w_B, R_meas, noise, lean_time, smooth_time, release_time, R, x, P, a_B, held):
+    """Advance R (3, 3), x (3 states, 3 axes), P (3, 3), smoothed acceleration a_B (3,) and `held` by one IMU sample.
+
+    `noise`: of the acceleration per sample [m/s^2], of the bias per root second [m/s^2].
+    """
+    lean, smooth = min(1.0, dt / lean_time), min(1.0, dt / smooth_time)
+    held *= np.exp(-dt / release_time)
     # Attitude: gyro, then a small step towards the measured attitude.
     angle = np.empty(3)
     err = np.empty(3)
@@ -62,7 +67,11 @@ def _predict(dt, specific_force_B, w_B, R_meas, lean, smooth, R, x, P, Q, a_B):
     for i in range(3):
         a_B[i] += smooth * (fresh[i] - a_B[i])
     F = np.array([[1.0, dt, -0.5 * dt * dt], [0.0, 1.0, -dt], [0.0, 0.0, 1.0]])
-    P[:, :] = F @ P @ F.T + Q
+    P[:, :] = F @ P @ F.T.copy()
+    v = (noise[0] * dt) ** 2
+    P[0, 0] += 0.25 * v * dt * dt
+    P[1, 1] += v
+    P[2, 2] += noise[1] ** 2 * dt
 
 
 @numba.njit(cache=True)
@@ -148,7 +157,7 @@ class Navigation:
         self, state: NavigationState, measurements: Sequence[Measurement]
     ) -> tuple[NavigationState, StateEstimate]:
         """Take what has arrived, in any order, and give the estimate of now."""
-        for m in measurements:
+        for m in measurements:  # the frequent ones first
             if isinstance(m, EncoderMeasurement):
                 state.q, state.qd = m.q, m.qd
             elif isinstance(m, TorqueMeasurement):
@@ -182,13 +191,10 @@ class Navigation:
     def _inertial(self, state: NavigationState, m: ImuMeasurement) -> None:
         dt = m.time - state.time
         if dt > 0.0:
-            noise = (self.acceleration_noise * dt) ** 2
-            Q = np.diag([0.25 * noise * dt * dt, noise, self.bias_walk**2 * dt])
             _predict(
-                dt, m.specific_force_B, m.w_WB_B, m.R_WB, min(1.0, dt / self.attitude_time),
-                min(1.0, dt / self.acceleration_time), state.R_WB, state.x, state.P, Q, state.a_B,
+                dt, m.specific_force_B, m.w_WB_B, m.R_WB, (self.acceleration_noise, self.bias_walk), self.attitude_time,
+                self.acceleration_time, self.release_time, state.R_WB, state.x, state.P, state.a_B, state.held,
             )  # fmt: skip
-            state.held *= np.exp(-dt / self.release_time)
         state.time, state.w_B = m.time, m.w_WB_B
         state.past_time[state.at] = m.time
         state.past_p[state.at] = state.x[0]

@@ -89,12 +89,12 @@ class Plant:
             self.data.qpos[address : address + 3] = X_WB[:3, 3]
             self.data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
-        self._nu_r = np.zeros(6)
+        self._wind, self._ctrl = model.opt.wind, self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
             pad_site = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
-        self._own_geom = _carried_geoms(model, vehicle.hull)
+        self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
         self._force = np.zeros(6)
         self.truth = self._bind(pad_site)
 
@@ -135,14 +135,14 @@ class Plant:
         """Let the command act for one physics step; `observe` must have been called since the last one."""
         data, vehicle, truth = self.data, self.vehicle, self.truth
         velocity, acceleration = self._current.step()
-        self.model.opt.wind[:] = velocity
+        self._wind[:] = velocity
         self._current_slot[:] = acceleration
         truth.current_W[:] = velocity
-        self._nu_r[:3] = truth.R_WB.T @ (truth.v_WB_W - velocity)
-        self._nu_r[3:] = truth.w_WB_B
-        truth.saturated = self._thrusters.step(command.thrusters, self._nu_r)
-        data.ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
-        data.ctrl[vehicle.actuators] = command.joint_torque
+        truth.saturated = self._thrusters.step(
+            command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
+        )
+        self._ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
+        self._ctrl[vehicle.actuators] = command.joint_torque
         mujoco.mj_step2(self.model, data)
         self._read_contacts()
 
@@ -153,9 +153,9 @@ class Plant:
         if data.ncon == 0:
             return
         contact, force = data.contact, self._force
-        for i, (first, second) in enumerate(contact.geom):
-            ours = self._own_geom[first], self._own_geom[second]
-            if ours[0] == ours[1] or contact.efc_address[i] < 0:
+        addresses = contact.efc_address
+        for i, (first, second) in enumerate(contact.geom.tolist()):
+            if self._own_geom[first] == self._own_geom[second] or addresses[i] < 0:
                 continue
             if self._pad_geom not in (first, second):
                 truth.collision = True

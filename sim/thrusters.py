@@ -9,9 +9,14 @@ from sim.interfaces.spatial import Array
 
 
 @numba.njit(cache=True)
-def _advance(table, decay, B, command, nu_r_B, speed, thrust):
+def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, thrust):
     """One exact step of the lag, then the thrust at the new speed; True if any command was beyond its range."""
     saturated = False
+    nu_r_B = np.empty(6)
+    for i in range(3):
+        nu_r_B[i], nu_r_B[3 + i] = 0.0, w_WB_B[i]
+        for j in range(3):
+            nu_r_B[i] += R_WB[j, i] * (v_WB_W[j] - current_W[j])
     for i in range(speed.shape[0]):
         wanted = command[i]
         if abs(wanted) >= 1.0:
@@ -44,10 +49,12 @@ class Thrusters:
         self.speed = np.zeros(len(table))  # normalised propeller speed
         self.thrust = np.zeros(len(table))  # [N]
 
-    def step(self, command: Array, nu_r_B: Array) -> bool:
+    def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
         """Advance by one physics step; thrust [N] in `self.thrust`.
 
-        `command` (m,) normalised speed; `nu_r_B` (6,) velocity of the hull relative to the water, hull axes.
-        Returns True if a command was at or beyond its range.
+        `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
+        hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at or beyond its range.
         """
-        return bool(_advance(self._table, self._decay, self._wrench, command, nu_r_B, self.speed, self.thrust))
+        return _advance(
+            self._table, self._decay, self._wrench, command, R_WB, v_WB_W, w_WB_B, current_W, self.speed, self.thrust
+        )

@@ -215,7 +215,10 @@ def peers(dh: Array, tool: Array, bar: tuple[float, float]) -> dict[str, Solver]
         robot = import_module("eaik.IK_DH").DhRobot(dh[:, 3], dh[:, 2], dh[:, 1])
 
         def analytic(target: Array, q0: Array) -> Array:
-            answers = np.asarray(robot.IK(target @ to_flange).Q)
+            all_branches = robot.IK(target @ to_flange)
+            answers = np.asarray(all_branches.Q)
+            if answers.size:
+                answers = answers[~np.asarray(all_branches.is_LS, dtype=bool)]  # least squares: not quite there
             if answers.size == 0:
                 return np.full(n, np.nan)
             turns = (answers - dh[:, 0] - q0 + math.pi) % (2.0 * math.pi) - math.pi
@@ -240,7 +243,7 @@ def peers(dh: Array, tool: Array, bar: tuple[float, float]) -> dict[str, Solver]
         def timed(target: Array, q0: Array) -> Array:
             w, x, y, z = quat_wxyz_from_rotation(target[:3, :3])
             answer = trac.ik(chain, q0, *target[:3, 3], x, y, z, w)
-            return answer if len(answer) == n else np.full(n, np.nan)
+            return answer[1:] if answer[0] >= 0.0 else np.full(n, np.nan)  # it leads with how many it found
 
         found["TRAC-IK 5 ms"] = timed
     return found

@@ -12,16 +12,23 @@ from controllers.arm_dynamics import newton_euler, tip_kinematics
 
 @numba.njit(cache=True)
 def feel(
-    layout, numbers, stations, work, hull, q, qd, tau_measured, bias, noise, floor, dt, filters, qd_slow, tau_e, wrench_B,
-    X_BG, J_B, f_tip_B, f_tip_G,
+    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, q, qd, tau_measured, bias, noise, floor, dt, filters, qd_slow, tau_e, wrench_B,
+    X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
 ):  # fmt: skip
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the felt normal force [N].
 
-    Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered force `f_tip_B`
+    Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration and the current are not known, and
+    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered force `f_tip_B`
     (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,) before the bias is
     taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and Jacobian in the hull's
-    frame, and the force in tool axes. The least squares is that of `force_estimate.tip_force`, by Cholesky.
+    frame, and the force in tool axes and world axes. The least squares is that of `force_estimate.tip_force`, by Cholesky.
     """
+    for i in range(3):
+        for j in range(3):
+            hull[3 * i + j] = X_WB[i, j]
+        hull[9 + i], hull[12 + i], hull[18 + i], hull[21 + i] = v_B[i], w_B[i], 0.0, 0.0
+        j, k = (i + 1) % 3, (i + 2) % 3
+        hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # rate of the components of v_B
     acceleration = np.empty(q.shape[0])
     lag = min(1.0, dt / filters[0])
     for j in range(q.shape[0]):
@@ -36,6 +43,7 @@ def feel(
         f_tip_B[i] += lag * (f_B[i] - f_tip_B[i])
     for i in range(3):
         f_tip_G[i] = X_BG[0, i] * f_tip_B[0] + X_BG[1, i] * f_tip_B[1] + X_BG[2, i] * f_tip_B[2]
+        f_tip_W[i] = X_WB[i, 0] * f_tip_B[0] + X_WB[i, 1] * f_tip_B[1] + X_WB[i, 2] * f_tip_B[2]
     return -f_tip_G[2]  # the tool presses along its z axis; the world pushes back
 
 
@@ -125,7 +133,24 @@ def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, q
         twist[2] -= nu_B[2] + w[0] * p[1] - w[1] * p[0]
         for i in range(3):
             twist[3 + i] -= w[i]
-    J_T = J_B.T.copy()
-    qd[:] = J_T @ np.linalg.solve(J_B @ J_T + 1e-6 * np.eye(6), twist)
+    # J^T (J J^T + damping)^-1 by Cholesky in place: LAPACK's call costs more than these sums.
+    A = J_B @ J_B.T.copy()
+    for i in range(6):
+        A[i, i] += 1e-6
+        for j in range(i + 1):
+            total = A[i, j]
+            for k in range(j):
+                total -= A[i, k] * A[j, k]
+            A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
+        for k in range(i):
+            twist[i] -= A[i, k] * twist[k]
+        twist[i] /= A[i, i]
+    for i in range(5, -1, -1):
+        for k in range(i + 1, 6):
+            twist[i] -= A[k, i] * twist[k]
+        twist[i] /= A[i, i]
     for j in range(qd.shape[0]):
+        qd[j] = 0.0
+        for i in range(6):
+            qd[j] += J_B[i, j] * twist[i]
         qd[j] = min(max(qd[j], -speed_limit), speed_limit)

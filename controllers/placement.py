@@ -5,6 +5,7 @@ forward; along the path MKPS keeps to one branch. The best candidate is the one 
 joint limits, to singular postures, to torque limits under the set force, and to the object.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numba
@@ -15,7 +16,7 @@ from controllers.mkps import Chain, solve
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
 
@@ -117,28 +118,26 @@ def place(
     search = search or Search()
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
-    planes = ConvexHull(obstacle).equations
+    hull = ConvexHull(obstacle)
+    corners, planes = obstacle[hull.vertices], hull.equations
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
+    poses = [_tool_poses(path, shares, roll, standoff) for roll in rolls]
     best: Placement | None = None
     furthest = 0.0
-    for roll in np.arange(search.rolls) * (2.0 * np.pi / search.rolls):
-        frames = [_frame(path.s, path.p, path.z, path.x, s, roll) for s in shares]
-        tool = [_pose(R, p) for R, p in frames]
-        start = [_pose(R, p - R[:, 2] * d) for (R, p), d in ((frames[0], standoff * i / _STANDOFF_STEPS) for i in range(_STANDOFF_STEPS, 0, -1))]
-        for height in search.heights:
-            for radius in search.radii:
-                for bearing in np.arange(search.bearings) * (2.0 * np.pi / search.bearings):
-                    base = middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height])
-                    R_WB = exp_so3([0.0, 0.0, bearing + np.pi])
-                    X_WB = _pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-                    if _hull_gap(X_WB, hull_box, obstacle) < search.clearance:
-                        continue
-                    margin, reached, q_start = _try(
-                        vehicle, chain, X_WB, start + tool, planes, force, search.arm_clearance,
-                        best.margin if best else 0.0,
-                    )  # fmt: skip
-                    furthest = max(furthest, reached)
-                    if q_start is not None and (best is None or margin > best.margin):
-                        best = Placement(X_WB=X_WB, roll=float(roll), q_start=q_start, margin=margin, reached=reached)
+    bearings = np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
+    for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
+        base = middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height])
+        R_WB = exp_so3([0.0, 0.0, bearing + np.pi])
+        X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
+        if _hull_gap(X_WB, hull_box, corners) < search.clearance:
+            continue
+        for roll, tool in zip(rolls, poses, strict=True):
+            margin, reached, q_start = _try(
+                vehicle, chain, X_WB, tool, planes, force, search.arm_clearance, best.margin if best else 0.0
+            )
+            furthest = max(furthest, reached)
+            if q_start is not None and (best is None or margin > best.margin):
+                best = Placement(X_WB=X_WB, roll=roll, q_start=q_start, margin=margin, reached=reached)
     if best is None:
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it, the best takes {furthest:.0%}"
@@ -173,17 +172,20 @@ def _try(
     return float(margin), 1.0, q_start
 
 
-def _pose(R: Array, p: Array) -> Array:
-    X = np.eye(4)
-    X[:3, :3], X[:3, 3] = R, p
-    return X
+def _tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
+    """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m]."""
+    along = [tool_pose(path, s, roll)[0] for s in shares]
+    R, p = along[0][:3, :3], along[0][:3, 3]
+    down = [pose(R, p - R[:, 2] * (standoff * i / _STANDOFF_STEPS)) for i in range(_STANDOFF_STEPS, 0, -1)]
+    return down + along
 
 
 def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
     outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
-    return float(np.where(outside.max(axis=1) > 0.0, np.linalg.norm(np.maximum(outside, 0.0), axis=1), outside.max(axis=1)).min())
+    inside = float(outside.max(axis=1).min())
+    return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
 
 
 def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
@@ -197,6 +199,6 @@ def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
         if 1 < i < chain.n - 2:
             moved.append(X[:3, :3] @ point + X[:3, 3])
         R = exp_so3(axis * q[i])
-        X = X @ _pose(R, point - R @ point)
+        X = X @ pose(R, point - R @ point)
     p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3]
     return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())

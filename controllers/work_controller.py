@@ -139,16 +139,14 @@ class WorkController:
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
     ) -> tuple[WorkControllerState, Command]:
         tuning, vehicle, dt, arm, hull = self._tuning, self._vehicle, self.period, self._arm, self._hull
-        R_WB = estimate.X_WB[:3, :3]
-        hull[:9] = R_WB.ravel()
-        hull[9:12], hull[12:15] = estimate.v_WB_B, estimate.w_WB_B
-        hull[15:18] = estimate.a_WB_B  # angular acceleration and the current are not known: zero
+        f_tip_W = np.empty(3)
 
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         felt = feel(
-            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, estimate.tau, state.bias,
-            tuning.torque_noise, tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B,
-            self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G,
+            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
+            estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise, tuning.torque_floor,
+            dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B,
+            self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if reference.tare:
             state.tare.add(self._tau_e)
@@ -161,7 +159,8 @@ class WorkController:
 
         # 3. Drives.
         in_contact = reference.force > 0.0 or reference.force_control
-        self._borne_G[:3] = tuning.contact_feedforward * self._f_tip_G if in_contact else 0.0
+        if tuning.contact_feedforward:
+            self._borne_G[:3] = tuning.contact_feedforward * self._f_tip_G if in_contact else 0.0
         tau = np.empty(len(vehicle.joints))
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
@@ -180,7 +179,7 @@ class WorkController:
             scan=reference.scan,
             believed={
                 **state.believed,
-                "f_tip_W": R_WB @ state.f_tip_B,
+                "f_tip_W": f_tip_W,
                 "felt_normal": np.array([felt]),
                 "displacement": np.array([state.displacement.k]),
             },

@@ -69,7 +69,9 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Check:
     )
     C_model = starts + on_model["t"][:, None] * o
     hit = np.isfinite(on_model["t"])
-    hit &= _clear_of_edges(surface, X_TS, starts, on_model["t"], o, 1.5 * evidence.scan.pitch * np.linalg.norm(H_D))
+    hit &= _clear_of_edges(
+        surface, X_TS, starts, on_model["t"], o, 1.5 * evidence.scan.pitch * float(np.linalg.norm(H_D))
+    )
     normals = on_model["normal"] @ X_ST[:3, :3].T
     C_model, normals, starts, t_model = C_model[hit], normals[hit], starts[hit], on_model["t"][hit]
     # The rays are parallel, the sensor's are not: keep those whose model point the sensor itself should see.

@@ -75,6 +75,18 @@ def _predict(dt, specific_force_B, w_B, R_meas, noise, lean_time, smooth_time, r
 
 
 @numba.njit(cache=True)
+def _output(R, x, held):
+    """Pose (4, 4) and velocity (3,) in hull axes that are handed on."""
+    X_WB, v_B = np.eye(4), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            X_WB[i, j] = R[i, j]
+            v_B[i] += R[j, i] * (x[1, j] - held[1, j])
+        X_WB[i, 3] = x[0, i] - held[0, i]
+    return X_WB, v_B
+
+
+@numba.njit(cache=True)
 def _update(P, row, variance, gain):
     """Kalman gain (3,) for a scalar measurement of state `row`, and the covariance after it."""
     s = P[row, row] + variance
@@ -174,13 +186,11 @@ class Navigation:
                     continue  # older than the history: of no use
                 _update(state.P, 0, self.vision_noise**2, state.gain)
                 self._correct(state, m.p_WB - state.past_p[then])
-        X_WB = np.eye(4)
-        X_WB[:3, :3] = state.R_WB
-        X_WB[:3, 3] = state.x[0] - state.held[0]
+        X_WB, v_B = _output(state.R_WB, state.x, state.held)
         return state, StateEstimate(
             time=state.time,
             X_WB=X_WB,
-            v_WB_B=(state.x[1] - state.held[1]) @ state.R_WB,
+            v_WB_B=v_B,
             w_WB_B=state.w_B,
             a_WB_B=state.a_B.copy(),
             q=state.q,

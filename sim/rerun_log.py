@@ -70,9 +70,11 @@ class RerunLog:
         self._ticks = ticks_per_period(period, timestep, "log's period")
         self._stream = rr.RecordingStream(title)
         self._stream.save(str(path))
-        self._stream.send_blueprint(_blueprint(), make_active=True, make_default=True)
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        self._moving = self._draw(model)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        self._moving = self._draw(model, data)
+        self._stream.send_blueprint(_blueprint(_middle(model, data, vehicle)), make_active=True, make_default=True)
         self._bodies = np.array([body for body, _ in self._moving])
         self._n, self._m = len(vehicle.joint_names), len(vehicle.thruster_names)
         self._describe_series()
@@ -151,16 +153,15 @@ class RerunLog:
         text = f"object at {target.range_m:.2f} m, check {target.check_m * 1e3:.1f} mm: {verdict}"
         self._log("state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time)
         if target.path is not None:
-            self._log("world/path/planned", rr.LineStrips3D([target.path.p], colors=SKY, radii=0.003), time)
+            self._log("world/path/planned", rr.LineStrips3D([target.path.p], colors=YELLOW, radii=0.004), time)
 
     # -- rows ------------------------------------------------------------------------------------------------------
 
     def _series_row(self, moment: Moment) -> Array:
         truth, reference, believed = moment.truth, moment.reference, moment.command.believed
         felt = believed.get("felt_normal")
-        if reference.X_WG is None:
-            commanded = _NOWHERE
-        else:
+        commanded = _NOWHERE
+        if reference.state is WorkState.WORK and reference.X_WG is not None:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
         return np.concatenate(
             (
@@ -251,11 +252,9 @@ class RerunLog:
 
     # -- what stands still -----------------------------------------------------------------------------------------
 
-    def _draw(self, model: mujoco.MjModel) -> list[tuple[int, str]]:
+    def _draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, str]]:
         """Log the shape of every body once; bodies of the vehicle, with their entities, whose poses change."""
         rr, moving = self._rr, []
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
         for body in range(model.nbody):
             name = model.body(body).name or f"body{body}"
             carried = model.body_rootid[body] == model.body_rootid[self._vehicle.hull]
@@ -282,7 +281,7 @@ class RerunLog:
                 colors=color, radii=radius, labels=name.replace("_", " "), show_labels=False
             )
             self._stream.log(f"world/arrows/{name}", style, static=True)
-        self._stream.log("world/path/done", rr.LineStrips3D.from_fields(colors=ORANGE, radii=0.006), static=True)
+        self._stream.log("world/path/done", rr.LineStrips3D.from_fields(colors=GREEN, radii=0.009), static=True)
         return moving
 
     def _describe_series(self) -> None:
@@ -335,14 +334,21 @@ def _mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] |
     return (np.concatenate(corners), np.concatenate(normals), np.concatenate(colors)) if corners else None
 
 
+def _middle(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Array:
+    """Where to look (3,) [m] in W: between the vehicle and the objects that stand in the world."""
+    fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
+    places = data.xpos[[vehicle.hull, *fixed]]
+    return 0.5 * (places[0] + places[1:].mean(axis=0)) if fixed else places[0]
+
+
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
-    """A rectangle for a plane, 10 m wide where MuJoCo's has no end."""
-    x, y = (half if half > 0.0 else 5.0 for half in size[:2])
+    """A rectangle for a plane, no wider than 8 m, so that the view opens on what stands on it."""
+    x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
     return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def _blueprint() -> Any:
-    """A large 3D view, the series that tell how the work goes beside it, the states below."""
+def _blueprint(middle: Array) -> Any:
+    """A large 3D view around `middle` (3,) [m], the series that tell how the work goes beside it, the states below."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -359,6 +365,7 @@ def _blueprint() -> Any:
         name="Scene",
         background=(24, 34, 46),
         line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle),
         overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
     )
     return rrb.Blueprint(
@@ -386,7 +393,7 @@ def _blueprint() -> Any:
                 rrb.TextLogView(origin="state/log", name="Log"),
                 column_shares=[3, 2],
             ),
-            row_shares=[5, 1],
+            row_shares=[4, 1],
         ),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="hidden"),

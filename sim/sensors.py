@@ -1,7 +1,8 @@
 """Sensors of the plant, each with its rate, delay, noise, bias and quantisation beside it. Truth in, messages out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import numba
 import numpy as np
 
 from sim.interfaces.messages import (
@@ -11,18 +12,28 @@ from sim.interfaces.messages import (
     TorqueMeasurement,
     VisionMeasurement,
 )
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3
+from sim.interfaces.spatial import GRAVITY, Array
 from sim.plant import Truth
 
-_GRAVITY_W = np.array([0.0, 0.0, -GRAVITY])
+
+_BLOCK = 8192  # normal numbers drawn at a time: one by one they cost more than the sensor
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class SensorState:
     """Random stream of one sensor, with the bias drawn for this run."""
 
     rng: np.random.Generator
     bias: Array
+    drawn: Array = field(default_factory=lambda: np.zeros(0))
+    used: int = 0
+
+    def normal(self, count: int) -> Array:
+        """The next `count` standard normal numbers of the stream."""
+        if self.used + count > len(self.drawn):
+            self.drawn, self.used = self.rng.standard_normal(max(_BLOCK, count)), 0
+        self.used += count
+        return self.drawn[self.used - count : self.used]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,9 +49,13 @@ class Encoders:
         return SensorState(rng, np.zeros(0))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, EncoderMeasurement]:
-        q = np.round(truth.q / self.resolution) * self.resolution
-        qd = truth.qd + self.rate_noise * state.rng.standard_normal(len(q))
+        q, qd = _encode(truth.q, truth.qd, state.normal(len(truth.q)), self.resolution, self.rate_noise)
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
+
+
+@numba.njit(cache=True)
+def _encode(q, qd, noise, resolution, rate_noise):
+    return np.round(q / resolution) * resolution, qd + rate_noise * noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +71,8 @@ class JointTorqueSensors:
         return SensorState(rng, rng.uniform(-self.bias, self.bias, 64))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
-        true = truth.tau_gear()
-        tau = true * (1.0 + self.noise * state.rng.standard_normal(len(true))) + state.bias[: len(true)]
+        n = len(truth.q)
+        tau = truth.tau_gear() * (1.0 + self.noise * state.normal(n)) + state.bias[:n]
         return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
@@ -74,19 +89,30 @@ class Imu:
     attitude_bias: float = 3e-4  # [rad] constant over a run, standard deviation
 
     def init(self, rng: np.random.Generator) -> SensorState:
-        bias = np.concatenate([self.acceleration_bias * rng.standard_normal(3), self.attitude_bias * rng.standard_normal(3)])
-        return SensorState(rng, bias)
+        bias = rng.standard_normal(6)
+        return SensorState(rng, np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:]]))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
-        noise = state.rng.standard_normal(9)
-        R_BW = truth.R_WB.T
-        force = R_BW @ (truth.acceleration[:3] - _GRAVITY_W) + state.bias[:3] + self.acceleration_noise * noise[:3]
-        return state, ImuMeasurement(
-            time=truth.time,
-            specific_force_B=force,
-            w_WB_B=truth.w_WB_B + self.rate_noise * noise[3:6],
-            R_WB=truth.R_WB @ exp_so3(state.bias[3:] + self.attitude_noise * noise[6:]),
-        )
+        force_B, w_B, R = _inertial(
+            truth.R_WB, truth.acceleration, truth.w_WB_B, state.bias, state.normal(9), self.acceleration_noise,
+            self.rate_noise, self.attitude_noise,
+        )  # fmt: skip
+        return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R)
+
+
+@numba.njit(cache=True)
+def _inertial(R_WB, acceleration, w_B, bias, noise, acceleration_noise, rate_noise, attitude_noise):
+    """Specific force, rates and attitude with their errors; the attitude's error turns about hull axes."""
+    force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        force_B[i] = bias[i] + acceleration_noise * noise[i]
+        for j in range(3):
+            force_B[i] += R_WB[j, i] * (acceleration[j] + (GRAVITY if j == 2 else 0.0))
+        w[i] = w_B[i] + rate_noise * noise[3 + i]
+        phi[i] = bias[3 + i] + attitude_noise * noise[6 + i]
+    # Second order in the error, which is below a milliradian: 1e-10 from a rotation, far below the noise.
+    S = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
+    return force_B, w, R_WB @ (np.eye(3) + S + 0.5 * S @ S)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +127,7 @@ class Dvl:
         return SensorState(rng, np.zeros(0))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, DvlMeasurement]:
-        v = truth.R_WB.T @ truth.v_WB_W + self.noise * state.rng.standard_normal(3)
+        v = truth.R_WB.T @ truth.v_WB_W + self.noise * state.normal(3)
         return state, DvlMeasurement(time=truth.time, v_WB_B=v)
 
 
@@ -117,4 +143,4 @@ class VisionDrift:
         return SensorState(rng, np.zeros(0))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, VisionMeasurement]:
-        return state, VisionMeasurement(time=truth.time, p_WB=truth.p_WB + self.noise * state.rng.standard_normal(3))
+        return state, VisionMeasurement(time=truth.time, p_WB=truth.p_WB + self.noise * state.normal(3))

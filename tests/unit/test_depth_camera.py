@@ -55,7 +55,7 @@ def scene() -> mujoco.MjModel:
 def exact(spec: mujoco.MjSpec) -> tuple[Array, Array]:
     """Depth without noise, and the rays (H, W, 3) with unit z."""
     image = shoot(spec, np.random.default_rng(0), None)
-    v, u = np.indices(image.depth.shape)
+    v, u = np.indices(image.depth.shape).astype(np.float64)
     rays = np.stack([(u - image.K[0, 2]) / image.K[0, 0], (v - image.K[1, 2]) / image.K[1, 1], np.ones_like(u)], -1)
     return image.depth, rays
 
@@ -100,6 +100,7 @@ def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
     data = mujoco.MjData(scene)
     data.qpos[7] = 0.3
     mujoco.mj_kinematics(scene, data)
+    mujoco.mj_camlight(scene, data)
     depth, _ = camera.render(data.xpos, data.xmat)
     X_WC = pose(data.cam_xmat[0].reshape(3, 3) @ np.diag([1.0, -1.0, -1.0]), data.cam_xpos[0])
     groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
@@ -115,7 +116,7 @@ def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
                 continue
             hit.add(int(geom[0]))
             gap.append(depth[v, u] - t)
-    assert len(hit) >= 8
+    assert hit >= {1, 3, 4, 5, 6, 7}, hit
     assert scene.geom("picture only").id in hit
     within("median [m]", np.median(np.abs(gap)), 1e-5)
     within("worst [m]", gap, 5e-3)  # 1.4 mm, where a line of sight grazes a capsule

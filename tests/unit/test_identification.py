@@ -128,6 +128,7 @@ def test_result_tells_how_it_came_about(found: Identification, within):
     assert found.check is not None
     assert 0.0 < found.check.figure_m < found.check.threshold_m
     assert found.check.rays > 200
+    assert found.symmetry.axis is not None
     assert np.array_equal(found.symmetry.axis, [1, 0, 0])
     assert "nearest to the coarse orientation" in found.symmetry.policy
     assert len(found.symmetry.twists) == 1

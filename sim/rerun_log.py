@@ -24,7 +24,7 @@ from sim.surface import Surface
 
 TIMELINE = "sim_time"
 FLUSH_WALL_S = 0.4  # [s] of wall time that a killed run can lose, plus the time that writing takes
-FORCE_SCALE = 1 / 250.0  # [m]/[N] of force arrows
+FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must reach out of the wrist
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and on a dark ground.
@@ -52,8 +52,9 @@ class RerunLog:
         title: str = "uuv-arm",
         period: float = 0.02,
         pose_period: float = 0.04,
+        view: bool = False,
     ) -> None:
-        """Open `file` and draw what `model`, the plant's, holds.
+        """Open `file` and draw what `model`, the plant's, holds; with `view`, also show it in a Rerun viewer.
 
         Raises ConfigurationError if the file's folder does not exist, for a model without vehicle, and for periods
         that are no multiples of the physics step.
@@ -69,7 +70,11 @@ class RerunLog:
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
         self._stream = rr.RecordingStream(title)
-        self._stream.save(str(path))
+        if view:
+            rr.spawn(connect=False)
+            self._stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
+        else:
+            self._stream.save(str(path))
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -186,6 +191,7 @@ class RerunLog:
                 truth.xquat[self._bodies].ravel(),
                 truth.p_pad,
                 truth.contact_force_W,
+                truth.xpos[self._vehicle.arm_base],
                 truth.p_WB,
                 _STILL if wrench is None else truth.R_WB @ wrench[:3],
                 truth.current_W,
@@ -221,8 +227,9 @@ class RerunLog:
         rr, table = self._rr, np.array(self._poses)
         self._poses.clear()
         k = len(self._bodies)
-        widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3)
-        time, working, p, quat_wxyz, tip, contact, hull, arm, current = np.split(table, np.cumsum(widths)[:-1], axis=1)
+        widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3)
+        parts = np.split(table, np.cumsum(widths)[:-1], axis=1)
+        time, working, p, quat_wxyz, tip, contact, base, hull, arm, current = parts
         time, rows = time[:, 0], len(table)
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, (_, entity) in enumerate(self._moving):
@@ -231,7 +238,7 @@ class RerunLog:
         above = hull + np.array([0.0, 0.0, 0.6])
         for name, origin, vector in (
             ("contact", tip, FORCE_SCALE * contact),
-            ("arm_on_hull", hull, FORCE_SCALE * arm),
+            ("arm_on_hull", base, FORCE_SCALE * arm),
             ("current", above, CURRENT_SCALE * current),
         ):
             self._send(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))

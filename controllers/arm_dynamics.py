@@ -106,7 +106,11 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
     nudot = work[27 * nb : 33 * nb].reshape(nb, 6)
     force = work[33 * nb : 39 * nb].reshape(nb, 6)
     t1, t2, t3 = work[39 * nb : 39 * nb + 3], work[39 * nb + 3 : 39 * nb + 6], work[39 * nb + 6 : 39 * nb + 9]
-    v_r, mom, a_r = work[39 * nb + 9 : 39 * nb + 15], work[39 * nb + 15 : 39 * nb + 21], work[39 * nb + 21 : 39 * nb + 27]
+    v_r, mom, a_r = (
+        work[39 * nb + 9 : 39 * nb + 15],
+        work[39 * nb + 15 : 39 * nb + 21],
+        work[39 * nb + 21 : 39 * nb + 27],
+    )
     for b in range(nb):
         up = parent[b]
         # Joint: rotation and place of this body in its parent (Rodrigues about a fixed axis, or a slide).
@@ -386,9 +390,7 @@ class ArmDynamics:
         hull[17] -= w0 * v1 - w1 * v0
         hull[21:] = v_current_W
         tau, wrench_B = np.empty(self.n), np.empty(6)
-        newton_euler(
-            self.layout, self.numbers, self.stations, q, qd, qdd, hull, wrench_tip_G, self.work, tau, wrench_B
-        )
+        newton_euler(self.layout, self.numbers, self.stations, q, qd, qdd, hull, wrench_tip_G, self.work, tau, wrench_B)
         return tau, wrench_B
 
 

@@ -12,16 +12,16 @@ from controllers.arm_dynamics import newton_euler, tip_kinematics
 
 @numba.njit(cache=True)
 def feel(
-    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, q, qd, tau_measured, bias, noise, floor, dt, filters, qd_slow, tau_e, wrench_B,
-    X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
+    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, q, qd, tau_measured, bias, noise, floor, dt, filters,
+    qd_slow, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
 ):  # fmt: skip
-    """Force of the world on the tip from what the torque sensors show beyond the model; returns the felt normal force [N].
+    """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
     Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration and the current are not known, and
-    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered force `f_tip_B`
-    (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,) before the bias is
-    taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and Jacobian in the hull's
-    frame, and the force in tool axes and world axes. The least squares is that of `force_estimate.tip_force`, by Cholesky.
+    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered
+    force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,)
+    before the bias is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and
+    Jacobian in the hull's frame, and the force in tool axes and in world axes.
     """
     for i in range(3):
         for j in range(3):
@@ -35,8 +35,8 @@ def feel(
         acceleration[j] = (qd[j] - qd_slow[j]) / filters[0]
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
     f_B = tip_force(
-        layout, numbers, stations, work, hull, q, qd, acceleration, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG,
-        J_B,
+        layout, numbers, stations, work, hull, q, qd, acceleration, tau_measured, bias, noise, floor, tau_e, wrench_B,
+        X_BG, J_B,
     )  # fmt: skip
     lag = min(1.0, dt / filters[1])
     for i in range(3):
@@ -51,7 +51,10 @@ def feel(
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
 ):  # fmt: skip
-    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind."""
+    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind.
+
+    The least squares is that of `force_estimate.tip_force`, by Cholesky.
+    """
     n = q.shape[0]
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
@@ -91,13 +94,18 @@ def drive(
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
-    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`. `gains`: stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the
-    contact that the drives bear at once. Where a drive is at its torque limit its integral stands still.
+    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`. `gains`: stiffness [1/s^2], damping [1/s],
+    integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the contact that the drives bear at once. Where a
+    drive is at its torque limit its integral stands still.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
     for j in range(n):
-        qdd[j] = stiffness * (q_wanted[j] + since * qd_wanted[j] - q[j]) + damper * (qd_wanted[j] - qd[j]) + integrator * integral[j]
+        qdd[j] = (
+            stiffness * (q_wanted[j] + since * qd_wanted[j] - q[j])
+            + damper * (qd_wanted[j] - qd[j])
+            + integrator * integral[j]
+        )
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
     for j in range(n):
         tau[j] += armature[j] * qdd[j] + damping[j] * qd[j]

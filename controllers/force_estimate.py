@@ -25,7 +25,7 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
     A = J.T / sigma[:, None]
     information = A.T @ A
     # A posture that cannot feel one direction gives no answer there; a weak prior (sigma 1 kN) says zero instead.
-    covariance = np.linalg.inv(information + 1e-6 * np.eye(3))
+    covariance = np.asarray(np.linalg.inv(information + 1e-6 * np.eye(3)), dtype=np.float64)
     return covariance @ (A.T @ (tau_e / sigma)), covariance
 
 

@@ -9,7 +9,7 @@ from controllers.arm_dynamics import ArmDynamics
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, log_so3
+from sim.interfaces.spatial import Array, log_so3, skew
 
 
 @dataclass(slots=True, eq=False)
@@ -56,7 +56,7 @@ class Hover:
     def static_wrench(self, R_WB: Array) -> Array:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
         up_B = R_WB[2]
-        return np.concatenate([self._net * up_B, np.cross(self._righting, up_B)])
+        return np.concatenate([self._net * up_B, skew(self._righting) @ up_B])
 
     def step(
         self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,
@@ -92,7 +92,7 @@ def _hull_inertia(model: mujoco.MjModel, hull: int) -> Array:
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, model.body_iquat[hull])
     principal = R.reshape(3, 3)
-    S = np.array([[0.0, -c[2], c[1]], [c[2], 0.0, -c[0]], [-c[1], c[0], 0.0]])
+    S = skew(c)
     rigid = np.zeros((6, 6))
     rigid[:3, :3] = m * np.eye(3)
     rigid[:3, 3:], rigid[3:, :3] = -m * S, m * S

@@ -46,7 +46,7 @@ class Search:
 
 
 def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
-    """Tool pose (4, 4) at arc length `s` [m], and its change with `s`: of the point (3,), and rotation rate (3,) [rad/m]."""
+    """Tool pose (4, 4) at arc length `s` [m]; its change with `s`: of the point (3,), and of the axes (3,) [rad/m]."""
     X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
     _tool_pose(path.s, path.p, path.z, path.x, s, roll, X, tangent, turn)
     return X, tangent, turn
@@ -140,7 +140,7 @@ def place(
                 best = Placement(X_WB=X_WB, roll=roll, q_start=q_start, margin=margin, reached=reached)
     if best is None:
         raise ReachError(
-            f"the tool path is out of reach: no place of the hull lets the arm take all of it, the best takes {furthest:.0%}"
+            f"the tool path is out of reach: no place of the hull lets the arm take it all, the best takes {furthest:.0%}"
         )
     return best
 

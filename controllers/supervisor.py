@@ -1,7 +1,7 @@
 """The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
 
-    settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
-                 \\-> other view -> scan ...          any state with contact -> retreat -> abort
+settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
+             \\-> other view -> scan ...          any state with contact -> retreat -> abort
 """
 
 from collections.abc import Sequence
@@ -344,7 +344,11 @@ class SurfaceWork:
             v_tool, w_tool = rate * tangent, rate * turn
             force, force_control = state.force, True
         elif state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT) and state.placement is not None:
-            back = min((time - state.since) * job.approach_speed, job.standoff) if state.state is WorkState.RETREAT else job.standoff
+            back = (
+                min((time - state.since) * job.approach_speed, job.standoff)
+                if state.state is WorkState.RETREAT
+                else job.standoff
+            )
             X_WG = self._on_path(state, state.path_s, min(state.depth - job.standoff, 0.0) - back)[0]
             if state.state is WorkState.RETREAT:
                 v_tool = -job.approach_speed * X_WG[:3, 2]

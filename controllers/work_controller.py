@@ -91,9 +91,7 @@ class WorkController:
         self._without = frozenset(without)
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
-        passive = [
-            model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0
-        ]
+        passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         self._X_BA = np.array(vehicle.X_BA)
         self._X_AB = inverse(self._X_BA)
@@ -144,8 +142,8 @@ class WorkController:
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
-            estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise, tuning.torque_floor,
-            dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B,
+            estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
+            tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B,
             self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if reference.tare:
@@ -243,4 +241,3 @@ class WorkController:
             q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
         )[1]  # fmt: skip
-

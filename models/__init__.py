@@ -1,4 +1,4 @@
-"""What exists: vehicles, arms, tools, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Steps nothing."""
+"""What exists: vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Steps nothing."""
 
 import mujoco
 

@@ -20,7 +20,9 @@ def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
     if vehicle in models.available():
         return models.load(vehicle)
     if not Path(vehicle).suffix:
-        raise ConfigurationError(f"unknown vehicle {vehicle!r}; there are {', '.join(models.available())}, or an MJCF file")
+        raise ConfigurationError(
+            f"unknown vehicle {vehicle!r}; there are {', '.join(models.available())}, or an MJCF file"
+        )
     if not Path(vehicle).is_file():
         raise ConfigurationError(f"vehicle {vehicle!r}: there is no such file")
     try:

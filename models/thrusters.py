@@ -1,7 +1,8 @@
 """Thruster tables: what a propeller gives for a command. They ride on the actuators of an MjSpec.
 
 A command u in [-1, 1] is the normalised propeller speed asked for; the propeller follows with a first-order lag;
-its thrust is quadratic beyond a dead band and is lessened by inflow (Fossen 2011, eq. 12.257: T = T_nn |n| n - T_nu |n| u_a).
+its thrust is quadratic beyond a dead band and is lessened by inflow, the bilinear model T = T_nn |n| n - T_nu |n| u_a
+(Fossen 2011, section 9.3).
 """
 
 from collections.abc import Mapping
@@ -52,8 +53,8 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
     spec.nuser_actuator = max(spec.nuser_actuator, WIDTH)
 
 
-def read(model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Actuator indices (m,) of the thrusters of `model`, and their table (m, WIDTH) in the order of `Thruster`'s fields."""
+def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
+    """Actuators (m,) that are thrusters of `model`, and their table (m, WIDTH) in the order of `Thruster`'s fields."""
     if model.nuser_actuator < WIDTH:
         return np.zeros(0, dtype=np.int64), np.zeros((0, WIDTH))
     table = np.asarray(model.actuator_user)[:, :WIDTH]

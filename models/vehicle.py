@@ -114,13 +114,13 @@ class Vehicle:
 
 
 def pose_in_body(model: mujoco.MjModel, site: int, body: int) -> Array:
-    """Pose (4, 4) of `site` in `body`, through bodies without joints. Raises ConfigurationError if a joint lies between."""
+    """Pose (4, 4) of `site` in `body`, through bodies without joints; ConfigurationError if one has a joint."""
     X_site = _pose(model.site_pos[site], model.site_quat[site])
     return body_in_body(model, int(model.site_bodyid[site]), body) @ X_site
 
 
 def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
-    """Pose (4, 4) of `body` in `ancestor`, through bodies without joints. Raises ConfigurationError if a joint lies between."""
+    """Pose (4, 4) of `body` in `ancestor`, through bodies without joints; ConfigurationError if one has a joint."""
     X, at = np.eye(4), body
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:

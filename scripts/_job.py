@@ -159,7 +159,7 @@ class Teller:
 
 
 def _controller(job: ContactJob, own: mujoco.MjModel) -> Controller:
-    """The controller named MODULE:CLASS, made with the vehicle's own model. Raises ConfigurationError if there is none."""
+    """The controller named MODULE:CLASS on the vehicle's own model. Raises ConfigurationError if there is none."""
     module, _, name = job.controller.partition(":")
     try:
         kind = getattr(importlib.import_module(module), name)
@@ -204,10 +204,14 @@ def _write(
         f"{run['simulated_s']:.0f} s simulated in {run['wall_s']:.1f} s, {run['real_time_factor']:.1f} times real time",
         highlight=False,
     )
-    verdict = "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
+    verdict = (
+        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
+    )
     console.print(verdict)
     if options.record:
         from sim.report import write_report
 
-        write_report(folder / "report.html", recorder.recording(), assessment, title=job.title, options=options, model=model)
+        write_report(
+            folder / "report.html", recorder.recording(), assessment, title=job.title, options=options, model=model
+        )
     console.print(f"written to {folder}/", highlight=False)

@@ -47,7 +47,7 @@ def main() -> int:
     arc = 60.0 if options.quick else options.arc
     target = barrel(line_length=0.2 if options.quick else options.length, arc=np.radians(arc))
     # Where the barrel lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
-    X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), [0.0, 0.0, -1.5] + rng.uniform(-0.2, 0.2, 3))
+    X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
     way, axis = rng.standard_normal((2, 3))
     approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
     turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))

@@ -64,13 +64,15 @@ class Plant:
     """A vehicle and its world, advanced one physics step at a time by commands."""
 
     def __init__(self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None) -> None:
-        """Take a compiled model (`sim.hydrodynamics.compile`), the current, and the hull's first pose (default: the model's).
+        """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
 
         Raises ConfigurationError if the model has no vehicle (`models.vehicle`), HydrodynamicsError if its water
         cannot act. Installs the process's passive callback.
         """
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            raise ConfigurationError("the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast")
+            raise ConfigurationError(
+                "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
+            )
         hydrodynamics.install()
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model)
@@ -111,7 +113,11 @@ class Plant:
         truth.v_WB_W = data.qvel[dof : dof + 3]
         truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
         truth.acceleration = data.qacc[dof : dof + 6]
-        truth.q, truth.qd, truth.qdd = _view(data.qpos, vehicle.qpos), _view(data.qvel, vehicle.dof), _view(data.qacc, vehicle.dof)
+        truth.q, truth.qd, truth.qdd = (
+            _view(data.qpos, vehicle.qpos),
+            _view(data.qvel, vehicle.dof),
+            _view(data.qacc, vehicle.dof),
+        )
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
         truth.thrust = self._thrusters.thrust

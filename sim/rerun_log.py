@@ -25,6 +25,7 @@ from sim.surface import Surface
 TIMELINE = "sim_time"
 FLUSH_WALL_S = 0.4  # [s] of wall time that a killed run can lose, plus the time that writing takes
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must reach out of the wrist
+LIFT = 0.006  # [m] off the surface at which paths are drawn: lines have no thickness in depth, it would hide them
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and on a dark ground.
@@ -158,7 +159,8 @@ class RerunLog:
         text = f"object at {target.range_m:.2f} m, check {target.check_m * 1e3:.1f} mm: {verdict}"
         self._log("state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time)
         if target.path is not None:
-            self._log("world/path/planned", rr.LineStrips3D([target.path.p], colors=YELLOW, radii=0.004), time)
+            lifted = target.path.p - LIFT * target.path.z
+            self._log("world/path/planned", rr.LineStrips3D([lifted], colors=YELLOW, radii=0.004), time)
 
     # -- rows ------------------------------------------------------------------------------------------------------
 
@@ -190,6 +192,7 @@ class RerunLog:
                 truth.xpos[self._bodies].ravel(),
                 truth.xquat[self._bodies].ravel(),
                 truth.p_pad,
+                truth.R_WG[:, 2],
                 truth.contact_force_W,
                 truth.xpos[self._vehicle.arm_base],
                 truth.p_WB,
@@ -227,9 +230,9 @@ class RerunLog:
         rr, table = self._rr, np.array(self._poses)
         self._poses.clear()
         k = len(self._bodies)
-        widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3)
+        widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3)
         parts = np.split(table, np.cumsum(widths)[:-1], axis=1)
-        time, working, p, quat_wxyz, tip, contact, base, hull, arm, current = parts
+        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current = parts
         time, rows = time[:, 0], len(table)
         p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
         for i, (_, entity) in enumerate(self._moving):
@@ -242,7 +245,7 @@ class RerunLog:
             ("current", above, CURRENT_SCALE * current),
         ):
             self._send(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))
-        self._send_done(time, working[:, 0] > 0.0, tip)
+        self._send_done(time, working[:, 0] > 0.0, tip - LIFT * axis)
 
     def _send_done(self, time: Array, working: np.ndarray, tip: Array) -> None:
         """The pieces of the path worked since the last pose; the view shows all that came before its time."""

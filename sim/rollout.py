@@ -1,6 +1,6 @@
 """The one loop over the plant. It sees only protocols; rates are whole multiples of the physics step.
 
-    truth -> sensors -> estimator -> (depth frame) -> finder -> planner -> controller -> plant
+truth -> sensors -> estimator -> (depth frame) -> finder -> planner -> controller -> plant
 """
 
 from collections.abc import Sequence
@@ -79,9 +79,7 @@ def rollout(
     """
     dt = plant.timestep
     steps = ticks_per_period(duration, dt, "duration")
-    sensor_ticks = [
-        ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0 for s in parts.sensors
-    ]
+    sensor_ticks = [ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0 for s in parts.sensors]
     sensor_delay = [
         ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0 for s in parts.sensors
     ]
@@ -134,7 +132,11 @@ def rollout(
         for observer in observers:
             observer.observe(moment)
         plant.step(command)
-        if reference.state in (WorkState.DONE, WorkState.ABORT) and not reference.v_WG_W.any() and not reference.qd.any():
+        if (
+            reference.state in (WorkState.DONE, WorkState.ABORT)
+            and not reference.v_WG_W.any()
+            and not reference.qd.any()
+        ):
             break
     assert moment is not None
     return moment

@@ -15,7 +15,6 @@ from sim.interfaces.messages import (
 from sim.interfaces.spatial import GRAVITY, Array
 from sim.plant import Truth
 
-
 _BLOCK = 8192  # normal numbers drawn at a time: one by one they cost more than the sensor
 
 

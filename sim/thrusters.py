@@ -37,7 +37,7 @@ def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, t
 
 
 class Thrusters:
-    """State and step of all thrusters of one vehicle. Source: models.thrusters (Fossen 2011, eq. 12.257)."""
+    """State and step of all thrusters of one vehicle. Source: models.thrusters."""
 
     def __init__(self, table: Array, wrench: Array, timestep: float) -> None:
         """Take a thruster `table` (m, WIDTH), columns `wrench` (6, m) per newton, and the physics step [s]."""

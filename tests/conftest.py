@@ -1,15 +1,12 @@
-"""Set up for every test: our rooms and no others, the leaf's types checked, tolerances that scale together."""
+"""Set up for every test: our rooms and no others, tolerances that scale together."""
 
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
-from beartype.claw import beartype_package
 
-beartype_package("sim.interfaces")  # before anything imports it
-
-import sim  # noqa: E402
+import sim
 
 ROOT = Path(__file__).resolve().parents[1]
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))

@@ -65,7 +65,7 @@ class DvlMeasurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
-    """Position of the hull against the scene, from vision; `time` is when the picture was taken, not when it arrives."""
+    """Position of the hull against the scene, from vision; `time` is when the picture was taken, not its arrival."""
 
     time: float  # [s]
     p_WB: Array  # (3,) [m]
@@ -81,9 +81,7 @@ class DepthImage:
     X_BC: Array  # (4, 4) camera in hull
 
 
-Measurement = (
-    EncoderMeasurement | TorqueMeasurement | ImuMeasurement | DvlMeasurement | VisionMeasurement | DepthImage
-)
+Measurement = EncoderMeasurement | TorqueMeasurement | ImuMeasurement | DvlMeasurement | VisionMeasurement | DepthImage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

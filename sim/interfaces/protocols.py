@@ -15,8 +15,11 @@ from sim.interfaces.messages import Command, Measurement, Reference, StateEstima
 class Sensor(Protocol):
     """Truth in, one measurement out. `truth` is `sim.plant.Truth`; only `sim` may look into it."""
 
-    period: float  # [s]; 0 means on request (`Command.scan`)
-    delay: float  # [s] between the moment measured and the moment delivered
+    @property
+    def period(self) -> float: ...  # [s]; 0 means on request (`Command.scan`)
+
+    @property
+    def delay(self) -> float: ...  # [s] between the moment measured and the moment delivered
 
     def init(self, rng: np.random.Generator) -> Any: ...
 
@@ -27,7 +30,8 @@ class Sensor(Protocol):
 class Estimator(Protocol):
     """Measurements in, the vehicle's own state out."""
 
-    period: float  # [s]
+    @property
+    def period(self) -> float: ...  # [s]
 
     def init(self, first: Sequence[Measurement]) -> Any: ...
 
@@ -47,7 +51,8 @@ class TargetFinder(Protocol):
 class Planner(Protocol):
     """Estimates in, references out: the supervisor of the work."""
 
-    period: float  # [s]
+    @property
+    def period(self) -> float: ...  # [s]
 
     def init(self, estimate: StateEstimate) -> Any: ...
 
@@ -60,7 +65,8 @@ class Planner(Protocol):
 class Controller(Protocol):
     """Estimates and references in, commands out."""
 
-    period: float  # [s]
+    @property
+    def period(self) -> float: ...  # [s]
 
     def init(self, estimate: StateEstimate) -> Any: ...
 

@@ -18,12 +18,14 @@ from perception.check import Check, check
 from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_z, transform_points
+from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly, rotation_from_z, transform_points
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _TRIED = 8  # starts that are worth a whole coarse fit
 _REFINED = 3  # starts that are worth a full fit
 _CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
+_POOR = 1.3  # score below which the attitude itself is in doubt
+_LEAN = np.deg2rad(25.0)  # [rad] by which the start is then leant
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
 
 
@@ -213,9 +215,13 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         first = [(coarse_fit(evidence, surface, X, iterations=7), X) for X in starts]
         first = sorted(first, key=lambda pair: -score(evidence, surface, pair[0]))[:_TRIED]
     rough: list[tuple[float, Array, Array]] = []
-    for X_near, X_start in first:
+
+    def attempt(X_near: Array, X_start: Array) -> None:
         X = coarse_fit(evidence, surface, X_near)
         rough.append((score(evidence, surface, X), X, X_start))
+
+    for X_near, X_start in first:
+        attempt(X_near, X_start)
     if max(item[0] for item in rough) < _CONVINCING:
         # What can go wrong near a right attitude is a slide along the object; try again from both sides of it.
         best = max(rough, key=lambda item: item[0])[1]
@@ -223,8 +229,14 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
         for share in (-0.7, -0.35, 0.35, 0.7):
             X_start = best @ pose(p=share * along)
-            X = coarse_fit(evidence, surface, X_start)
-            rough.append((score(evidence, surface, X), X, X_start))
+            attempt(X_start, X_start)
+    if max(item[0] for item in rough) < _POOR:
+        # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
+        R, center = starts[-1][:3, :3], transform_points(starts[-1], surface.center)
+        for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
+            R_leaning = exp_so3(lean) @ R
+            X_start = pose(R_leaning, center - R_leaning @ surface.center)
+            attempt(X_start, X_start)
     rough.sort(key=lambda item: -item[0])
     symmetry = surface.target.symmetry
     distinct: list[tuple[Array, Array]] = []

@@ -69,14 +69,14 @@ def _force(recording: Recording, bounds: Bounds) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
     force, error = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     lines = (
+        ("set", "set_force", INK, 1.6),
         ("felt", "felt_normal", ORANGE, 0.8),
-        ("true", "contact_normal", BLUE, 1.0),
-        ("set", "set_force", INK, 1.2),
+        ("true", "contact_normal", BLUE, 0.8),
     )
     for label, name, color, width in lines:
         _line(force, time[contact], recording[name].scalar[contact], label=label, color=color, linewidth=width)
     force.set_ylabel("normal force [N]")
-    _legend(force)
+    force.legend(loc="lower center", ncols=3, frameon=False, fontsize=9)  # under the curves
     work = recording.within(WorkState.WORK)
     if work.any():
         difference = recording["contact_normal"].scalar[work] - recording["set_force"].scalar[work]
@@ -146,14 +146,13 @@ def _against_limits(recording: Recording, name: str, label: str, low: Array, hig
     series = recording[name]
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     over_time, ranges = figure.subplots(1, 2, width_ratios=[5, 3])
-    for i, item in enumerate(series.labels):
+    for i in range(len(series.labels)):
         color = CYCLE[i % len(CYCLE)]
         value = series.value[:, i]
         _line(over_time, series.time, value, color=color, linewidth=0.8)
         used = 100.0 * np.where(value > 0.0, value / high[i], -value / low[i])
         ranges.barh(i, np.ptp(used), left=used.min(), color=color, height=0.6)
         ranges.text(used.max() + 3.0, i, f"{np.abs(used).max():.0f} %", va="center", fontsize=8, color=INK)
-        ranges.text(-103.0, i, item.replace("_", " "), va="center", ha="right", fontsize=9, color=INK)
     over_time.set_ylabel(label)
     _time_axis(over_time, series.time)
     _states(recording, (over_time,), label=None)
@@ -161,10 +160,12 @@ def _against_limits(recording: Recording, name: str, label: str, low: Array, hig
         ranges.axvline(limit, color=VERMILION, linewidth=1.0)
     ranges.axvline(0.0, color=FAINT, linewidth=0.6)
     ranges.set_xlim(-102.0, 102.0)
-    ranges.set_yticks([])
+    ranges.set_yticks(range(len(series.labels)), [item.replace("_", " ") for item in series.labels])
     ranges.invert_yaxis()
     ranges.set_xlabel("share of the limit [%]")
     _bare(ranges)
+    ranges.grid(visible=False, axis="y")
+    ranges.tick_params(axis="y", length=0)
     return figure
 
 
@@ -243,7 +244,7 @@ def _limits(axes: Axes, limit: float, both: bool = True) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    axes.legend(loc="upper right", ncols=4, frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False, fontsize=9, borderaxespad=0.2)
 
 
 def _time_axis(axes: Axes, time: Array) -> None:

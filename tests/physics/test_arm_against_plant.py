@@ -1,0 +1,284 @@
+"""Own Newton-Euler of the arm against the plant: random vehicles in random motion, the hull's momentum included."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from controllers import drive, force_estimate
+from controllers.arm_dynamics import ArmDynamics, tip_kinematics
+from models import hydrodynamics as water
+from models.hydrodynamics import BodyHydrodynamics, StripDrag
+from models.vehicle import Vehicle
+from sim import hydrodynamics
+from sim.interfaces.spatial import Array, pose
+
+STATES = 5
+NOISE, FLOOR = 0.01, 0.1  # of the torque sensors: share of the reading, [N m]
+
+
+def semidefinite(rng: np.random.Generator, scale: float) -> Array:
+    L = rng.normal(size=(6, 6))
+    return scale * L @ L.T
+
+
+def random_water(rng: np.random.Generator, scale: float) -> BodyHydrodynamics:
+    skewed = rng.normal(size=(6, 6))
+    return BodyHydrodynamics(
+        volume=1e-3 * scale * rng.uniform(0.5, 2.0),
+        center_of_buoyancy=0.1 * rng.normal(size=3),
+        added_mass=semidefinite(rng, scale / 3.0),
+        linear_damping=semidefinite(rng, scale) + scale * (skewed - skewed.T),
+        quadratic_damping=scale * rng.uniform(0.0, 2.0, 6),
+        strips=tuple(
+            StripDrag(start=rng.normal(size=3), end=rng.normal(size=3), normal=20.0 * scale, tangential=scale)
+            for _ in range(rng.integers(0, 3))
+        ),
+    )
+
+
+def wet(spec: mujoco.MjSpec, rng: np.random.Generator) -> mujoco.MjSpec:
+    """`spec` with other coefficients on every body, some left dry."""
+    bodies = {b.name: random_water(rng, 100.0 if b.name == "hull" else 1.0) for b in spec.bodies[1:]}
+    dry = [name for name in bodies if name != "hull" and rng.uniform() < 0.15]
+    water.attach(spec, {name: body for name, body in bodies.items() if name not in dry})
+    spec.option.timestep = 1e-4  # nothing is stepped; the check of the drag against the step must not stand in the way
+    return spec
+
+
+def random_vehicle(rng: np.random.Generator) -> mujoco.MjSpec:
+    """A hull with a serial arm of hinges and slides off their bodies' origins, welded bodies and moving branches."""
+    spec = mujoco.MjSpec()
+
+    def body(parent: mujoco.MjsBody, name: str, joint: str) -> mujoco.MjsBody:
+        b = parent.add_body(name=name, pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4), explicitinertial=1)
+        b.mass, b.inertia = rng.uniform(0.5, 5.0), rng.uniform(0.08, 0.12, 3)
+        b.ipos, b.iquat = 0.1 * rng.normal(size=3), rng.normal(size=4)
+        if joint:
+            j = b.add_joint(name=name, type=getattr(mujoco.mjtJoint, f"mjJNT_{joint.upper()}"))
+            j.axis, j.pos, j.range, j.limited = rng.normal(size=3), 0.2 * rng.normal(size=3), [-1e3, 1e3], 1
+            j.armature, j.damping, j.stiffness = rng.uniform(0.0, 0.5), [rng.uniform(), 0, 0], [rng.uniform(), 0, 0]
+        return b
+
+    hull = body(spec.worldbody, "hull", "")
+    hull.mass, hull.inertia = 60.0, [6.0, 9.0, 8.0]
+    hull.add_freejoint()
+    carried = [hull, body(hull, "arm_base", "")]
+    at = carried[1]
+    for i in range(int(rng.integers(3, 8))):
+        joint = "hinge" if i == 0 else rng.choice(["hinge", "hinge", "slide", ""])
+        at = body(at, f"link{i}", joint)
+        if joint:
+            motor = spec.add_actuator(name=f"link{i}", target=f"link{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.ctrlrange, motor.ctrllimited = [-100, 100], 1
+        carried.append(at)
+    at.add_site(name="tip", pos=0.3 * rng.normal(size=3), quat=rng.normal(size=4))
+    for i in range(int(rng.integers(1, 4))):
+        carried.append(
+            body(carried[int(rng.integers(0, len(carried)))], f"branch{i}", rng.choice(["hinge", "slide", ""]))
+        )
+    return spec
+
+
+def uuv_puma(rng: np.random.Generator) -> mujoco.MjSpec:
+    del rng
+    return models.load("uuv_puma")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moving:
+    """The plant in one random state of motion, and what it tells of it."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    arm: ArmDynamics
+    vehicle: Vehicle
+    dofs: list[int]  # of the arm's coordinates
+    tau: Array  # (n,) torque through every gear output [N m]
+    f_tip_W: Array  # (6,) wrench of the world on the tip
+
+    @classmethod
+    def of(cls, spec: mujoco.MjSpec, rng: np.random.Generator, f_tip_W: Array) -> "Moving":
+        model = hydrodynamics.compile(spec)
+        vehicle, arm, data = Vehicle.of(model), ArmDynamics(model, passive=True), mujoco.MjData(model)
+        model.opt.wind = rng.normal(size=3)
+        mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+        joints = [model.joint(name) for name in arm.joint_names]
+        for joint in joints:  # within the limits, so that nothing but gears, springs and motors acts
+            low, high = joint.range
+            if high - low < 10.0:
+                data.qpos[joint.qposadr[0]] = rng.uniform(0.9 * low, 0.9 * high)
+        data.qvel = rng.normal(size=model.nv)
+        data.qfrc_applied = 20.0 * rng.normal(size=model.nv)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        dofs = [int(joint.dofadr[0]) for joint in joints]
+        given = data.qfrc_applied[dofs]
+        mujoco.mj_applyFT(
+            model, data, f_tip_W[:3], f_tip_W[3:], data.site_xpos[vehicle.tip], int(model.site_bodyid[vehicle.tip]),
+            data.qfrc_applied,
+        )  # fmt: skip
+        mujoco.mj_forward(model, data)
+        assert data.nefc == 0
+        stiffness = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[[j.id for j in joints], 0]
+        damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[dofs, 0]
+        q = np.array([data.qpos[j.qposadr[0]] for j in joints])
+        spring = np.array([model.qpos_spring[j.qposadr[0]] for j in joints])
+        tau = given - stiffness * (q - spring) - damping * data.qvel[dofs] - model.dof_armature[dofs] * data.qacc[dofs]
+        return cls(model=model, data=data, arm=arm, vehicle=vehicle, dofs=dofs, tau=tau, f_tip_W=f_tip_W)
+
+    @property
+    def X_WB(self) -> Array:
+        return pose(self.data.xmat[self.vehicle.hull].reshape(3, 3), self.data.xpos[self.vehicle.hull])
+
+    @property
+    def q(self) -> Array:
+        return np.array([self.data.joint(name).qpos[0] for name in self.arm.joint_names])
+
+    def hull_motion(self) -> tuple[Array, Array]:
+        """nu_B and a_B (6,), hull axes."""
+        R, dof = self.X_WB[:3, :3], self.vehicle.hull_dof
+        v, a = self.data.qvel[dof : dof + 6], self.data.qacc[dof : dof + 6]
+        return np.concatenate([R.T @ v[:3], v[3:]]), np.concatenate([R.T @ a[:3], a[3:]])
+
+    def inverse(self, wrench_tip_G: Array) -> tuple[Array, Array]:
+        nu_B, a_B = self.hull_motion()
+        return self.arm.inverse(
+            self.q, self.data.qvel[self.dofs], self.data.qacc[self.dofs], R_WB=self.X_WB[:3, :3], nu_B=nu_B, a_B=a_B,
+            v_current_W=np.array(self.model.opt.wind), wrench_tip_G=wrench_tip_G,
+        )  # fmt: skip
+
+    def wrench_tip_G(self) -> Array:
+        R_WG = self.data.site_xmat[self.vehicle.tip].reshape(3, 3)
+        return np.concatenate([R_WG.T @ self.f_tip_W[:3], R_WG.T @ self.f_tip_W[3:]])
+
+
+def relative(got: Array, expected: Array) -> float:
+    return float(np.max(np.abs(got - expected)) / np.max(np.abs(expected)))
+
+
+@pytest.fixture(params=[uuv_puma, random_vehicle])
+def vehicle_of(request: pytest.FixtureRequest):
+    return request.param
+
+
+@pytest.mark.parametrize("contact", [0.0, 50.0])  # [N, N m]
+def test_torques(vehicle_of, contact, rng, within):
+    worst = 0.0
+    for _ in range(STATES):
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, contact * rng.normal(size=6))
+        assert np.max(np.abs(moving.data.qacc)) > 1.0
+        worst = max(worst, relative(moving.inverse(moving.wrench_tip_G())[0], moving.tau))
+    within("relative torque", worst, 5e-12)  # measured up to 5e-13
+
+
+@pytest.mark.parametrize("contact", [0.0, 50.0])  # [N, N m]
+def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, contact, rng, within):
+    worst = 0.0
+    for _ in range(STATES):
+        spec = wet(vehicle_of(rng), rng)
+        moving = Moving.of(spec, rng, contact * rng.normal(size=6))
+        wrench_B = moving.inverse(moving.wrench_tip_G())[1]
+
+        R, dof = moving.X_WB[:3, :3], moving.vehicle.hull_dof
+        for actuator in list(spec.actuators):
+            spec.delete(actuator)
+        for key in list(spec.keys):
+            spec.delete(key)
+        for child in list(spec.body("hull").bodies):
+            spec.delete(child)
+        alone = hydrodynamics.compile(spec)
+        assert alone.nv == 6
+        alone.opt.wind = moving.model.opt.wind
+        data = mujoco.MjData(alone)
+        data.qpos, data.qvel = moving.data.qpos[:7], moving.data.qvel[:6]
+        # The hull's own share of what was applied: the tip's force reaches it through the arm only.
+        applied = moving.data.qfrc_applied[dof : dof + 6].copy()
+        p = moving.data.site_xpos[moving.vehicle.tip] - moving.X_WB[:3, 3]
+        applied[:3] -= moving.f_tip_W[:3]
+        applied[3:] -= R.T @ (moving.f_tip_W[3:] + np.cross(p, moving.f_tip_W[:3]))
+        data.qfrc_applied = applied + np.concatenate([R @ wrench_B[:3], wrench_B[3:]])
+        mujoco.mj_forward(alone, data)
+        worst = max(worst, relative(data.qacc, moving.data.qacc[:6]))
+    within("relative acceleration of the hull", worst, 5e-13)  # measured up to 4e-14
+
+
+def test_tip_kinematics(vehicle_of, rng, within):
+    for _ in range(STATES):
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, np.zeros(6))
+        moving.inverse(np.zeros(6))  # leaves the joints' rotations behind
+        X_BG, J_B = np.empty((4, 4)), np.empty((6, moving.arm.n))
+        tip_kinematics(moving.arm.layout, moving.arm.numbers, moving.arm.work, X_BG, J_B)
+        model, data, tip = moving.model, moving.data, moving.vehicle.tip
+        J_W = np.zeros((6, model.nv))
+        mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], tip)
+        turn = np.kron(np.eye(2), moving.X_WB[:3, :3])
+        within("tip pose", moving.X_WB @ X_BG - pose(data.site_xmat[tip].reshape(3, 3), data.site_xpos[tip]), 1e-13)
+        within("tip Jacobian", turn @ J_B - J_W[:, moving.dofs], 1e-13)
+
+
+def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
+    """`drive.tip_force` with all of the motion known: force (3,) in hull axes, external torques, Jacobian."""
+    arm, n = moving.arm, moving.arm.n
+    nu_B, a_B = moving.hull_motion()
+    a_B[:3] -= np.cross(nu_B[3:], nu_B[:3])
+    hull = np.concatenate([moving.X_WB[:3, :3].ravel(), nu_B, a_B, moving.model.opt.wind])
+    tau_e, J_B = np.empty(n), np.empty((6, n))
+    f_B = drive.tip_force(
+        arm.layout, arm.numbers, arm.stations, arm.work, hull, moving.q, moving.data.qvel[moving.dofs],
+        moving.data.qacc[moving.dofs], moving.tau, bias, NOISE, FLOOR, tau_e, np.empty(6), np.empty((4, 4)), J_B,
+    )  # fmt: skip
+    return np.array(f_B), tau_e, J_B
+
+
+def test_known_force_is_felt(vehicle_of, rng, within):
+    """A pure force on the tip comes back from the plant's torques alone, but for the weak prior of 1 kN."""
+    worst = 0.0
+    for _ in range(STATES):
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, 50.0 * np.repeat([1.0, 0.0], 3) * rng.normal(size=6))
+        f_B, _, J_B = felt(moving, np.zeros(moving.arm.n))
+        sigma = FLOOR + NOISE * np.abs(moving.tau)
+        information = (J_B[:3] / sigma**2) @ J_B[:3].T
+        # (I + 1e-6) f_felt = I f: exact, whatever the posture lets be felt.
+        expected = information @ moving.X_WB[:3, :3].T @ moving.f_tip_W[:3]
+        worst = max(worst, relative((information + 1e-6 * np.eye(3)) @ f_B, expected))
+    within("relative force", worst, 3e-11)  # measured up to 2e-12
+
+
+def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
+    for _ in range(STATES):
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, 50.0 * rng.normal(size=6))
+        bias = 0.3 * rng.normal(size=moving.arm.n)
+        f_B, tau_e, J_B = felt(moving, bias)
+        expected, covariance = force_estimate.tip_force(tau_e - bias, J_B[:3], FLOOR + NOISE * np.abs(moving.tau))
+        within(
+            "force over its uncertainty", (f_B - expected) / np.sqrt(np.trace(covariance)), 1e-9
+        )  # measured up to 7e-11
+
+
+def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, within):
+    """With filters shorter than the step it is the least squares again; it knows neither spin-up nor current."""
+    moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, 50.0 * rng.normal(size=6))
+    arm, n, R = moving.arm, moving.arm.n, moving.X_WB[:3, :3]
+    (nu_B, a_B), qd, qdd = moving.hull_motion(), moving.data.qvel[moving.dofs], moving.data.qacc[moving.dofs]
+    lag, qd_slow, J_B = 0.01, qd - 0.01 * qdd, np.empty((6, n))
+    tau_e, wrench_B, f_B, f_G, f_W = np.empty(n), np.empty(6), np.zeros(3), np.empty(3), np.empty(3)
+    normal = drive.feel(
+        arm.layout, arm.numbers, arm.stations, arm.work, np.empty(24), moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3],
+        moving.q, qd, moving.tau, np.zeros(n), NOISE, FLOOR, 0.02, (lag, 0.01), qd_slow, tau_e, wrench_B,
+        np.empty((4, 4)), J_B, f_B, f_G, f_W,
+    )  # fmt: skip
+    a_B[3:], moving.model.opt.wind = 0.0, 0.0
+    expected_tau, expected_wrench = arm.inverse(
+        moving.q, qd, qdd, R_WB=R, nu_B=nu_B, a_B=a_B, v_current_W=np.zeros(3), wrench_tip_G=np.zeros(6)
+    )
+    within("torques", relative(tau_e, expected_tau - moving.tau), 1e-14)  # measured up to 5e-16
+    within("wrench", relative(wrench_B, expected_wrench), 1e-14)  # measured up to 5e-16
+    expected, _ = force_estimate.tip_force(tau_e, J_B[:3], FLOOR + NOISE * np.abs(moving.tau))
+    R_WG = moving.data.site_xmat[moving.vehicle.tip].reshape(3, 3)
+    within("force, hull axes", relative(f_B, expected), 1e-13)  # measured up to 1e-14
+    within("force, world axes", relative(f_W, R @ expected), 1e-13)  # measured up to 1e-14
+    within("force, tool axes", relative(f_G, R_WG.T @ R @ expected), 1e-13)  # measured up to 1e-14
+    within("normal force", normal + f_G[2], 0.0)

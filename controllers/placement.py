@@ -39,6 +39,7 @@ class Search:
     heights: tuple[float, ...] = (0.55, 0.65, 0.75, 0.85, 0.95, 1.05)  # [m] arm base above the middle
     radii: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)  # [m] horizontally away from the middle
     bearings: int = 12  # directions around the middle
+    refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
     rolls: int = 4  # turns of the tool about its axis
     clearance: float = 0.25  # [m] hull to object
     arm_clearance: float = 0.06  # [m] joint centres to object
@@ -124,13 +125,17 @@ def place(
     poses = [_tool_poses(path, shares, roll, standoff) for roll in rolls]
     best: Placement | None = None
     furthest = 0.0
-    bearings = np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
-    for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
-        base = middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height])
+
+    def consider(base: Array) -> bool:
+        """Try all turns of the tool from this place of the arm's base, the arm reaching forward to the path."""
+        nonlocal best, furthest
+        away = base - middle
+        bearing = np.arctan2(away[1], away[0])
         R_WB = exp_so3([0.0, 0.0, bearing + np.pi])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
         if _hull_gap(X_WB, hull_box, corners) < search.clearance:
-            continue
+            return False
+        better = False
         for roll, tool in zip(rolls, poses, strict=True):
             margin, reached, q_start = _try(
                 vehicle, chain, X_WB, tool, planes, force, search.arm_clearance, best.margin if best else 0.0
@@ -138,9 +143,22 @@ def place(
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
                 best = Placement(X_WB=X_WB, roll=roll, q_start=q_start, margin=margin, reached=reached)
+                better = True
+        return better
+
+    # Bearings are counted from the path's own direction, so that the search turns with the object.
+    chord = path.p[-1] - path.p[0]
+    bearings = np.arctan2(chord[1], chord[0]) + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
+    for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
+        consider(middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height]))
+    for step in search.refinements:
+        while best is not None:
+            base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
+            if not any([consider(base + step * way) for way in np.vstack([np.eye(3), -np.eye(3)])]):
+                break
     if best is None:
         raise ReachError(
-            f"the tool path is out of reach: no place of the hull lets the arm take it all, the best takes {furthest:.0%}"
+            f"the tool path is out of reach: no place of the hull lets the arm take all of it, at best {furthest:.0%}"
         )
     return best
 

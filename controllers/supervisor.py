@@ -46,7 +46,7 @@ class Job:
     hull_turn_rate: float = 0.15  # [rad/s]
     joint_speed: float = 0.5  # [rad/s]
     settle_speed: float = 0.006  # [m/s] below which the hull counts as quiet
-    settle_time: float = 2.0  # [s] that it must be quiet
+    settle_time: float = 4.0  # [s] that it must be quiet
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)

@@ -143,8 +143,8 @@ class WorkController:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B,
-            self._f_tip_G, f_tip_W,
+            tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG,
+            self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if reference.tare:
             state.tare.add(self._tau_e)

@@ -124,6 +124,7 @@ class Navigation:
 
     period: float = 0.002  # [s]
     acceleration_noise: float = 2.5e-3  # [m/s^2] white, per IMU sample
+    bias: float = 7e-3  # [m/s^2] at the start, the tilt of the attitude reference included
     bias_walk: float = 2e-5  # [m/s^2] per square root of second
     dvl_noise: float = 3e-3  # [m/s]
     vision_noise: float = 2e-3  # [m]
@@ -152,7 +153,7 @@ class Navigation:
             time=imu.time,
             R_WB=np.array(imu.R_WB),
             x=x,
-            P=np.diag([self.vision_noise**2, 0.02**2, 0.02**2]),
+            P=np.diag([self.vision_noise**2, 0.02**2, self.bias**2]),
             held=np.zeros((2, 3)),
             a_B=np.zeros(3),
             w_B=np.array(imu.w_WB_B),

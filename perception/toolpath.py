@@ -122,7 +122,8 @@ def deviate(evidence: Evidence, surface: ModelSurface, X_ST: Array, path: ModelP
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
     independent = np.maximum(1.0, patch / (np.pi * radius**2))
     # A median spreads 1.25 times as wide as a mean; an error of the pose shows as 1/cos along the line of sight.
-    threshold = 3.0 * 1.25 * sigma / np.sqrt(independent)
+    # A path has some fifty independent places, and one false dent tips the tool: hence 4.5 sigma, not 3.
+    threshold = 4.5 * 1.25 * sigma / np.sqrt(independent)
     threshold += _POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
     on_scan = _hysteresis(np.abs(smooth), threshold) & usable
     # Slope across the path by least squares over the lateral rays.

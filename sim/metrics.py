@@ -203,8 +203,8 @@ class PathError:
 
     @property
     def cross(self) -> Array:
-        """(N,) [m] distance across the tangent: lateral and normal together."""
-        return np.hypot(self.lateral, self.normal)
+        """(N,) [m] distance from the path in the surface. Along the normal the force decides, not the path."""
+        return np.abs(self.lateral)
 
 
 def path_error(recording: Recording) -> PathError | None:
@@ -233,7 +233,7 @@ def path_error(recording: Recording) -> PathError | None:
         along=along,
         normal=normal,
         lateral=lateral,
-        deviation=np.maximum(np.abs(along), np.hypot(lateral, normal)),
+        deviation=np.maximum(np.abs(along), np.abs(lateral)),
     )
 
 
@@ -247,7 +247,11 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     if error is None:
         return dict.fromkeys(names)
     work = recording.within(WorkState.WORK)
-    tip_T = transform_points(inverse(truth.X_WT), recording["p_pad"].value[work])
+    # A turn that leaves the object as it is moves the path on it: the pose that shows the same object, as it was found.
+    X_WT = np.array(truth.X_WT)
+    if recording.targets:
+        X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
+    tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[work])
     ideal, arc = closest_on_curve(tip_T, np.asarray(truth.model.path(truth.path).p))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
     values = (

@@ -154,7 +154,8 @@ def place(
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
-            if not any([consider(base + step * way) for way in np.vstack([np.eye(3), -np.eye(3)])]):
+            moved = [consider(base + step * way) for way in np.vstack([np.eye(3), -np.eye(3)])]
+            if not any(moved):
                 break
     if best is None:
         raise ReachError(

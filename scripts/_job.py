@@ -3,7 +3,7 @@
 import importlib
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -117,7 +117,7 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
         recorder.recording(), truth, seed=options.seed, wall_s=wall_s,
         identification_s=found.duration_s if found is not None else None,
     )  # fmt: skip
-    _write(folder, job, options, assessment, recorder, model, console)
+    _write(folder, job, options, truth, assessment, recorder, console)
     if last.reference.state is WorkState.ABORT and not len(recorder.recording().within(WorkState.WORK).nonzero()[0]):
         raise ConfigurationError(f"the work could not begin: {last.reference.note}")
     return 0 if assessment.accepted else NOT_ACCEPTED
@@ -193,9 +193,14 @@ def _hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
 
 
 def _write(
-    folder: Path, job: ContactJob, options: ScenarioOptions, assessment: Assessment, recorder: Recorder,
-    model: mujoco.MjModel, console: Console,
-) -> None:  # fmt: skip
+    folder: Path,
+    job: ContactJob,
+    options: ScenarioOptions,
+    truth: TrueObject,
+    assessment: Assessment,
+    recorder: Recorder,
+    console: Console,
+) -> None:
     """metrics.json, the table, and the report."""
     assessment.write(folder / "metrics.json")
     console.print(results_table(assessment))
@@ -212,6 +217,6 @@ def _write(
         from sim.report import write_report
 
         write_report(
-            folder / "report.html", recorder.recording(), assessment, title=job.title, options=options, model=model
+            folder / "report.html", recorder.recording(), truth, assessment, title=job.title, options=asdict(options)
         )
     console.print(f"written to {folder}/", highlight=False)

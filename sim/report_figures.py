@@ -50,8 +50,8 @@ def figures(recording: Recording, truth: TrueObject, bounds: Bounds) -> Iterator
         ),
         (
             "Object, as found",
-            "In the frame of the true object: its true shape in grey, the measured points, the path that was planned "
-            "and the one that the tip took.",
+            "In the frame of the true object: its true shape in grey, the clouds of its identification, the path that "
+            "was planned and the one that the tip took.",
             lambda: _object(recording, truth),
         ),
     )
@@ -183,7 +183,9 @@ def _object(recording: Recording, truth: TrueObject) -> Figure | None:
         faces = PolyCollection(list(vertices[truth.model.triangles][:, :, view]), facecolor="#dddddd", edgecolor="none")
         faces.set_rasterized(True)
         axes.add_collection(faces)
-        for (name, points), color in zip(_thinned(recording.clouds, X_TW).items(), (SKY, PURPLE, ORANGE), strict=False):
+        for (name, points), color in zip(
+            _thinned(recording.clouds, X_TW).items(), (SKY, PURPLE, GREEN, BLUE), strict=False
+        ):
             axes.scatter(
                 *points[:, view].T, s=1.0, color=color, linewidths=0, label=name.replace("_", " "), rasterized=True
             )

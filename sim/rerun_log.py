@@ -87,6 +87,7 @@ class RerunLog:
         # One row of each: what `_send_series` and `_send_poses` take apart again.
         self._series: list[Array] = []
         self._poses: list[Array] = []
+        self._cloud_colors: dict[str, tuple[int, int, int]] = {}
         self._tip: Array | None = None
         self._state: WorkState | None = None
         self._target: Target | None = None
@@ -115,14 +116,24 @@ class RerunLog:
             self._poses.append(self._pose_row(moment))
 
     def log_cloud(
-        self, name: str, points_W: ArrayLike, color: Sequence[int] = SKY, time: float = 0.0, radius: float = 0.004
+        self,
+        name: str,
+        points_W: ArrayLike,
+        time: float = 0.0,
+        *,
+        color: Sequence[int] | None = None,
+        radius: float = 0.003,
     ) -> None:
-        """Show points (N, 3) [m] in W, from `time` [s] on, under "world/clouds/<name>"; an empty cloud removes it."""
+        """Show points (N, 3) [m] in W, from `time` [s] on, under "world/clouds/<name>"; an empty cloud removes it.
+
+        Without a `color` (RGB, 0 to 255) each name gets one of its own.
+        """
         rr = self._rr
+        own = self._cloud_colors.setdefault(name, _LINES[len(self._cloud_colors) % len(_LINES)])
         points = np.asarray(points_W, dtype=np.float32)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
-        self._log(f"world/clouds/{name}", rr.Points3D(points, colors=color, radii=radius), time)
+        self._log(f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time)
 
     def flush(self) -> None:
         """Bring everything seen so far into the file."""
@@ -175,6 +186,7 @@ class RerunLog:
                 (truth.time, reference.force, np.nan if felt is None else felt[0], truth.contact_normal),
                 truth.p_pad - commanded,
                 reference.v_WG_W,
+                truth.R_WG[:, 2],
                 truth.p_WB - reference.X_WB[:3, 3],
                 truth.thrust,
                 truth.q,
@@ -207,14 +219,13 @@ class RerunLog:
         table = np.array(self._series)
         self._series.clear()
         n, m = self._n, self._m
-        widths = (1, 3, 3, 3, 3, m, n, n)
-        time, force, error, velocity, drift, thrust, q, tau = np.split(table, np.cumsum(widths)[:-1], axis=1)
+        widths = (1, 3, 3, 3, 3, 3, m, n, n)
+        time, force, error, velocity, axis, drift, thrust, q, tau = np.split(table, np.cumsum(widths)[:-1], axis=1)
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
-        along = np.sum(error * tangent, axis=1, keepdims=True)
-        cross = np.linalg.norm(error - along * tangent, axis=1, keepdims=True)
+        parts = [np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)]
         self._columns("series/force", time, force)
-        self._columns("series/path_error", time, 1e3 * np.hstack([along, cross]))
+        self._columns("series/path_error", time, 1e3 * np.column_stack(parts))
         self._columns("series/hull_drift", time, 1e3 * drift)
         self._columns("series/thrust", time, thrust)
         self._columns("series/joint_angle", time, np.degrees(q))
@@ -298,7 +309,7 @@ class RerunLog:
         rr, vehicle = self._rr, self._vehicle
         names = {
             "force": ("set [N]", "felt [N]", "true [N]"),
-            "path_error": ("along [mm]", "across [mm]"),
+            "path_error": ("along [mm]", "across [mm]", "deeper [mm]"),
             "hull_drift": ("x [mm]", "y [mm]", "z [mm]"),
             "thrust": tuple(f"{name} [N]" for name in vehicle.thruster_names),
             "joint_angle": tuple(f"{name} [deg]" for name in vehicle.joint_names),

@@ -1,0 +1,164 @@
+"""The visual log can be read back: closed, after an exception, and after a kill in the middle of writing."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from models.targets import barrel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import pose, transform_points
+from sim.rerun_log import RerunLog
+from sim.rollout import Moment
+
+X_WT = pose(p=[1.0, 0.1, -1.5])
+PERIOD = 0.002  # [s]
+
+
+def scene() -> mujoco.MjModel:
+    spec = models.load("uuv_puma")
+    barrel().add_to(spec, X_WT)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1], pos=[0.0, 0.0, -2.3])
+    return spec.compile()
+
+
+def moments(model: mujoco.MjModel):
+    """An endless run on a path along the barrel, at the physics rate, without physics."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    line = barrel().path("longitudinal")
+    n = len(line.p)
+    path = ToolPath(
+        s=np.arange(float(n)), p=transform_points(X_WT, line.p), z=np.array(line.a), x=np.array(line.b),
+        on_scan=np.zeros(n, dtype=bool),
+    )  # fmt: skip
+    target = Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=path)
+    truth = SimpleNamespace(
+        time=0.0, contact_normal=60.0, p_pad=np.zeros(3), R_WG=np.eye(3), R_WB=np.eye(3), p_WB=np.zeros(3),
+        contact_force_W=np.array([0.0, 0.0, 60.0]), xpos=data.xpos, xquat=data.xquat, q=np.zeros(6),
+        tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.array([0.15, 0.0, 0.0]),
+    )  # fmt: skip
+    zero = np.zeros(6)
+    estimate = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=zero, qd=zero, tau=zero
+    )
+    believed = {"felt_normal": np.array([59.0]), "arm_wrench_B": np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0])}
+    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, believed=believed)
+    tick = 0
+    while True:
+        truth.time = tick * PERIOD
+        truth.p_pad[:] = [0.02 * truth.time, 0.0, -1.2]
+        reference = Reference(
+            time=truth.time, state=WorkState.SCAN if truth.time < 0.5 else WorkState.WORK, X_WB=np.eye(4),
+            v_WB_W=np.zeros(3), X_WG=pose(p=truth.p_pad), v_WG_W=np.array([0.02, 0.0, 0.0]), w_WG_W=np.zeros(3),
+            q=zero, qd=zero, force=60.0, force_control=True, tare=False, scan=False, path_s=0.02 * truth.time,
+        )  # fmt: skip
+        yield Moment(tick, truth, estimate, target, reference, command, None, None)
+        tick += 1
+
+
+def last_times(file: Path) -> dict[str, float]:
+    """The last sim_time [s] of every entity in `file`, -inf for what is static."""
+    from rerun.chunk import RrdReader
+
+    last: dict[str, float] = defaultdict(lambda: -np.inf)
+    for chunk in RrdReader(file).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        times = batch.column("sim_time").cast("int64").to_numpy() * 1e-9 if "sim_time" in batch.schema.names else []
+        last[chunk.entity_path] = max(last[chunk.entity_path], *times, -np.inf)
+    return dict(last)
+
+
+def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
+    file = tmp_path / "run.rrd"
+    model = scene()
+    with RerunLog(file, model) as log:
+        log.log_cloud("scan", np.random.default_rng(0).normal(size=(100, 3)), 0.1)
+        for moment in moments(model):
+            log.observe(moment)
+            if moment.truth.time > 2.0:
+                break
+    last = last_times(file)
+    for series in ("force", "path_error", "hull_drift", "thrust", "joint_angle", "joint_torque"):
+        assert last[f"/series/{series}"] == pytest.approx(2.0)
+    for entity in (
+        "vehicle/hull",
+        "vehicle/link3",
+        "arrows/contact",
+        "arrows/arm_on_hull",
+        "arrows/current",
+        "path/done",
+    ):
+        assert last[f"/world/{entity}"] == pytest.approx(2.0)
+    assert last["/world/path/planned"] == 0.0
+    assert last["/world/clouds/scan"] == pytest.approx(0.1)
+    assert last["/state/now"] == pytest.approx(0.5)
+    for entity in ("vehicle/hull/shape", "scene/target/shape", "scene/world/shape"):
+        assert last[f"/world/{entity}"] == -np.inf
+
+
+def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
+    file = tmp_path / "run.rrd"
+    model = scene()
+
+    def run() -> None:
+        with RerunLog(file, model) as log:
+            for moment in moments(model):
+                log.observe(moment)
+                if moment.truth.time > 1.0:
+                    raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        run()
+    assert last_times(file)["/series/force"] == pytest.approx(1.0)
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")  # which only a closed file can have
+def test_killed_run_loses_less_than_a_second(tmp_path: Path):
+    file = tmp_path / "run.rrd"
+    # The child runs at 5 times real time and tells how far it is.
+    with subprocess.Popen(
+        [sys.executable, __file__, str(file)], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2],
+        env={"PYTHONPATH": "."},
+    ) as child:  # fmt: skip
+        assert child.stdout is not None
+        reached = 0.0
+        for line in child.stdout:
+            reached = float(line)
+            if reached > 8.0:
+                child.send_signal(signal.SIGKILL)
+                break
+    last = last_times(file)
+    lost = reached - last["/series/force"]
+    assert 0.0 <= lost < 5.0, f"{lost:.2f} s of a run at 5 times real time"
+    assert last["/world/vehicle/link6"] == pytest.approx(last["/series/force"], abs=0.05)
+
+
+def test_log_refuses_a_missing_folder(tmp_path: Path):
+    with pytest.raises(ConfigurationError, match="no folder"):
+        RerunLog(tmp_path / "nowhere" / "run.rrd", scene())
+
+
+def run_until_killed(file: Path) -> None:
+    model = scene()
+    log = RerunLog(file, model)
+    began = time.perf_counter()
+    for moment in moments(model):
+        log.observe(moment)
+        ahead = moment.truth.time / 5.0 - (time.perf_counter() - began)
+        if moment.tick % 50 == 0:
+            print(moment.truth.time, flush=True)
+            time.sleep(max(0.0, ahead))
+
+
+if __name__ == "__main__":
+    run_until_killed(Path(sys.argv[1]))

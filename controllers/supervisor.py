@@ -36,6 +36,8 @@ class Job:
     touch: float = 6.0  # [N] felt force that counts as contact
     touch_time: float = 0.04  # [s] that it must be felt
     search: float = 0.06  # [m] beyond the expected surface that the approach goes on
+    tare_after: float = 1.5  # [s] for the arm to come to rest before the torques' bias is taken
+    tare_time: float = 1.0  # [s] over which it is taken
     force_rate: float = 30.0  # [N/s] at which a set force changes
     force_limit: float = 160.0  # [N] felt force that ends the work
     lost_time: float = 0.5  # [s] without contact that ends the work
@@ -135,7 +137,7 @@ class SurfaceWork:
             case WorkState.CLOSE_IN:
                 self._close_in(state, estimate)
             case WorkState.TARE:
-                if time - state.since > 1.0:
+                if time - state.since > self._job.tare_after + self._job.tare_time:
                     self._enter(state, WorkState.APPROACH, time)
             case WorkState.APPROACH:
                 self._approach(state, time, felt)
@@ -354,6 +356,6 @@ class SurfaceWork:
                 v_tool = -job.approach_speed * X_WG[:3, 2]
         return Reference(
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
-            q=q, qd=qd, force=force, force_control=force_control, tare=state.state is WorkState.TARE,
+            q=q, qd=qd, force=force, force_control=force_control, tare=state.state is WorkState.TARE and time - state.since > job.tare_after,
             scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
         )  # fmt: skip

@@ -46,6 +46,7 @@ class Tuning:
     task_period: float = 0.004  # [s] of IK and force loop
     joint_speed_limit: float = 0.8  # [rad/s]
     integral_limit: float = 0.01  # [rad s] either way
+    blend_time: float = 0.3  # [s] in which the arm comes from held angles to a tool pose
     nominal_stiffness: float = 3e4  # [N/m] of the pad, for pressing without force control
 
 
@@ -60,6 +61,8 @@ class WorkControllerState:
     tick: int
     q_wanted: Array  # (n,) [rad] at the last task step
     qd_wanted: Array  # (n,) [rad/s]
+    holding: bool  # joint angles were held at the last task step, no tool pose followed
+    offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
@@ -127,6 +130,8 @@ class WorkController:
             tick=0,
             q_wanted=np.array(estimate.q),
             qd_wanted=np.zeros(n),
+            holding=True,
+            offset=np.zeros(n),
             qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
             f_tip_B=np.zeros(3),
@@ -190,6 +195,7 @@ class WorkController:
         if reference.X_WG is None:
             self._displacement.release(state.displacement, dt)
             state.q_wanted, state.qd_wanted = reference.q + since * reference.qd, reference.qd
+            state.holding = True
             return
         if not reference.force_control:
             k = self._displacement.release(state.displacement, dt)
@@ -209,8 +215,11 @@ class WorkController:
             tuning.joint_speed_limit, X_AG, qd,
         )  # fmt: skip
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
+        if state.holding:  # the hull stands a little off the place that the held angles were computed for
+            state.offset, state.holding = state.q_wanted - result.q, False
+        state.offset = state.offset * np.exp(-dt / tuning.blend_time)
         most = tuning.joint_speed_limit * dt
-        state.q_wanted = np.clip(result.q, state.q_wanted - most, state.q_wanted + most)
+        state.q_wanted = np.clip(result.q + state.offset, state.q_wanted - most, state.q_wanted + most)
         state.qd_wanted = qd
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
 

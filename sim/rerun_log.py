@@ -70,12 +70,13 @@ class RerunLog:
         self._vehicle = vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
-        self._stream = rr.RecordingStream(title)
+        self._stream = rr.RecordingStream("uuv-arm")
         if view:
             rr.spawn(connect=False)
             self._stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
         else:
             self._stream.save(str(path))
+        self._stream.send_recording_name(title)
         self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -122,7 +123,7 @@ class RerunLog:
         time: float = 0.0,
         *,
         color: Sequence[int] | None = None,
-        radius: float = 0.003,
+        radius: float = 0.002,
     ) -> None:
         """Show points (N, 3) [m] in W, from `time` [s] on, under "world/clouds/<name>"; an empty cloud removes it.
 

@@ -257,7 +257,7 @@ class RerunLog:
             ("current", above, CURRENT_SCALE * current),
         ):
             self._send(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))
-        self._send_done(time, working[:, 0] > 0.0, tip - LIFT * axis)
+        self._send_done(time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
 
     def _send_done(self, time: Array, working: np.ndarray, tip: Array) -> None:
         """The pieces of the path worked since the last pose; the view shows all that came before its time."""

@@ -109,7 +109,7 @@ class Progress:
             return self.length, 0.0
         acceleration = self.speed / self.ramp
         ramp = min(self.ramp, 0.5 * total)
-        if time < ramp:
+        if time <= ramp:
             return 0.5 * acceleration * time**2, acceleration * time
         if time > total - ramp:
             left = total - time

@@ -324,6 +324,7 @@ class SurfaceWork:
 
     def _reference(self, state: SupervisorState, time: float) -> Reference:
         job = self._job
+        tare = state.state is WorkState.TARE and time - state.since > job.tare_after
         v_hull = _ZERO
         if state.hull_move is not None:
             state.X_WB, v_hull = state.hull_move.at(time)
@@ -356,6 +357,6 @@ class SurfaceWork:
                 v_tool = -job.approach_speed * X_WG[:3, 2]
         return Reference(
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
-            q=q, qd=qd, force=force, force_control=force_control, tare=state.state is WorkState.TARE and time - state.since > job.tare_after,
+            q=q, qd=qd, force=force, force_control=force_control, tare=tare,
             scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
         )  # fmt: skip

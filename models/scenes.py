@@ -5,6 +5,7 @@ from pathlib import Path
 import mujoco
 
 import models
+from models import hydrodynamics
 from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -26,9 +27,12 @@ def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
     if not Path(vehicle).is_file():
         raise ConfigurationError(f"vehicle {vehicle!r}: there is no such file")
     try:
-        return mujoco.MjSpec.from_file(vehicle)
+        spec = mujoco.MjSpec.from_file(vehicle)
     except ValueError as error:
         raise ConfigurationError(f"vehicle {vehicle!r} is not an MJCF that MuJoCo reads: {error}") from error
+    if hydrodynamics.attached(spec):
+        hydrodynamics.attach(spec, {})  # MJCF keeps the coefficients of bodies, but no user data of the world
+    return spec
 
 
 def work_site(vehicle: str, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:

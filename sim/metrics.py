@@ -19,7 +19,7 @@ from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.recording import Recording
 from sim.surface import Surface, closest_on_curve
 
-SETTLING = 1.0  # [s] after a change of the set force, its ramp included, that do not count
+SETTLING = 1.0  # [s] from the beginning of a change of the set force that do not count
 LOST_BELOW = 1.0  # [N] true normal force that is no contact
 RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
 TILT_RATE = 50.0  # [Hz] at which the surface normal under the tip is looked up
@@ -156,19 +156,25 @@ def assess(
 
 
 def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
-    """True normal force against the set value in the work state: overall, and for each set value in turn."""
+    """True normal force against the step set value in the work state: overall, and for each set value in turn.
+
+    The reference may come to a new set value by a ramp; the error counts against its end, from SETTLING after its
+    beginning on.
+    """
     time, work = recording["set_force"].time, recording.within(WorkState.WORK)
     names = ("force_error_rms_n", "force_error_max_n", "lost_s")
     if not work.any():
         return dict.fromkeys(names), []
     wanted = recording["set_force"].scalar
-    error = recording["contact_normal"].scalar - wanted
     lost = (recording["contact_normal"].scalar < LOST_BELOW) & work
     changed = np.concatenate([[True], np.diff(wanted) != 0.0])
     last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
-    settled = work & (time - last_change >= SETTLING - 1e-9)
     begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
-    part = np.cumsum(begins)
+    part = np.cumsum(begins) - 1
+    starts = np.flatnonzero(begins)
+    step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # where each ramp has come to
+    error = recording["contact_normal"].scalar - step
+    settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
 
     def figures(where: np.ndarray) -> Figures:
         e = error[where & settled]

@@ -24,7 +24,7 @@ WIDTH = 10.0  # [in]
 
 def figures(recording: Recording, truth: TrueObject, bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
     """Title, caption and figure of every picture that the run lived to give, in the order of reading."""
-    settled = f"Force error counts in the work state, from {SETTLING:g} s after each change of the set value has ended."
+    settled = f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
     plots: tuple[tuple[str, str, Callable[[], Figure | None]], ...] = (
         ("Normal force at the tool", settled, lambda: _force(recording, bounds)),
         (

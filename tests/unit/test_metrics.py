@@ -107,11 +107,11 @@ def test_schema_has_the_keys_that_others_rely_on():
     assert "accepted" in schema()["required"]
 
 
-def test_force_error_counts_from_one_second_after_each_ramp():
-    wanted = np.interp(TIME, [0.0, 4.0, 5.0, 10.0], [60.0, 60.0, 90.0, 90.0])
-    error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [6, 10)
+def test_force_error_counts_from_one_second_after_each_change():
+    wanted = np.interp(TIME, [0.0, 4.0, 4.5, 10.0], [60.0, 60.0, 90.0, 90.0])
+    error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [5, 10)
     error[(TIME < 0.999)] = 30.0
-    error[(TIME > 4.0005) & (TIME < 5.999)] = -25.0
+    error[(TIME > 4.0005) & (TIME < 4.999)] = -25.0
     overall, segments = contact_figures(recorded(set_force=wanted, contact_normal=wanted + error))
     assert overall["force_error_rms_n"] == pytest.approx(np.sqrt(2.0), rel=2e-3)
     assert overall["force_error_max_n"] == pytest.approx(2.0, rel=2e-3)

@@ -48,8 +48,8 @@ class Current:
         self._last = np.zeros(3)
         self._at = 0
         if gust > 0.0:
-            for _ in range(int(10.0 * time_constant / timestep / _BLOCK) + 1):
-                self._refill()  # start from the stationary state, not from a calm
+            for _ in range(max(1, round(10.0 * time_constant / timestep / _BLOCK)) + 1):
+                self._refill()  # all but the last go by: start from the stationary state, not from a calm
 
     def _refill(self) -> None:
         assert self._rng is not None

@@ -29,6 +29,8 @@ class Options(ScenarioOptions):
     """Of the longitudinal path [m]."""
     arc: float = 180.0
     """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
+    azimuth: float = 0.0
+    """Of the path around the barrel [deg], from the top; far enough round and it is out of reach."""
     speed: float = 0.02
     """Of the tool along the path [m/s]."""
     range: float = 1.25
@@ -45,7 +47,9 @@ def main() -> int:
     options = parse(Options)
     rng = np.random.default_rng(options.seed)
     arc = 60.0 if options.quick else options.arc
-    target = barrel(line_length=0.2 if options.quick else options.length, arc=np.radians(arc))
+    azimuth = np.radians(options.azimuth)
+    length = 0.2 if options.quick else options.length
+    target = barrel(line_length=length, line_azimuth=azimuth, arc=np.radians(arc), arc_azimuth=azimuth)
     # Where the barrel lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
     way, axis = rng.standard_normal((2, 3))

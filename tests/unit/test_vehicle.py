@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import mujoco
-import numpy as np
 import pytest
 
 import models

@@ -1,0 +1,126 @@
+"""Placement on the barrel, checked by MuJoCo's own kinematics and distances, not by the chain it was found with."""
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from controllers.mkps import Chain, solve
+from controllers.placement import Placement, Search, middle_part, place, tool_pose
+from models import scenes
+from models.targets import TargetModel, barrel
+from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from sim.interfaces.errors import ReachError
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points
+
+HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
+X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.3, -0.2, -1.5])
+COARSE = Search(heights=(0.65, 0.85), radii=(0.2, 0.5), bearings=6, rolls=2)
+STANDOFF = 0.1  # [m]
+
+
+def tool_path(target: TargetModel, name: str) -> ToolPath:
+    path = target.path(name)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
+    R = X_WT[:3, :3]
+    on_scan = np.ones(len(s), dtype=bool)
+    return ToolPath(s=s, p=transform_points(X_WT, path.p), z=path.a @ R.T, x=path.b @ R.T, on_scan=on_scan)
+
+
+@pytest.fixture(scope="module")
+def own() -> mujoco.MjModel:
+    return models.load("uuv_puma").compile()
+
+
+def found(own: mujoco.MjModel, target: TargetModel, path: ToolPath, search: Search = COARSE) -> tuple[Chain, Placement]:
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    placement = place(
+        Vehicle.of(own), chain, path, obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, force=90.0,
+        standoff=STANDOFF, search=search,
+    )  # fmt: skip
+    return chain, placement
+
+
+def test_tool_pose_and_its_change_along_an_arc(within):
+    """On the half circle, radius 0.3 m: the tip goes around at 1 m/m, the axes turn with it at 1/0.3 rad/m."""
+    path = tool_path(barrel(), "transverse")
+    for s in np.linspace(0.05, 0.9, 7):
+        for roll in (0.0, 1.2):
+            X, tangent, turn = tool_pose(path, float(s), roll)
+            within("orthonormal", X[:3, :3].T @ X[:3, :3] - np.eye(3), 1e-14)
+            within(
+                "on the barrel [m]", np.linalg.norm((inverse(X_WT) @ X)[1:3, 3]) - 0.3, 1.1e-5
+            )  # the sagitta of 5 mm chords
+            outward, axle = -X[:3, 2], X_WT[:3, 0]
+            within("change of place", tangent - np.cross(axle, outward), 9e-3)  # half the angle of a chord
+            within("change of axes [rad/m]", turn - axle / 0.3, 1e-3)  # measured 7e-5
+
+
+def test_middle_part():
+    path = tool_path(barrel(line_length=0.6), "longitudinal")
+    part = middle_part(path, 0.5)
+    assert part.s[0] == 0.0
+    assert part.s[-1] == pytest.approx(0.3, abs=0.02)
+    assert part.p.mean(axis=0) == pytest.approx(path.p.mean(axis=0), abs=0.006)
+    assert np.linalg.norm(np.diff(part.p, axis=0), axis=1) == pytest.approx(np.diff(part.s), abs=1e-12)
+    assert len(part.s) == len(part.z) == len(part.x) == len(part.on_scan)
+    assert middle_part(path, 1.0) is path
+
+
+@pytest.mark.parametrize("name", ["longitudinal", "transverse"])
+def test_whole_path_is_worked_from_the_placement(own, name, within):
+    target = barrel(line_length=0.6, arc=np.radians(120.0))
+    path = tool_path(target, name)
+    chain, placement = found(own, target, path)
+    assert placement.reached == 1.0
+    assert placement.margin > 0.05
+
+    scene = scenes.work_site("uuv_puma", target, X_WT).compile()
+    vehicle, data = Vehicle.of(scene), mujoco.MjData(scene)
+    hull_geom = scene.geom("hull_box").id
+    arm = [scene.geom(geom).id for geom in ("upper_arm", "forearm")]
+    objects = [g for g in range(scene.ngeom) if scene.geom(g).name.startswith("target")]
+    assert len(objects) >= 3
+
+    def reached(q: Array, X_WG: Array) -> None:
+        data.qpos[:3] = placement.X_WB[:3, 3]
+        data.qpos[3:7] = quat_wxyz_from_rotation(placement.X_WB[:3, :3])
+        data.qpos[vehicle.qpos] = q
+        mujoco.mj_forward(scene, data)
+        tip = pose(data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip])
+        within("tip [m]", tip[:3, 3] - X_WG[:3, 3], 1e-4)
+        within("tool axes", tip[:3, :3] - X_WG[:3, :3], 1e-3)
+        gaps = [mujoco.mj_geomDistance(scene, data, hull_geom, g, 2.0, None) for g in objects]
+        assert min(gaps) >= COARSE.clearance - 1e-3
+        assert min(mujoco.mj_geomDistance(scene, data, a, g, 2.0, None) for a in arm for g in objects) > 0.0
+
+    off = tool_pose(path, 0.0, placement.roll)[0]
+    off[:3, 3] -= STANDOFF * off[:3, 2]
+    reached(placement.q_start, off)
+    X_AW, q = inverse(placement.X_WB @ vehicle.X_BA), placement.q_start
+    for s in np.linspace(0.0, path.s[-1], 60):
+        X_WG = tool_pose(path, float(s), placement.roll)[0]
+        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep")
+        assert result.converged
+        assert np.abs(result.q - q).max() < 0.5  # one branch all along: no joint turns over
+        q = result.q
+        assert np.all(q > vehicle.q_limits[:, 0])
+        assert np.all(q < vehicle.q_limits[:, 1])
+        reached(q, X_WG)
+        J = np.zeros((3, scene.nv))
+        mujoco.mj_jacSite(scene, data, J, None, vehicle.tip)
+        assert np.all(np.abs(J[:, vehicle.dof].T @ (90.0 * X_WG[:3, 2])) < vehicle.torque_limits)
+
+
+def test_path_out_of_reach(own):
+    """From beyond the arm's length there is nothing to be had."""
+    target = barrel()
+    with pytest.raises(ReachError, match=r"out of reach.*at best \d+%"):
+        found(own, target, tool_path(target, "longitudinal"), Search(heights=(1.8,), radii=(0.2,), bearings=4, rolls=1))
+
+
+def test_no_room_for_the_hull(own):
+    target = barrel(line_length=0.2)
+    with pytest.raises(ReachError, match="out of reach"):
+        found(own, target, tool_path(target, "longitudinal"), Search(clearance=5.0))

@@ -24,7 +24,9 @@ WIDTH = 10.0  # [in]
 
 def figures(recording: Recording, truth: TrueObject, bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
     """Title, caption and figure of every picture that the run lived to give, in the order of reading."""
-    settled = f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
+    settled = (
+        f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
+    )
     plots: tuple[tuple[str, str, Callable[[], Figure | None]], ...] = (
         ("Normal force at the tool", settled, lambda: _force(recording, bounds)),
         (

@@ -25,8 +25,8 @@ class Truth:
 
     __slots__ = (
         "R_WB", "R_WG", "acceleration", "armature", "collision", "contact_force_W", "contact_normal",
-        "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "q", "qd", "qdd", "saturated", "tau_drive", "thrust",
-        "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
+        "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q", "qd", "qdd", "saturated",
+        "tau_drive", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
     )  # fmt: skip
 
     time: float  # [s]
@@ -44,6 +44,7 @@ class Truth:
     tau_drive: Array  # (n,) [N m] of the motors
     armature: Array  # (n,) [kg m^2]
     joint_damping: Array  # (n,) [N m s/rad]
+    propeller_speed: Array  # (m,) normalised, lags the commands
     thrust: Array  # (m,) [N]
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
@@ -78,18 +79,10 @@ class Plant:
         self.vehicle = vehicle = Vehicle.of(model)
         self.data = mujoco.MjData(model)
         self.timestep = float(model.opt.timestep)
-        self._current = current
         # Written each step; a model without our coefficients has no place for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
         self._current_slot = model.body_user[0, slot : slot + 3] if wet else np.zeros(3)
-        key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
-        if key >= 0:
-            mujoco.mj_resetDataKeyframe(model, self.data, key)
-        if X_WB is not None:
-            address = vehicle.hull_qpos
-            self.data.qpos[address : address + 3] = X_WB[:3, 3]
-            self.data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
@@ -99,13 +92,36 @@ class Plant:
         self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
         self._force = np.zeros(6)
         self.truth = self._bind(pad_site)
+        self.reset(current=current, X_WB=X_WB)
+
+    def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
+        """Start again at time 0 and at rest, arm at home, in `current`, as a new plant of the same model would.
+
+        `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next.
+        """
+        data, truth = self.data, self.truth
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+        if key >= 0:
+            mujoco.mj_resetDataKeyframe(self.model, data, key)
+        else:
+            mujoco.mj_resetData(self.model, data)
+        if X_WB is not None:
+            address = self.vehicle.hull_qpos
+            data.qpos[address : address + 3] = X_WB[:3, 3]
+            data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+        self._current = current
+        # What the last step left in the model, and the propellers, which these arrays of Truth share with Thrusters.
+        for live in (self._wind, self._current_slot, truth.current_W, truth.propeller_speed, truth.thrust):
+            live[:] = 0.0
+        truth.time = float(data.time)
+        truth.saturated = False
+        self._read_contacts()
 
     def _bind(self, pad_site: int) -> Truth:
         """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
         data, vehicle = self.data, self.vehicle
         truth = Truth()
         truth.vehicle = vehicle
-        truth.time = float(data.time)
         truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
         truth.p_WB = data.xpos[vehicle.hull]
         truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
@@ -120,15 +136,12 @@ class Plant:
         )
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
-        truth.thrust = self._thrusters.thrust
-        truth.saturated = False
+        truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
         truth.current_W = np.zeros(3)
         truth.p_WG = data.site_xpos[vehicle.tip]
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3)
         truth.p_pad = data.site_xpos[pad_site]
-        truth.contact_normal = 0.0
         truth.contact_force_W = np.zeros(3)
-        truth.collision = False
         return truth
 
     def observe(self) -> Truth:

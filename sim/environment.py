@@ -1,0 +1,226 @@
+"""The RL door: the plant as a dm_env environment through `dm_control.rl.control`; the same step, not a second one.
+
+    environment = hover(seed=0)
+    timestep = environment.reset()
+    while not timestep.last():
+        timestep = environment.step(policy(timestep.observation))
+
+An agent is given the truth, not measurements: noise, delay and estimation belong to `sim.rollout`. Frames: W world,
+B hull, H the hull pose to hold.
+"""
+
+from collections import OrderedDict
+
+import numpy as np
+from dm_control.rl import control
+from dm_control.utils import rewards
+from dm_env import specs
+from numpy.typing import ArrayLike
+
+from models import scenes
+from sim import hydrodynamics
+from sim.current import Current
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
+from sim.plant import Plant, Truth
+from sim.rollout import ticks_per_period
+
+CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode
+START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
+START_TURN = 0.3  # [rad] largest, about the vertical
+BOX = 1.5  # [m] half the edge of the box about the pose to hold; outside it the episode is over
+CLOSE = 0.05, 0.5  # [m] error that earns the whole reward, and what more of it leaves a tenth
+ALIGNED = 0.05, 0.5  # [rad] the same for the attitude
+
+Observation = OrderedDict[str, Array]
+
+
+class PlantPhysics(control.Physics):
+    """The plant behind dm_control's interface: `observe` and `step` in the order of `sim.rollout`.
+
+    The control signal is one command per thruster. The arm is held at home by a PD at the physics rate that asks for
+    a drive's whole torque at `HOLD_ANGLE`, and never for more, so that its stiffness follows from the vehicle's limits.
+    """
+
+    HOLD_ANGLE = 0.05  # [rad]
+    HOLD_TIME = 0.03  # [s] damping over stiffness
+
+    def __init__(self, plant: Plant) -> None:
+        """Take a plant, whose current and pose `place` sets. Raises ConfigurationError if there are no thrusters."""
+        vehicle = plant.vehicle
+        self.thruster_names = vehicle.thruster_names
+        if not self.thruster_names:
+            raise ConfigurationError("the vehicle has no thrusters, so an agent has nothing to command")
+        self._plant = plant
+        self._still = Current(np.zeros(3), timestep=plant.timestep)
+        self._q_home, self._limits = vehicle.q_home, vehicle.torque_limits
+        self._stiffness = vehicle.torque_limits / self.HOLD_ANGLE  # [N m]/[rad]
+        self._damping = self._stiffness * self.HOLD_TIME  # [N m]/[rad/s]
+        self._thrusters = np.zeros(len(self.thruster_names))
+
+    @property
+    def truth(self) -> Truth:
+        """The true state now. Live views, as `sim.plant.Truth` says."""
+        return self._plant.truth
+
+    def place(self, *, current: Current, X_WB: Array | None = None) -> None:
+        """Start again at rest, arm at home, in `current`, with the hull at `X_WB` (4, 4), default the model's pose."""
+        self._plant.reset(current=current, X_WB=X_WB)
+        self._plant.observe()
+        self._thrusters = np.zeros(len(self.thruster_names))
+
+    def set_control(self, control: ArrayLike) -> None:
+        """Set the normalised propeller speeds (m,) to ask for; what lies beyond [-1, 1] saturates.
+
+        Raises ConfigurationError for another shape or numbers that are not finite.
+        """
+        self._thrusters = checked(control, (len(self.thruster_names),), "action")
+
+    def step(self, n_sub_steps: int = 1) -> None:
+        """Advance by `n_sub_steps` physics steps under the control that was set.
+
+        Raises dm_control's `control.PhysicsError` if the simulation diverges.
+        """
+        plant, truth = self._plant, self._plant.truth
+        for _ in range(n_sub_steps):
+            before = truth.time
+            wanted = self._stiffness * (self._q_home - truth.q) - self._damping * truth.qd
+            torque = np.clip(wanted, -self._limits, self._limits)
+            plant.step(Command(time=before, joint_torque=torque, thrusters=self._thrusters, scan=False))
+            plant.observe()
+            # MuJoCo puts a state that blows up back to the model's own, and the clock with it.
+            if not truth.time > before:
+                raise control.PhysicsError(f"the plant diverged at {before:g} s")
+
+    def time(self) -> float:
+        """Time since the start of the episode [s]."""
+        return self.truth.time
+
+    def timestep(self) -> float:
+        """The physics step [s]."""
+        return self._plant.timestep
+
+    def reset(self) -> None:
+        """Start again in still water, with the hull at the model's pose."""
+        self.place(current=self._still)
+
+    def after_reset(self) -> None:
+        """Nothing is left to do: `place` brings the kinematics up to date."""
+
+
+class Hover(control.Task):
+    """Hold the model's own pose of the hull in a current, from a random start nearby.
+
+    Action: normalised propeller speeds (m,) in [-1, 1]. Observation, in hull axes:
+
+        position          (3,) [m] of the pose to hold
+        attitude          (3,) [rad] rotation vector from the hull to the pose to hold
+        velocity          (3,) [m/s] of the hull over ground
+        angular_velocity  (3,) [rad/s] of the hull
+        joints            (n,) [rad]
+        joint_velocity    (n,) [rad/s]
+        propeller_speed   (m,) normalised; lags the action
+
+    Reward, in [0, 1]: 1 within CLOSE and ALIGNED; it falls with the error of position and, as a factor, of attitude.
+    The episode is over, with discount 0, when the hull's origin leaves the BOX.
+    """
+
+    def __init__(self, rng: np.random.Generator, *, current_speed: float = CURRENT_SPEED) -> None:
+        """Take the source of all that is random, and the speed of the current [m/s]; its direction is random.
+
+        Raises ConfigurationError for a speed that is negative or not finite.
+        """
+        if not (np.isfinite(current_speed) and current_speed >= 0.0):
+            raise ConfigurationError(f"current_speed: must be finite and >= 0 m/s, got {current_speed}")
+        self._rng = rng
+        self._current_speed = current_speed
+        self._X_WH = np.eye(4)
+
+    def initialize_episode(self, physics: PlantPhysics) -> None:
+        """Draw the current and the start; `physics` has just been reset, so its hull is where it is to be held."""
+        self._X_WH = _hull_pose(physics.truth)
+        heading = self._rng.uniform(-np.pi, np.pi)
+        flow_W = self._current_speed * np.array([np.cos(heading), np.sin(heading), 0.0])
+        turn = exp_so3([0.0, 0.0, self._rng.uniform(-START_TURN, START_TURN)])
+        offset = self._rng.uniform(-START_OFFSET, START_OFFSET, 3)
+        X_HB = pose(turn, offset)
+        physics.place(current=Current(flow_W, timestep=physics.timestep()), X_WB=self._X_WH @ X_HB)
+
+    def before_step(self, action: ArrayLike, physics: PlantPhysics) -> None:
+        """Hand the action (m,) on. Raises ConfigurationError as `PlantPhysics.set_control` does."""
+        physics.set_control(action)
+
+    def action_spec(self, physics: PlantPhysics) -> specs.BoundedArray:
+        """One number in [-1, 1] per thruster; the name lists the thrusters in order, as dm_control's own does."""
+        names = physics.thruster_names
+        return specs.BoundedArray((len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names))
+
+    def get_observation(self, physics: PlantPhysics) -> Observation:
+        """See the class."""
+        truth = physics.truth
+        X_BH = self._X_BH(physics)
+        return OrderedDict(
+            position=X_BH[:3, 3],
+            attitude=log_so3(X_BH[:3, :3]),
+            velocity=truth.R_WB.T @ truth.v_WB_W,
+            angular_velocity=truth.w_WB_B.copy(),
+            joints=truth.q.copy(),
+            joint_velocity=truth.qd.copy(),
+            propeller_speed=truth.propeller_speed.copy(),
+        )
+
+    def get_reward(self, physics: PlantPhysics) -> float:
+        """See the class."""
+        X_BH = self._X_BH(physics)
+        distance = float(np.linalg.norm(X_BH[:3, 3]))
+        angle = float(np.linalg.norm(log_so3(X_BH[:3, :3])))
+        close = rewards.tolerance(distance, bounds=(0.0, CLOSE[0]), margin=CLOSE[1])
+        aligned = rewards.tolerance(angle, bounds=(0.0, ALIGNED[0]), margin=ALIGNED[1])
+        return close * aligned
+
+    def get_termination(self, physics: PlantPhysics) -> float | None:
+        """0 outside the box, whose edges are along the axes of the pose to hold; else None."""
+        p_HB = inverse(self._X_BH(physics))[:3, 3]
+        return 0.0 if np.max(np.abs(p_HB)) > BOX else None
+
+    def _X_BH(self, physics: PlantPhysics) -> Array:
+        """The pose (4, 4) to hold, from the hull."""
+        return inverse(_hull_pose(physics.truth)) @ self._X_WH
+
+
+def hover(
+    vehicle: str = "uuv_puma",
+    seed: int | np.random.Generator | np.random.RandomState | None = None,
+    *,
+    time_limit: float = 30.0,
+    control_period: float = 0.02,
+    current_speed: float = CURRENT_SPEED,
+) -> control.Environment:
+    """The task `Hover` for `vehicle` (a name of `models.available()`, or an MJCF file).
+
+    `seed`: a Generator is used as it is, and shared with the caller; a RandomState is drawn from once; None gives
+    episodes that nobody can repeat. An episode ends, with discount 1, at the first action that reaches
+    `time_limit` [s], which may be infinite. `control_period` [s] lies between actions; `current_speed` [m/s].
+
+    Raises ConfigurationError for an unknown vehicle or one without thrusters, for a control period that is not a whole
+    multiple of the physics step, with both numbers, and for a time limit or a speed of the current that cannot be.
+    """
+    if not time_limit > 0.0:
+        raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
+    task = Hover(_generator(seed), current_speed=current_speed)
+    model = hydrodynamics.compile(scenes.vehicle_spec(vehicle))
+    sub_steps = ticks_per_period(control_period, float(model.opt.timestep), "control_period")
+    physics = PlantPhysics(Plant(model, current=Current(np.zeros(3))))
+    return control.Environment(physics, task, time_limit=time_limit, n_sub_steps=sub_steps)
+
+
+def _generator(seed: int | np.random.Generator | np.random.RandomState | None) -> np.random.Generator:
+    if isinstance(seed, np.random.RandomState):
+        return np.random.default_rng(seed.randint(2**32, size=4, dtype=np.uint32))
+    return np.random.default_rng(seed)
+
+
+def _hull_pose(truth: Truth) -> Array:
+    """X_WB (4, 4)."""
+    return pose(truth.R_WB, truth.p_WB)

@@ -290,8 +290,12 @@ class SurfaceWork:
         state.force += min(max(wanted - state.force, -most), most)
 
     def _retreat(self, state: SupervisorState, time: float) -> None:
-        if (time - state.since) * self._job.approach_speed > self._job.standoff:
+        if (time - state.since) * self._job.approach_speed > self._way_back(state):
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
+
+    def _way_back(self, state: SupervisorState) -> float:
+        """Length [m] of the retreat: off the surface where it was met, and off where it was expected."""
+        return max(state.depth, self._job.standoff)
 
     def _watch(self, state: SupervisorState, time: float, felt: float) -> None:
         """Break the work off when the force is too large or the contact is gone."""
@@ -347,12 +351,10 @@ class SurfaceWork:
             v_tool, w_tool = rate * tangent, rate * turn
             force, force_control = state.force, True
         elif state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT) and state.placement is not None:
-            back = (
-                min((time - state.since) * job.approach_speed, job.standoff)
-                if state.state is WorkState.RETREAT
-                else job.standoff
-            )
-            X_WG = self._on_path(state, state.path_s, min(state.depth - job.standoff, 0.0) - back)[0]
+            back = self._way_back(state)
+            if state.state is WorkState.RETREAT:
+                back = min((time - state.since) * job.approach_speed, back)
+            X_WG = self._on_path(state, state.path_s, state.depth - job.standoff - back)[0]
             if state.state is WorkState.RETREAT:
                 v_tool = -job.approach_speed * X_WG[:3, 2]
         return Reference(

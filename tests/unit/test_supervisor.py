@@ -1,0 +1,350 @@
+"""The supervisor's states under scripted estimates: a hull that is where it should be, and a force that is told."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+import pytest
+
+import models
+from controllers import supervisor
+from controllers.mkps import Chain
+from controllers.placement import Placement
+from controllers.supervisor import Job, SurfaceWork
+from models.targets import barrel
+from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import Array, pose
+
+PERIOD = 0.01  # [s]
+SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
+WORK_POSE = pose(p=[-0.6, 0.0, 0.3])
+JOURNEY = [
+    WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH, WorkState.PRESS,
+    WorkState.WORK, WorkState.RETREAT,
+]  # fmt: skip
+IN_CONTACT = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK]
+STIFFNESS = 3e4  # [N/m] of the pad
+
+
+def straight(length: float = 0.12) -> ToolPath:
+    """Along x, the tool looking down."""
+    s = np.linspace(0.0, length, 41)
+    ones = np.ones((41, 1))
+    return ToolPath(
+        s=s, p=s[:, None] * [1.0, 0.0, 0.0], z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0],
+        on_scan=np.ones(41, dtype=bool),
+    )  # fmt: skip
+
+
+def tip(reference: Reference) -> Array:
+    assert reference.X_WG is not None
+    return reference.X_WG[:3, 3]
+
+
+def target(time: float, accepted: bool = True) -> Target:
+    return Target(
+        time=time, X_WT=np.eye(4), accepted=accepted, check_m=0.001, range_m=1.2,
+        reason="" if accepted else "too few points", path=straight() if accepted else None,
+    )  # fmt: skip
+
+
+def obedient(reference: Reference) -> float:
+    """A surface where it is expected, then a force control without error."""
+    if reference.state is WorkState.APPROACH:
+        return STIFFNESS * max(0.0, -float(tip(reference)[2]))
+    return reference.force
+
+
+@dataclass
+class Script:
+    """Drives a supervisor; every reference that it gives is kept."""
+
+    job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
+    felt: Callable[[Reference], float] = obedient  # [N] from the last reference
+    views: Sequence[bool] = (True,)  # whether each view finds the object
+    references: list[Reference] = field(default_factory=list)
+
+    def run(self, seconds: float = 120.0) -> "Script":
+        own = models.load("uuv_puma").compile()
+        chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+        vehicle = Vehicle.of(own)
+        planner = SurfaceWork(
+            vehicle, chain, barrel(), self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD
+        )
+        X_WB, state, command, seen, scanning, views = SCAN_POSE, None, None, None, False, iter(self.views)
+        for tick in range(round(seconds / PERIOD)):
+            time, zero = tick * PERIOD, np.zeros(3)
+            estimate = StateEstimate(
+                time=time, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=vehicle.q_home, qd=np.zeros(6),
+                tau=np.zeros(6),
+            )  # fmt: skip
+            state = state or planner.init(estimate)
+            state, reference = planner.step(state, estimate, seen, command)
+            self.references.append(reference)
+            X_WB = reference.X_WB
+            if reference.scan and not scanning and (accepted := next(views, None)) is not None:
+                seen = target(time, accepted)
+            scanning = reference.scan
+            felt = np.array([self.felt(reference)])
+            command = Command(
+                time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan,
+                believed={"felt_normal": felt},
+            )  # fmt: skip
+            if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
+                break
+        return self
+
+    @property
+    def states(self) -> list[WorkState]:
+        return [state for state, _ in groupby(r.state for r in self.references)]
+
+    @property
+    def end(self) -> Reference:
+        return self.references[-1]
+
+    def of(self, *states: WorkState) -> list[Reference]:
+        return [r for r in self.references if r.state in states]
+
+
+@pytest.fixture(autouse=True)
+def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
+    """Placement has its own tests: here every path is within reach from WORK_POSE. The paths asked for."""
+    asked: list[ToolPath] = []
+
+    def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
+        del chain, options
+        asked.append(path)
+        return Placement(X_WB=WORK_POSE, roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
+
+    monkeypatch.setattr(supervisor, "place", place)
+    return asked
+
+
+@pytest.fixture(scope="module")
+def smooth() -> Script:
+    """One job without trouble."""
+    with pytest.MonkeyPatch.context() as patch:
+        placement = Placement(
+            X_WB=WORK_POSE, roll=0.0, q_start=np.array([0.0, 0.15, 1.2, 0.2, 0.0, 0.0]), margin=1.0, reached=1.0
+        )
+        patch.setattr(supervisor, "place", lambda *_, **__: placement)
+        return Script().run()
+
+
+def test_states_follow_each_other(smooth):
+    assert smooth.states == [*JOURNEY, WorkState.DONE]
+    assert smooth.end.note == ""
+    assert {r.state for r in smooth.references if r.scan} == {WorkState.SCAN}
+    assert {r.state for r in smooth.references if r.tare} == {WorkState.TARE}
+    assert len([r for r in smooth.references if r.tare]) == pytest.approx(smooth.job.tare_time / PERIOD, abs=2)
+    assert {r.state for r in smooth.references if r.force_control} == {WorkState.PRESS, WorkState.WORK}
+    assert {r.state for r in smooth.references if r.force > 0.0} == {WorkState.PRESS, WorkState.WORK}
+
+
+def test_the_tool_moves_along_the_path_at_work_only_and_all_of_it(smooth):
+    for before, after in zip(smooth.references, smooth.references[1:], strict=False):
+        assert after.path_s == before.path_s or after.state is WorkState.WORK
+    assert smooth.end.path_s == pytest.approx(0.12)
+    rates = np.diff([r.path_s for r in smooth.of(WorkState.WORK)]) / PERIOD
+    assert rates.min() >= 0.0
+    assert rates.max() == pytest.approx(smooth.job.speed, rel=1e-6)
+
+
+@pytest.mark.parametrize("surface", [0.02, 0.0, -0.03])  # [m] above where it is expected
+def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
+    """From the tare to the end, wherever the surface is met: a jump would go straight into it, or tear off it."""
+
+    def felt(reference: Reference) -> float:
+        if reference.state is WorkState.APPROACH:
+            return STIFFNESS * max(0.0, surface - float(tip(reference)[2]))
+        return reference.force
+
+    script = Script(felt=felt).run()
+    moving = script.of(WorkState.TARE, *IN_CONTACT, WorkState.RETREAT, WorkState.DONE)
+    steps = np.linalg.norm(np.diff([tip(r) for r in moving], axis=0), axis=1)
+    assert steps.max() <= 1.01 * script.job.approach_speed * PERIOD
+    for state in (WorkState.APPROACH, WorkState.WORK):
+        places, velocity = (np.array([what(r) for r in script.of(state)]) for what in (tip, lambda r: r.v_WG_W))
+        central = 0.5 * (places[2:] - places[:-2]) / PERIOD
+        assert np.abs(velocity[1:-1] - central).max() < 3e-4  # half a step of the acceleration
+    # Away from the surface that was met, and from the one that was expected.
+    assert tip(script.end)[2] >= max(surface, 0.0) + script.job.standoff - 2e-3
+
+
+def test_surface_is_met_at_touch_speed(smooth):
+    last = smooth.of(WorkState.APPROACH)[-1]
+    assert np.linalg.norm(last.v_WG_W) == pytest.approx(smooth.job.touch_speed)
+    fastest = max(float(np.linalg.norm(r.v_WG_W)) for r in smooth.of(WorkState.APPROACH))
+    assert fastest == pytest.approx(smooth.job.approach_speed)
+
+
+def test_set_force_is_ramped_and_changes_with_the_part_of_the_path(smooth):
+    contact = smooth.of(WorkState.PRESS, WorkState.WORK)
+    force = np.array([r.force for r in contact])
+    assert np.abs(np.diff(force)).max() <= smooth.job.force_rate * PERIOD * (1.0 + 1e-9)
+    share = np.array([r.path_s for r in contact]) / 0.12
+    assert np.all(force[(share > 0.0) & (share < 1 / 3)] == 60.0)
+    assert np.all(force[(share > 0.6) & (share < 2 / 3)] == 90.0)
+    assert np.all(force[share > 0.95] == 60.0)
+
+
+def test_a_knock_is_not_a_contact(smooth):
+    """Felt for less than `touch_time`, again and again, in free water: the approach goes on to the surface."""
+    knocks = iter(range(10**6))
+
+    def felt(reference: Reference) -> float:
+        if reference.state is WorkState.APPROACH and tip(reference)[2] > 0.0:
+            return 30.0 if next(knocks) % 10 < 3 else 0.0  # 30 ms of 40 ms
+        return obedient(reference)
+
+    script = Script(felt=felt).run()
+    assert script.states == smooth.states
+    assert tip(script.of(WorkState.APPROACH)[-1])[2] <= 0.0
+
+
+def test_contact_starts_the_press_wherever_it_is_met():
+    def felt(reference: Reference) -> float:  # the surface 20 mm nearer than expected
+        if reference.state is WorkState.APPROACH:
+            return STIFFNESS * max(0.0, 0.02 - float(tip(reference)[2]))
+        return reference.force
+
+    script = Script(felt=felt).run()
+    assert script.states == [*JOURNEY, WorkState.DONE]
+    met = script.of(WorkState.PRESS)[0]
+    assert tip(met)[2] == pytest.approx(0.02, abs=1.5e-3)
+    # The press begins from the force that is felt, not from nothing.
+    assert met.force >= script.job.touch
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_no_motion_along_the_path_before_the_force_is_reached(share):
+    script = Script(felt=lambda r: share * r.force if r.state is WorkState.PRESS else obedient(r)).run()
+    assert script.states == [*JOURNEY[:6], WorkState.RETREAT, WorkState.ABORT]
+    assert script.end.path_s == 0.0
+    assert "60.0 N was not reached in 6.0 s" in script.end.note
+    assert len(script.of(WorkState.PRESS)) * PERIOD == pytest.approx(6.0, abs=0.1)
+
+
+def test_force_must_be_held_before_the_work_begins():
+    """Reached only every other tenth of a second: never for the half second that it takes."""
+    ticks = iter(range(10**6))
+
+    def felt(reference: Reference) -> float:
+        if reference.state is WorkState.PRESS:
+            return reference.force * (1.0 if next(ticks) % 20 < 10 else 0.8)
+        return obedient(reference)
+
+    assert WorkState.WORK not in Script(felt=felt).run().states
+
+
+def test_without_force_control_the_work_begins_all_the_same():
+    job = Job(forces=(60.0,), force_control=False)
+    script = Script(job=job, felt=lambda r: 20.0 if r.state in IN_CONTACT[1:] else obedient(r)).run()
+    assert script.states == [*JOURNEY, WorkState.DONE]
+
+
+@pytest.mark.parametrize("state", IN_CONTACT)
+def test_too_much_force_ends_in_a_retreat(state):
+    def felt(reference: Reference) -> float:
+        return 161.0 if reference.state is state else obedient(reference)
+
+    script = Script(felt=felt).run()
+    reached = JOURNEY[: JOURNEY.index(state) + 1]
+    assert script.states == [*reached, WorkState.RETREAT, WorkState.ABORT]
+    assert len(script.of(state)) <= 2  # at once
+    assert "161 N is above the limit of 160 N" in script.end.note
+    lifted = tip(script.end) - tip(script.of(WorkState.RETREAT)[0])
+    assert lifted[2] >= 0.95 * script.job.standoff
+    assert script.end.force == 0.0
+    assert not script.end.force_control
+
+
+@pytest.mark.parametrize(("gap", "ends"), [(0.4, WorkState.DONE), (0.7, WorkState.ABORT)])
+def test_contact_may_be_lost_for_a_moment(gap, ends):
+    def felt(reference: Reference) -> float:
+        lost = 2.0 < 100.0 * reference.path_s < 2.0 + 2.0 * gap  # at 2 cm/s
+        return 0.0 if reference.state is WorkState.WORK and lost else obedient(reference)
+
+    script = Script(felt=felt).run()
+    assert script.end.state is ends
+    assert ("contact lost for 0.5 s" in script.end.note) is (ends is WorkState.ABORT)
+
+
+def test_no_surface_where_one_should_be():
+    script = Script(felt=lambda _: 0.0).run()
+    assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
+    deepest = min(float(tip(r)[2]) for r in script.of(WorkState.APPROACH))
+    assert deepest == pytest.approx(-script.job.search, abs=1e-3)
+    assert "no contact within 0.06 m" in script.end.note
+
+
+def test_another_view_when_the_first_shows_nothing():
+    script = Script(views=(False, True)).run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, *JOURNEY, WorkState.DONE]
+    first, second = (r for r in script.references if r.state is WorkState.SCAN and r.scan)
+    assert np.linalg.norm(second.X_WB[:3, 3] - first.X_WB[:3, 3]) > 0.2
+
+
+def test_giving_up_after_as_many_views_as_allowed():
+    script = Script(views=[False] * 10).run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN] * 3 + [WorkState.ABORT]
+    places = [r.X_WB[:3, 3] for r in script.references if r.scan]
+    assert np.linalg.norm(places[2] - places[1]) > 0.2  # not the same place again
+    assert script.end.note == "not identified in 3 views: too few points"
+    assert script.end.X_WG is None  # the arm stays folded
+
+
+def test_a_camera_that_gives_nothing():
+    script = Script(views=()).run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
+    assert script.end.note == "no depth frame arrived within 5 s"
+
+
+def test_path_out_of_reach(monkeypatch):
+    def place(*_: Any, **__: Any) -> Placement:
+        raise ReachError("out of reach: at best 40%")
+
+    monkeypatch.setattr(supervisor, "place", place)
+    script = Script().run()
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
+    assert script.end.note == "out of reach: at best 40%"
+
+
+def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
+    reached = supervisor.place
+
+    def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
+        if path.s[-1] > 0.105:
+            raise ReachError("out of reach")
+        return reached(vehicle, chain, path, **options)
+
+    monkeypatch.setattr(supervisor, "place", place)
+    script = Script(job=Job(forces=(60.0,), least_share=0.8)).run()
+    assert script.end.state is WorkState.DONE
+    assert 0.095 < script.end.path_s < 0.105
+    assert "of the path" in script.end.note
+
+
+def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
+    """A hull that never comes to rest is not scanned from."""
+    monkeypatch.setattr(supervisor.SurfaceWork, "_quiet", lambda *_: False)
+    assert Script().run(seconds=30.0).states == [WorkState.SETTLE]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"forces": ()}, "at least one"),
+        ({"forces": (60.0, -60.0)}, "must be > 0 N, got -60"),
+        ({"forces": (float("nan"),)}, "must be > 0 N"),
+        ({"forces": (160.0,)}, "not below the force limit"),
+        ({"forces": (60.0,), "speed": 0.0}, "speed"),
+    ],
+)
+def test_jobs_that_cannot_be(options, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Job(**options)

@@ -36,8 +36,8 @@ class Placement:
 class Search:
     """What is tried, relative to the middle of the path."""
 
-    heights: tuple[float, ...] = (0.55, 0.65, 0.75, 0.85, 0.95, 1.05)  # [m] arm base above the middle
-    radii: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)  # [m] horizontally away from the middle
+    heights: tuple[float, ...] = (0.6, 0.75, 0.9, 1.05)  # [m] arm base above the middle
+    radii: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)  # [m] horizontally away from the middle
     bearings: int = 12  # directions around the middle
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
     rolls: int = 4  # turns of the tool about its axis

@@ -56,10 +56,6 @@ class Truth:
     collision: bool  # some other part of the vehicle touches the world
     vehicle: Vehicle
 
-    def tau_gear(self) -> Array:
-        """Torques (n,) [N m] that pass through the gear outputs: the drive's, less rotor inertia and gear friction."""
-        return self.tau_drive - self.armature * self.qdd - self.joint_damping * self.qd
-
 
 class Plant:
     """A vehicle and its world, advanced one physics step at a time by commands."""

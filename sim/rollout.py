@@ -105,21 +105,31 @@ def rollout(
     reference: Reference | None = None
     moment: Moment | None = None
     scanning = False
+    arrived: list[Measurement] = []  # since the estimator's last step
     on_the_way: dict[int, list[Measurement]] = {}
     for tick in range(steps):
         if tick:
             truth = plant.observe()
-        for i, sensor in enumerate(parts.sensors):
-            asked = command is not None and command.scan and not scanning
-            due = tick % sensor_ticks[i] == 0 if sensor_ticks[i] else asked
-            if due:
-                sensor_states[i], measurement = sensor.step(sensor_states[i], truth)
+        scan = command is not None and command.scan
+        for i, every in enumerate(sensor_ticks):
+            due = tick % every == 0 if every else scan and not scanning  # one frame for each rising edge
+            if not due:
+                continue
+            sensor_states[i], measurement = parts.sensors[i].step(sensor_states[i], truth)
+            if sensor_delay[i]:
                 on_the_way.setdefault(tick + sensor_delay[i], []).append(measurement)
-        scanning = command is not None and command.scan  # one frame for each rising edge
-        arrived = on_the_way.pop(tick, [])
+            else:
+                arrived.append(measurement)
+        scanning = scan
+        if tick in on_the_way:
+            arrived += on_the_way.pop(tick)
+        frame: DepthImage | None = None
         if tick % estimator_ticks == 0:
             estimator_state, estimate = parts.estimator.step(estimator_state, arrived)
-        frame = next((m for m in arrived if isinstance(m, DepthImage)), None)
+            for measurement in arrived:
+                if isinstance(measurement, DepthImage):
+                    frame = measurement
+            arrived = []
         if frame is not None and parts.finder is not None:
             finder_state, target = parts.finder.step(finder_state, estimate, frame)
         if tick % planner_ticks == 0:
@@ -132,11 +142,8 @@ def rollout(
         for observer in observers:
             observer.observe(moment)
         plant.step(command)
-        if (
-            reference.state in (WorkState.DONE, WorkState.ABORT)
-            and not reference.v_WG_W.any()
-            and not reference.qd.any()
-        ):
+        over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
+        if over and not reference.v_WG_W.any() and not reference.qd.any():
             break
     assert moment is not None
     return moment

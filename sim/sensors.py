@@ -70,9 +70,18 @@ class JointTorqueSensors:
         return SensorState(rng, rng.uniform(-self.bias, self.bias, 64))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
-        n = len(truth.q)
-        tau = truth.tau_gear() * (1.0 + self.noise * state.normal(n)) + state.bias[:n]
+        tau = _transmitted(
+            truth.tau_drive, truth.armature, truth.qdd, truth.joint_damping, truth.qd, state.normal(len(truth.q)),
+            self.noise, state.bias,
+        )  # fmt: skip
         return state, TorqueMeasurement(time=truth.time, tau=tau)
+
+
+@numba.njit(cache=True)
+def _transmitted(tau_drive, armature, qdd, damping, qd, noise, share, bias):
+    """What passes through the gear outputs (the drive's, less rotor inertia and gear friction), with its errors."""
+    true = tau_drive - armature * qdd - damping * qd
+    return true * (1.0 + share * noise) + bias[: len(true)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -48,7 +48,7 @@ def _predict(dt, specific_force_B, w_B, R_meas, noise, lean_time, smooth_time, r
         for m in range(3):  # vee of the antisymmetric part of R^T R_meas: small-angle error in body axes
             total += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
         err[i] = total
-        angle[i] = w_B[i] * dt + lean * err[i]
+        angle[i] = w_B[i] * dt + lean * (err[i] - w_B[i] * dt)  # R is that of the last sample, R_meas of this one
     theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
     s = 1.0 - theta * theta / 6.0 if theta < 1e-4 else np.sin(theta) / theta
     c = 0.5 - theta * theta / 24.0 if theta < 1e-4 else (1.0 - np.cos(theta)) / theta**2

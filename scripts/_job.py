@@ -33,6 +33,7 @@ from sim.results_table import results_table
 from sim.rollout import Moment, Observer, Parts, rollout
 from sim.startup import ScenarioOptions
 
+REHEARSAL = 0.1  # [s] simulated
 LONGEST = 400.0  # [s] simulated, whatever happens
 WATER_ERROR = 0.15  # share by which the controller's hydrodynamic coefficients are wrong
 NOT_ACCEPTED = 1  # exit code
@@ -72,9 +73,8 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     X_WB = _scan_pose(own, vehicle, job)
     model = hydrodynamics.compile(scenes.work_site(job.vehicle, job.target, job.X_WT))
     gusts, loop, start = rng.spawn(3)
-    current = Current(options.current, gust=options.gust, timestep=model.opt.timestep, rng=gusts)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
-    plant = Plant(model, current=current, X_WB=X_WB @ offset)
+    plant = Plant(model, current=Current(options.current), X_WB=X_WB @ offset)
     passive = [own.joint(j).name for j in range(own.njnt) if j not in vehicle.joints and own.jnt_type[j] != 0]
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     finder = KnownObjectFinder(job.target, job.path, job.approach_W, job.orientation_W, seed=options.seed)
@@ -103,6 +103,11 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
         console=console, disable=not sys.stdout.isatty(),
     )  # fmt: skip
     observers += [Clouds(recorder, log), Teller(progress, console)]
+    # A short rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once. The parts'
+    # state is explicit, so nothing of it is left but in the plant.
+    current = Current(options.current, gust=options.gust, timestep=model.opt.timestep, rng=gusts)
+    rollout(plant, parts, duration=REHEARSAL, rng=np.random.default_rng(options.seed))
+    plant.reset(current=current, X_WB=X_WB @ offset)
     console.print(f"[bold]{job.title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
     began = time.perf_counter()
     try:

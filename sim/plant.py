@@ -107,8 +107,9 @@ class Plant:
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._current = current
         # What the last step left in the model, and the propellers, which these arrays of Truth share with Thrusters.
-        for live in (self._wind, self._current_slot, truth.current_W, truth.propeller_speed, truth.thrust):
+        for live in (truth.propeller_speed, truth.thrust):
             live[:] = 0.0
+        self._flow()
         truth.time = float(data.time)
         truth.saturated = False
         self._read_contacts()
@@ -149,10 +150,6 @@ class Plant:
     def step(self, command: Command) -> None:
         """Let the command act for one physics step; `observe` must have been called since the last one."""
         data, vehicle, truth = self.data, self.vehicle, self.truth
-        velocity, acceleration = self._current.step()
-        self._wind[:] = velocity
-        self._current_slot[:] = acceleration
-        truth.current_W[:] = velocity
         truth.saturated = self._thrusters.step(
             command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
         )
@@ -160,6 +157,14 @@ class Plant:
         self._ctrl[vehicle.actuators] = command.joint_torque
         mujoco.mj_step2(self.model, data)
         self._read_contacts()
+        self._flow()
+
+    def _flow(self) -> None:
+        """Let the water of the next step into the model, before `observe` computes what it does."""
+        velocity, acceleration = self._current.step()
+        self._wind[:] = velocity
+        self._current_slot[:] = acceleration
+        self.truth.current_W[:] = velocity
 
     def _read_contacts(self) -> None:
         truth, data = self.truth, self.data

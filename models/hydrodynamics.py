@@ -13,6 +13,7 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import elliprd
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
@@ -409,7 +410,7 @@ def _ellipsoid_factors(axes: Array) -> Array:
     squares = axes**2
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
-        [2.0 / 3.0 * np.prod(axes) * _carlson_rd(squares[i - 2], squares[i - 1], squares[i]) for i in range(3)]
+        [2.0 / 3.0 * np.prod(axes) * elliprd(squares[i - 2], squares[i - 1], squares[i]) for i in range(3)]
     )
     factors = np.zeros(6)
     factors[:3] = alpha / (2.0 - alpha)
@@ -420,26 +421,6 @@ def _ellipsoid_factors(axes: Array) -> Array:
         if abs(difference) > 1e-9 * total:  # a body of revolution drags no water when it spins
             factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
     return factors
-
-
-def _carlson_rd(x: float, y: float, z: float) -> float:
-    """Carlson's elliptic integral R_D(x, y, z) by duplication, to rounding (Carlson 1995, arXiv:math/9409227)."""
-    total, power = 0.0, 1.0
-    while True:
-        mean = (x + y + 3.0 * z) / 5.0
-        if max(abs(x - mean), abs(y - mean), abs(z - mean)) < 1e-3 * mean:
-            break
-        roots = np.sqrt([x, y, z])
-        cross = roots[0] * roots[1] + roots[1] * roots[2] + roots[2] * roots[0]
-        total += power / (roots[2] * (z + cross))
-        power /= 4.0
-        x, y, z = (x + cross) / 4.0, (y + cross) / 4.0, (z + cross) / 4.0
-    u, v = (mean - x) / mean, (mean - y) / mean
-    w = -(u + v) / 3.0
-    e2, e3 = u * v - 6.0 * w * w, (3.0 * u * v - 8.0 * w * w) * w
-    e4, e5 = 3.0 * (u * v - w * w) * w * w, u * v * w**3
-    series = 1.0 - 3 / 14 * e2 + e3 / 6 + 9 / 88 * e2**2 - 3 / 22 * e4 - 9 / 52 * e2 * e3 + 3 / 26 * e5
-    return float(3.0 * total + power * series / mean**1.5)
 
 
 # --------------------------------------------------------------------------------------------------------------- checks

@@ -1,0 +1,110 @@
+"""The main job as a user runs it: both paths within their bounds, the same twice, and bad inputs in one line."""
+
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+import models
+from sim.metrics import Bounds, schema
+
+BOUNDS = Bounds()
+RUNS = {"longitudinal": "longitudinal", "again": "longitudinal", "transverse": "transverse"}
+
+
+def clean_barrel(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "scripts/clean_barrel.py", "--quick", "--no-record", "--out", str(out), *options]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """metrics.json of one run along, the same again, and one around; two at a time."""
+
+    def run(name: str) -> dict[str, Any]:
+        out = tmp_path_factory.mktemp(name)
+        done = clean_barrel(request.config.rootpath, out, "--path", RUNS[name])
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert "accepted" in done.stdout
+        assert done.stderr == ""
+        return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+
+    with ThreadPoolExecutor(2) as pool:
+        return dict(zip(RUNS, pool.map(run, RUNS), strict=True))
+
+
+@pytest.mark.parametrize("name", ["longitudinal", "transverse"])
+def test_figures_keep_their_bounds(runs, name):
+    metrics = runs[name]
+    jsonschema.validate(metrics, schema())
+    assert metrics["accepted"] is True
+    assert metrics["run"]["state"] == "done"
+    assert metrics["identification"]["accepted"] is True
+    assert metrics["identification"]["position_error_m"] <= 0.005
+    assert metrics["identification"]["position_error_m"] <= 0.005 * metrics["identification"]["range_m"]
+    assert metrics["contact"]["force_error_rms_n"] <= 3.0
+    assert metrics["contact"]["force_error_max_n"] <= 9.0
+    assert metrics["contact"]["lost_s"] == 0.0
+    assert metrics["tool"]["path_deviation_max_m"] <= 0.003
+    assert metrics["tool"]["tilt_max_rad"] <= BOUNDS.tilt
+    assert metrics["hull"]["tilt_max_rad"] <= BOUNDS.tilt
+    # It did the work, and did not look for the easy one.
+    sets = [segment["set_n"] for segment in metrics["contact"]["segments"]]
+    assert sets == ([60.0, 90.0, 60.0] if name == "longitudinal" else [60.0, 90.0])
+    assert metrics["tool"]["speed_mean_m_s"] == pytest.approx(0.02, rel=0.2)
+    assert metrics["hull"]["excursion_max_m"] > 0.001
+
+
+def test_same_seed_same_figures(runs):
+    for metrics in (runs["longitudinal"], runs["again"]):
+        metrics["identification"].pop("duration_s", None)
+        metrics["run"].pop("wall_s", None)
+        metrics["run"].pop("real_time_factor", None)
+    assert runs["longitudinal"] == runs["again"]
+
+
+def short_armed() -> str:
+    """The default vehicle with the shortest of arms."""
+    spec = models.load("uuv_puma")
+    spec.body("link3").pos, spec.body("link4").pos = [0.05, 0.0, 0.0], [0.05, 0.0, 0.0]
+    spec.compile()
+    return spec.to_xml()
+
+
+NAMELESS = """
+<mujoco>
+  <worldbody>
+    <body name="boat"> <freejoint/> <geom size="0.3" mass="100"/> </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("options", "vehicle", "said"),
+    [
+        pytest.param(["--path", "spiral"], None, "'spiral'", id="unknown path"),
+        pytest.param(["--forces", "-60"], None, "must be > 0 N, got -60", id="negative force"),
+        pytest.param(["--range", "40"], None, "not identified", id="camera sees nothing"),
+        pytest.param([], short_armed, "out of reach", id="out of reach"),
+        pytest.param([], lambda: NAMELESS, "no body named 'hull'", id="no names"),
+        pytest.param([], lambda: "<mujoco", "not an MJCF", id="not an MJCF"),
+        pytest.param(["--vehicle", "nautilus"], None, "uuv_puma", id="unknown vehicle"),
+        pytest.param(["--current", "nan", "0", "0"], None, "current", id="current is no number"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, vehicle, said):
+    if vehicle is not None:
+        (tmp_path / "vehicle.xml").write_text(vehicle(), encoding="utf-8")
+        options = [*options, "--vehicle", str(tmp_path / "vehicle.xml")]
+    done = clean_barrel(root, tmp_path / "out", *options)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert said in done.stderr
+    assert "Traceback" not in done.stdout + done.stderr

@@ -18,6 +18,7 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, exp_so3, transform_points
 
+_HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
 
@@ -59,8 +60,11 @@ class Job:
         for force in self.forces:
             if not (np.isfinite(force) and force > 0.0):
                 raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
-            if force >= self.force_limit:
-                raise ConfigurationError(f"forces: {force} N is not below the force limit of {self.force_limit} N")
+            if force > _HEADROOM * self.force_limit:
+                raise ConfigurationError(
+                    f"forces: {force} N leaves no room for overshoot: at most {_HEADROOM:.0%} of the force limit of "
+                    f"{self.force_limit} N"
+                )
         if not self.speed > 0.0:
             raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
 

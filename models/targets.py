@@ -19,6 +19,7 @@ from sim.interfaces.spatial import Array, checked, exp_so3, pose, quat_wxyz_from
 BARREL_DIAMETER = 0.6  # [m]
 BARREL_LENGTH = 0.9  # [m]
 RIM_WIDTH = 0.03  # [m], along the axis, at each end
+RIM_MARGIN = 0.05  # [m], from a rim to the end of a path along the axis: half a pad, and what identification may err
 RIM_HEIGHT = 0.01  # [m], above the shell
 BARREL_SIDES = 256  # sagitta of a side 0.02 mm: far below what contact (an exact cylinder) or a camera can tell
 PATH_STEP = 0.005  # [m], between points of a model path
@@ -218,7 +219,7 @@ def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
 
     `azimuth` [rad] turns it about x_T from the top generator (+z_T). Raises ConfigurationError if it meets a rim.
     """
-    limit = BARREL_LENGTH - 2.0 * RIM_WIDTH
+    limit = BARREL_LENGTH - 2.0 * (RIM_WIDTH + RIM_MARGIN)
     if not 0.0 < length < limit:
         raise ConfigurationError(f"longitudinal path: length must lie between 0 and {limit:.2f} m, got {length}")
     x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))

@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from controllers import drive
 from controllers.mkps import Chain
 from controllers.supervisor import Job, SurfaceWork
 from models import scenes
@@ -62,6 +63,8 @@ class ContactJob:
 def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float) -> int:
     """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
     console = Console()
+    if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
+        console.print("first start: the inner loops are compiled, once; this takes about half a minute")
     work = Job(
         forces=job.forces, speed=job.speed, least_share=job.least_share,
         force_control="force-control" not in job.without,

@@ -341,7 +341,7 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
         ({"forces": ()}, "at least one"),
         ({"forces": (60.0, -60.0)}, "must be > 0 N, got -60"),
         ({"forces": (float("nan"),)}, "must be > 0 N"),
-        ({"forces": (160.0,)}, "not below the force limit"),
+        ({"forces": (160.0,)}, "no room for overshoot"),
         ({"forces": (60.0,), "speed": 0.0}, "speed"),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 from controllers.arm_dynamics import ArmDynamics
 from models import hydrodynamics
 from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array, log_so3, skew
 
@@ -30,14 +31,20 @@ class Hover:
         frequency: float = 1.6,
         damping: float = 1.0,
         integral_time: float = 6.0,
+        water_error: float = 0.0,
     ) -> None:
         """Read the hull of the vehicle in `model`; `arm` adds its inertia as it is in the home pose.
 
         `frequency` [rad/s] and `damping` ratio of the closed loop; `integral_time` [s] within which a steady
-        disturbance is taken up.
+        disturbance is taken up; `water_error` makes the hull's added mass wrong by that share. Raises
+        ConfigurationError if the hull carries no hydrodynamics.
         """
         vehicle = Vehicle.of(model)
-        self.inertia = _hull_inertia(model, vehicle.hull) + _arm_inertia(arm, vehicle.q_home)  # (6, 6)
+        if not hydrodynamics.carries(model.body_user[vehicle.hull]):
+            raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
+        self.inertia = _hull_inertia(model, vehicle.hull, 1.0 + water_error) + _arm_inertia(
+            arm, vehicle.q_home
+        )  # (6, 6)
         self._stiffness = frequency**2
         self._damping = 2.0 * damping * frequency
         self._integral = frequency**2 / integral_time
@@ -77,7 +84,7 @@ class Hover:
             ]
         )
         growth = dt * self._integral * self.inertia.diagonal()
-        state.integral[:3] += growth[:3] * p_error
+        state.integral[:3] += R_WB @ (growth[:3] * (R_WB.T @ p_error))
         state.integral[3:] += growth[3:] * turn_error
         wrench = self.inertia @ acceleration - self.static_wrench(R_WB) - arm_wrench_B
         wrench[:3] += R_WB.T @ state.integral[:3]
@@ -85,7 +92,7 @@ class Hover:
         return wrench
 
 
-def _hull_inertia(model: mujoco.MjModel, hull: int) -> Array:
+def _hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
     """Rigid and added inertia (6, 6) of the hull alone at its origin."""
     water = hydrodynamics.unpack(model.body_user[hull])
     m, c = float(model.body_mass[hull]), np.array(model.body_ipos[hull])
@@ -97,7 +104,7 @@ def _hull_inertia(model: mujoco.MjModel, hull: int) -> Array:
     rigid[:3, :3] = m * np.eye(3)
     rigid[:3, 3:], rigid[3:, :3] = -m * S, m * S
     rigid[3:, 3:] = principal @ np.diag(model.body_inertia[hull]) @ principal.T - m * S @ S
-    return rigid + water.added_mass
+    return rigid + water_scale * water.added_mass
 
 
 def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:

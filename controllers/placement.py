@@ -34,10 +34,10 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """What is tried, relative to the middle of the path."""
+    """What is tried, relative to the middle of the path; heights and radii in lengths of the arm laid out straight."""
 
-    heights: tuple[float, ...] = (0.6, 0.75, 0.9, 1.05)  # [m] arm base above the middle
-    radii: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)  # [m] horizontally away from the middle
+    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # arm base above the middle
+    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # horizontally away from the middle
     bearings: int = 12  # directions around the middle
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
     rolls: int = 4  # turns of the tool about its axis
@@ -147,10 +147,11 @@ def place(
         return better
 
     # Bearings are counted from the path's own direction, so that the search turns with the object.
+    reach = _reach(chain)
     chord = path.p[-1] - path.p[0]
     bearings = np.arctan2(chord[1], chord[0]) + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
     for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
-        consider(middle + np.array([radius * np.cos(bearing), radius * np.sin(bearing), height]))
+        consider(middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), height]))
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
@@ -208,16 +209,27 @@ def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 
 
 def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
-    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside.
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf if there are none.
 
-    Joints after the wrist move with the tool, which is there to touch: the last three are left out.
+    Left out are the first two, which hardly move, and the last two, which go with the tool that is there to touch.
     """
     moved = []  # a joint's centre is moved by the joints before it
     X = np.eye(4)
-    for i, (axis, point) in enumerate(zip(chain.axes, chain.points, strict=True)):
+    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
         if 1 < i < chain.n - 2:
             moved.append(X[:3, :3] @ point + X[:3, 3])
-        R = exp_so3(axis * q[i])
-        X = X @ pose(R, point - R @ point)
+        if kind == "p":
+            X = X @ pose(p=axis * q[i])
+        else:
+            R = exp_so3(axis * q[i])
+            X = X @ pose(R, point - R @ point)
+    if not moved:
+        return np.inf
     p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3]
     return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+
+
+def _reach(chain: Chain) -> float:
+    """Length [m] of the arm laid out straight: from joint to joint, to the tip."""
+    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())

@@ -48,8 +48,12 @@ class Job:
     hull_acceleration: float = 0.08  # [m/s^2]
     hull_turn_rate: float = 0.15  # [rad/s]
     joint_speed: float = 0.5  # [rad/s]
-    settle_speed: float = 0.006  # [m/s] below which the hull counts as quiet
+    settle_speed: float = 0.018  # [m/s] below which the hull counts as quiet,
+    settle_turn: float = 0.02  # [rad/s] and below which,
+    settle_error: float = 0.06  # [m] and within which of its place
     settle_time: float = 4.0  # [s] that it must be quiet
+    settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
+    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
@@ -78,6 +82,7 @@ class SupervisorState:
     X_WB: Array  # (4, 4) hull pose held
     q: Array  # (n,) joint angles held while the arm is not following the tool
     quiet_since: float = np.inf  # [s]
+    still_since: float = 0.0  # [s] hull and arm are asked to stand still
     scans: int = 0
     path: ToolPath | None = None  # in W, as far as it is worked
     placement: Placement | None = None
@@ -130,9 +135,9 @@ class SurfaceWork:
     def step(
         self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SupervisorState, Reference]:
-        felt = float(last.believed["felt_normal"][0]) if last is not None and "felt_normal" in last.believed else 0.0
+        felt = self._felt(state, last)
         time = estimate.time
-        self._watch(state, time, felt)
+        self._watch(state, estimate, felt)
         match state.state:
             case WorkState.SETTLE:
                 self._settle(state, estimate)
@@ -162,7 +167,10 @@ class SurfaceWork:
     def _quiet(self, state: SupervisorState, estimate: StateEstimate) -> bool:
         """Whether the hull has been still, and where it should be, for long enough."""
         error = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
-        if float(np.linalg.norm(estimate.v_WB_B)) > self._job.settle_speed * 3.0 or error > 0.06:
+        job = self._job
+        moving = float(np.linalg.norm(estimate.v_WB_B)) > job.settle_speed
+        turning = float(np.linalg.norm(estimate.w_WB_B)) > job.settle_turn
+        if moving or turning or error > job.settle_error:
             state.quiet_since = np.inf
         elif not np.isfinite(state.quiet_since):
             state.quiet_since = estimate.time
@@ -301,9 +309,35 @@ class SurfaceWork:
         """Length [m] of the retreat: off the surface where it was met, and off where it was expected."""
         return max(state.depth, self._job.standoff)
 
-    def _watch(self, state: SupervisorState, time: float, felt: float) -> None:
-        """Break the work off when the force is too large or the contact is gone."""
-        job = self._job
+    @staticmethod
+    def _felt(state: SupervisorState, last: Command | None) -> float:
+        """Normal force [N] that the controller feels. Raises ConfigurationError if it does not say, in contact."""
+        if last is not None and "felt_normal" in last.believed:
+            return float(last.believed["felt_normal"][0])
+        if last is not None and state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK):
+            raise ConfigurationError("the controller must say what it feels: believed['felt_normal'], (1,) [N]")
+        return 0.0
+
+    def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float) -> None:
+        """Break the work off when the hull is carried away, the force is too large, or the contact is gone."""
+        job, time = self._job, estimate.time
+        over = state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
+        off = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
+        waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
+        late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
+        if not waiting or state.joint_moves:
+            state.still_since = time
+        if not over and (off > job.lost_place or late):
+            reason = (
+                f"the hull cannot hold its place: {off:.2f} m off"
+                if off > job.lost_place
+                else (f"the hull did not become quiet within {job.settle_limit:.0f} s")
+            )
+            if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):
+                self._give_up(state, time, reason)
+            else:
+                self._break_off(state, time, reason)
+            return
         if state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK) and felt > job.force_limit:
             self._break_off(state, time, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
         if state.state is WorkState.WORK and job.force_control:

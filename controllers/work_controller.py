@@ -85,8 +85,8 @@ class WorkController:
     ) -> None:
         """Take the controller's own model of the vehicle (not the plant's).
 
-        `without` names methods to leave out, for ablation; `water_error` makes the controller's hydrodynamic
-        coefficients wrong by that share.
+        `without` names methods to leave out, for ablation; `water_error` makes the controller's added masses and
+        drags wrong by that share.
         """
         self.period = period
         self._tuning = tuning or Tuning()
@@ -98,7 +98,7 @@ class WorkController:
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         self._X_BA = np.array(vehicle.X_BA)
         self._X_AB = inverse(self._X_BA)
-        self._hover = Hover(model, self._arm)
+        self._hover = Hover(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))

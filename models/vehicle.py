@@ -1,8 +1,8 @@
 """Where things are in a compiled model of a vehicle with an arm: the one place that looks names up.
 
 A vehicle is any MJCF with a free body `hull`, a body `arm_base` fixed to it, a serial arm whose driven joints carry
-actuators of the same name, a site `tip` (z out of the tool), and optionally a site `camera` (OpenCV axes), a sliding
-joint `pad` behind the pad's face, and thruster actuators with a table of `models.thrusters`.
+actuators of the same name, a site `tip` (z out of the tool), a site `camera` (OpenCV axes) for jobs that look, and
+optionally a sliding joint `pad` behind the pad's face, and thruster actuators with a table of `models.thrusters`.
 """
 
 from dataclasses import dataclass

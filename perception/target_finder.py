@@ -1,6 +1,6 @@
 """Depth frames in, the target and its tool path out: identification as a part of the vehicle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,7 +81,7 @@ class KnownObjectFinder:
             self._surface,
             transform_points(X_CW, self._approach_W),
             None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
-            sensor=self._sensor,
+            sensor=replace(self._sensor, focal=float(measurement.K[0, 0])),
             approach_error=self._approach_error,
             seed=self._seed,
         )

@@ -17,7 +17,7 @@ from controllers.mkps import Chain
 from controllers.supervisor import Job, SurfaceWork
 from models import scenes
 from models.targets import TargetModel
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, Vehicle, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
 from perception.navigation import Navigation
 from perception.target_finder import FinderState, KnownObjectFinder
 from sim import hydrodynamics, sensors
@@ -28,7 +28,7 @@ from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
-from sim.plant import Plant
+from sim.plant import PAD_GEOM, Plant
 from sim.recording import Recorder
 from sim.results_table import results_table
 from sim.rollout import Moment, Observer, Parts, rollout
@@ -73,18 +73,22 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     folder = options.folder(job.scenario)
     own = scenes.vehicle_spec(job.vehicle).compile()  # what the vehicle knows of itself; nothing of the scene
     vehicle = Vehicle.of(own)
-    X_WB = _scan_pose(own, vehicle, job)
+    X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
+    find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
+    X_WB = _scan_pose(X_BC, job)
     model = hydrodynamics.compile(scenes.work_site(job.vehicle, job.target, job.X_WT))
-    gusts, loop, start = rng.spawn(3)
+    gusts, loop, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(model, current=Current(options.current), X_WB=X_WB @ offset)
     passive = [own.joint(j).name for j in range(own.njnt) if j not in vehicle.joints and own.jnt_type[j] != 0]
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive)
-    finder = KnownObjectFinder(job.target, job.path, job.approach_W, job.orientation_W, seed=options.seed)
+    finder = KnownObjectFinder(
+        job.target, job.path, job.approach_W, job.orientation_W, seed=int(sampling.integers(2**31))
+    )
     parts = Parts(
         sensors=[
             sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
-            DepthCamera.at_site(model, CAMERA_SITE),
+            DepthCamera(model, HULL_BODY, X_BC),
         ],
         estimator=Navigation(),
         finder=finder,
@@ -126,8 +130,8 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
         identification_s=found.duration_s if found is not None else None,
     )  # fmt: skip
     _write(folder, job, options, truth, assessment, recorder, console)
-    if last.reference.state is WorkState.ABORT and not len(recorder.recording().within(WorkState.WORK).nonzero()[0]):
-        raise ConfigurationError(f"the work could not begin: {last.reference.note}")
+    if not recorder.recording().within(WorkState.WORK).any():
+        raise ConfigurationError(f"the work could not begin: {last.reference.note or f'not within {LONGEST:.0f} s'}")
     return 0 if assessment.accepted else NOT_ACCEPTED
 
 
@@ -162,7 +166,8 @@ class Teller:
             note = f"  {reference.note}" if reference.note else ""
             self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
         if moment.tick % 250 == 0:
-            felt = f"{moment.command.believed['felt_normal'][0]:5.1f} N felt" if reference.force else ""
+            believed = moment.command.believed.get("felt_normal")
+            felt = f"{believed[0]:5.1f} N felt" if reference.force and believed is not None else ""
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=felt)
 
 
@@ -173,14 +178,16 @@ def _controller(job: ContactJob, own: mujoco.MjModel) -> Controller:
         kind = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise ConfigurationError(f"--controller {job.controller!r}: expected MODULE:CLASS; {error}") from error
-    return kind(own, without=job.without, water_error=WATER_ERROR)
+    try:
+        return kind(own, without=job.without, water_error=WATER_ERROR)
+    except TypeError as error:
+        raise ConfigurationError(f"--controller {job.controller!r}: cannot be made of a model; {error}") from error
 
 
-def _scan_pose(own: mujoco.MjModel, vehicle: Vehicle, job: ContactJob) -> Array:
+def _scan_pose(X_BC: Array, job: ContactJob) -> Array:
     """Level hull pose from which the camera looks at the coarse position from `scan_range`."""
     if not (np.isfinite(job.scan_range) and job.scan_range > 0.0):
         raise ConfigurationError(f"--range: must be > 0 m, got {job.scan_range}")
-    X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     return pose(p=job.approach_W - X_BC[:3, 3] - job.scan_range * X_BC[:3, 2])
 
 

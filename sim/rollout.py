@@ -105,6 +105,7 @@ def rollout(
     reference: Reference | None = None
     moment: Moment | None = None
     scanning = False
+    seen_from: dict[float, StateEstimate] = {}  # by a late frame's time: where the vehicle believed to be then
     arrived: list[Measurement] = []  # since the estimator's last step
     on_the_way: dict[int, list[Measurement]] = {}
     for tick in range(steps):
@@ -118,6 +119,8 @@ def rollout(
             sensor_states[i], measurement = parts.sensors[i].step(sensor_states[i], truth)
             if sensor_delay[i]:
                 on_the_way.setdefault(tick + sensor_delay[i], []).append(measurement)
+                if not every:
+                    seen_from[measurement.time] = estimate
             else:
                 arrived.append(measurement)
         scanning = scan
@@ -131,7 +134,8 @@ def rollout(
                     frame = measurement
             arrived = []
         if frame is not None and parts.finder is not None:
-            finder_state, target = parts.finder.step(finder_state, estimate, frame)
+            then = seen_from.pop(frame.time, estimate)
+            finder_state, target = parts.finder.step(finder_state, then, frame)
         if tick % planner_ticks == 0:
             planner_state, reference = parts.planner.step(planner_state, estimate, target, command)
         assert reference is not None

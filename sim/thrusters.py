@@ -7,6 +7,8 @@ from models.thrusters import WIDTH
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
+SATURATED = 0.99  # of full speed: who asks for this much has nothing left; allocations stop a little short of 1
+
 
 @numba.njit(cache=True)
 def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, thrust):
@@ -19,9 +21,9 @@ def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, t
             nu_r_B[i] += R_WB[j, i] * (v_WB_W[j] - current_W[j])
     for i in range(speed.shape[0]):
         wanted = command[i]
-        if abs(wanted) >= 1.0:
+        if abs(wanted) >= SATURATED:
             saturated = True
-            wanted = np.sign(wanted)
+            wanted = min(max(wanted, -1.0), 1.0)
         speed[i] = wanted + (speed[i] - wanted) * decay[i]
         inflow = 0.0  # water speed through the propeller along the thrust: B^T nu_r is its advance speed
         for k in range(6):
@@ -53,7 +55,7 @@ class Thrusters:
         """Advance by one physics step; thrust [N] in `self.thrust`.
 
         `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
-        hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at or beyond its range.
+        hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).
         """
         return _advance(
             self._table, self._decay, self._wrench, command, R_WB, v_WB_W, w_WB_B, current_W, self.speed, self.thrust

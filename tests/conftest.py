@@ -17,12 +17,12 @@ if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_setup(item: pytest.Item):
+def pytest_runtest_setup():
     return (yield from skipping())
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item: pytest.Item):
+def pytest_runtest_call():
     return (yield from skipping())
 
 

@@ -57,7 +57,7 @@ def test_dead_band_and_both_directions():
     assert settled(unit, -0.525) == pytest.approx(-55.0, rel=1e-13)
 
 
-@pytest.mark.parametrize(("command", "flag"), [(0.999, False), (1.0, True), (1.7, True), (-1.0, True), (-0.9, False)])
+@pytest.mark.parametrize(("command", "flag"), [(0.989, False), (1.0, True), (1.7, True), (-1.0, True), (-0.9, False)])
 def test_saturation_is_told_and_kept(command, flag):
     unit = one(dead_band=0.0)
     assert unit.step(np.array([command]), *STILL) is flag

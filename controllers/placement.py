@@ -64,6 +64,7 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
     )
 
 
+_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] that weighs turning against moving
 _HALF_STEP = 2e-3  # [m] over which the change along the path is taken
 
 
@@ -173,6 +174,7 @@ def _try(
     X_AW = inverse(X_WB @ vehicle.X_BA)
     margin = np.inf
     low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+    floor = max(to_beat, 0.05)
     q = vehicle.q_ready
     q_start = None
     for i, X_WG in enumerate(poses):
@@ -180,12 +182,17 @@ def _try(
         if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
             return 0.0, i / len(poses), None
         q = result.q
+        margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
+        if margin <= floor:  # the cheap margins first: most candidates end here
+            return 0.0, i / len(poses), None
         X_AG, J = chain.kinematics(q)
-        limits = np.minimum(q - low, high - q).min() / 0.5
-        smallest = np.linalg.svd(J * np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None], compute_uv=False)[-1] / 0.12
         torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * force) / vehicle.torque_limits).max()
-        margin = min(margin, limits, smallest, 3.0 * torque, _arm_gap(chain, q, X_AW, planes) / clearance)
-        if margin <= max(to_beat, 0.05):
+        smallest = np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12
+        margin = min(margin, smallest, 3.0 * torque)
+        if margin <= floor:
+            return 0.0, i / len(poses), None
+        margin = min(margin, _arm_gap(chain, q, X_AW, planes) / clearance)
+        if margin <= floor:
             return 0.0, i / len(poses), None
         if i == 0:
             q_start = q

@@ -69,8 +69,6 @@ def test_room_is_imported_lazily(room: str):
 
 def test_environment_sees_the_plant_only_through_the_step():
     file = ROOT / "sim" / "environment.py"
-    if not file.exists():
-        pytest.skip("no RL door yet")
     nodes = list(ast.walk(ast.parse(file.read_text())))
     imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     imported |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
@@ -87,8 +85,7 @@ def test_script_starts_as_all_do(script: Path):
 
 def test_readme_commands_are_true():
     commands = readme_commands()
-    if not commands:
-        pytest.skip("the README has no commands yet")
+    assert commands, "the README must tell a newcomer what to run"
     for command in commands:
         words = shlex.split(command, comments=True)
         assert words[1] in ("run", "sync"), command

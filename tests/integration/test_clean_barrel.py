@@ -12,6 +12,7 @@ import pytest
 
 import models
 from models import open3d_loader
+from sim import hydrodynamics
 from sim.metrics import Bounds, schema
 
 open3d_loader.load()  # without its system libraries the main job cannot run: see tests/conftest.py
@@ -22,6 +23,12 @@ RUNS = {"longitudinal": "longitudinal", "again": "longitudinal", "transverse": "
 def clean_barrel(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "scripts/clean_barrel.py", "--quick", "--no-record", "--out", str(out), *options]
     return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled() -> None:
+    """The notice of a first start is said here, before the runs whose words are tested."""
+    hydrodynamics.install()
 
 
 @pytest.fixture(scope="module")

@@ -71,17 +71,24 @@ def manifold() -> TargetModel:
 
 
 def test_barrel_from_all_sides(surface: ModelSurface, within):
-    """1 to 1.5 m, floor and stand in view; 50 seeds gave 0.3 mm median, 2.1 mm worst, 0.12 deg."""
-    fresh = secrets.randbits(32)
-    print(f"fresh seed {fresh}")
-    errors = []
-    for seed in (0, 10, 31, 142, 214, fresh):
+    """1 to 1.5 m, floor and stand in view; 50 seeds gave 0.3 mm median, 2.1 mm worst, 0.12 deg.
+
+    Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view: a fresh one may be, two not.
+    """
+    fresh = [secrets.randbits(32) for _ in range(3)]
+    print(f"fresh seeds {fresh}")
+    errors, refused = [], {}
+    for seed in (0, 10, 31, 142, 214, *fresh):
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng)
         image = look(BARREL, X_CT, rng)
         result = identify(Scan.from_depth(image), surface, *coarse(rng, X_CT, BARREL.center))
-        assert result.accepted, f"seed {seed}: {result.reason}"
-        errors.append(BARREL.symmetry.error(result.X_sensor_target, X_CT))
+        if result.accepted:
+            errors.append(BARREL.symmetry.error(result.X_sensor_target, X_CT))
+        else:
+            refused[seed] = result.reason
+    assert set(refused) <= set(fresh), refused
+    assert len(refused) <= 1, refused
     position, angle = np.array(errors).T
     within("median position [m]", np.median(position), 2e-3)
     within("worst position [m]", position, 5e-3)

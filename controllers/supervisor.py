@@ -4,6 +4,7 @@ settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> do
              \\-> other view -> scan ...          any state with contact -> retreat -> abort
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -312,10 +313,10 @@ class SurfaceWork:
     @staticmethod
     def _felt(state: SupervisorState, last: Command | None) -> float:
         """Normal force [N] that the controller feels. Raises ConfigurationError if it does not say, in contact."""
-        if last is not None and "felt_normal" in last.believed:
-            return float(last.believed["felt_normal"][0])
+        if last is not None and math.isfinite(last.felt_normal):
+            return last.felt_normal
         if last is not None and state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK):
-            raise ConfigurationError("the controller must say what it feels: believed['felt_normal'], (1,) [N]")
+            raise ConfigurationError("the controller must say what it feels: Command.felt_normal [N] is not a number")
         return 0.0
 
     def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float) -> None:

@@ -180,10 +180,10 @@ class WorkController:
             joint_torque=tau,
             thrusters=state.thrusters,
             scan=reference.scan,
+            felt_normal=felt,
             believed={
                 **state.believed,
                 "f_tip_W": f_tip_W,
-                "felt_normal": np.array([felt]),
                 "displacement": np.array([state.displacement.k]),
             },
         )

@@ -1,6 +1,7 @@
 """Wires the parts of a contact job together, runs it, and writes what came of it. Shared by the scenarios."""
 
 import importlib
+import math
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -166,9 +167,9 @@ class Teller:
             note = f"  {reference.note}" if reference.note else ""
             self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
         if moment.tick % 250 == 0:
-            believed = moment.command.believed.get("felt_normal")
-            felt = f"{believed[0]:5.1f} N felt" if reference.force and believed is not None else ""
-            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=felt)
+            felt = moment.command.felt_normal
+            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
 
 
 def _controller(job: ContactJob, own: mujoco.MjModel) -> Controller:

@@ -186,7 +186,6 @@ class Recorder:
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
             self._targets.append(moment.target)
-        felt = believed.get("felt_normal")
         self._scalars.extend(
             (
                 truth.time,
@@ -194,7 +193,7 @@ class Recorder:
                 truth.contact_normal,
                 truth.saturated,
                 truth.collision,
-                np.nan if felt is None else felt[0],
+                moment.command.felt_normal,
             )
         )
         np.concatenate((*self._views, believed.get("f_tip_W", _NOWHERE)), out=self._physics.row())

@@ -175,14 +175,13 @@ class RerunLog:
     # -- rows ------------------------------------------------------------------------------------------------------
 
     def _series_row(self, moment: Moment) -> Array:
-        truth, reference, believed = moment.truth, moment.reference, moment.command.believed
-        felt = believed.get("felt_normal")
+        truth, reference = moment.truth, moment.reference
         commanded = _NOWHERE
         if reference.state is WorkState.WORK and reference.X_WG is not None:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
         return np.concatenate(
             (
-                (truth.time, reference.force, np.nan if felt is None else felt[0], truth.contact_normal),
+                (truth.time, reference.force, moment.command.felt_normal, truth.contact_normal),
                 truth.p_pad - commanded,
                 reference.v_WG_W,
                 truth.R_WG[:, 2],

@@ -145,10 +145,11 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """What goes to the drives, and what the controller believed when it sent it (for logs, not for the plant)."""
+    """What goes to the drives, what the controller feels (for the planner), and what it believes (for logs)."""
 
     time: float  # [s]
     joint_torque: Array  # (n,) [N m]
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
     scan: bool  # take a depth frame now
+    felt_normal: float = float("nan")  # [N], normal force at the tool by its estimate; NaN: it has none
     believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]

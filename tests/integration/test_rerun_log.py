@@ -51,8 +51,8 @@ def moments(model: mujoco.MjModel):
     estimate = StateEstimate(
         time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=zero, qd=zero, tau=zero
     )
-    believed = {"felt_normal": np.array([59.0]), "arm_wrench_B": np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0])}
-    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, believed=believed)
+    believed = {"arm_wrench_B": np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0])}
+    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, felt_normal=59.0, believed=believed)
     tick = 0
     while True:
         truth.time = tick * PERIOD

@@ -50,10 +50,11 @@ class Run:
                 time=truth.time, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3),
                 q=np.zeros(6), qd=np.zeros(6), tau=np.zeros(6),
             )  # fmt: skip
-            believed = {"felt_normal": np.array([float(tick)]), "f_tip_W": np.full(3, float(tick))}
+            believed = {"f_tip_W": np.full(3, float(tick))}
             command = Command(
-                time=truth.time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False, believed=believed
-            )
+                time=truth.time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False,
+                felt_normal=float(tick), believed=believed,
+            )  # fmt: skip
             recorder.observe(Moment(tick, truth, estimate, self.target, self.reference, command, None, None))
         truth.time += DT
 

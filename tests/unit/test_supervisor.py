@@ -89,10 +89,9 @@ class Script:
             if reference.scan and not scanning and (accepted := next(views, None)) is not None:
                 seen = target(time, accepted)
             scanning = reference.scan
-            felt = np.array([self.felt(reference)])
             command = Command(
                 time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan,
-                believed={"felt_normal": felt},
+                felt_normal=self.felt(reference),
             )  # fmt: skip
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
                 break

@@ -35,9 +35,9 @@ def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
     return spec
 
 
-def work_site(vehicle: str, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
-    """The vehicle at the origin, `target` at `X_WT` (4, 4) on its stand, and flat seabed under it."""
-    spec = vehicle_spec(vehicle)
+def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
+    """`vehicle` itself, at the origin, with `target` at `X_WT` (4, 4) on its stand and flat seabed under it."""
+    spec = vehicle
     target.add_to(spec, X_WT)
     seabed = spec.worldbody.add_geom()
     seabed.name = "seabed"

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from controllers import drive
 from controllers.mkps import Chain
 from controllers.supervisor import Job, SurfaceWork
-from models import scenes
+from models import arm_geometry, scenes
 from models.targets import TargetModel
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
 from perception.navigation import Navigation
@@ -59,6 +59,7 @@ class ContactJob:
     vehicle: str
     controller: str  # MODULE:CLASS
     without: frozenset[str]
+    arm_errors: int | None  # seed of the errors with which the arm was built; None: none
 
 
 def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float) -> int:
@@ -72,17 +73,17 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     )  # fmt: skip
     truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT)
     folder = options.folder(job.scenario)
-    own = scenes.vehicle_spec(job.vehicle).compile()  # what the vehicle knows of itself; nothing of the scene
+    believed, built = _as_believed_and_built(job)
+    own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
     vehicle = Vehicle.of(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
     X_WB = _scan_pose(X_BC, job)
-    model = hydrodynamics.compile(scenes.work_site(job.vehicle, job.target, job.X_WT))
+    model = hydrodynamics.compile(scenes.work_site(built, job.target, job.X_WT))
     gusts, loop, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(model, current=Current(options.current), X_WB=X_WB @ offset)
-    passive = [own.joint(j).name for j in range(own.njnt) if j not in vehicle.joints and own.jnt_type[j] != 0]
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=_undriven(own, vehicle))
     finder = KnownObjectFinder(
         job.target, job.path, job.approach_W, job.orientation_W, seed=int(sampling.integers(2**31))
     )
@@ -170,6 +171,23 @@ class Teller:
             felt = moment.command.felt_normal
             said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
+
+
+def _as_believed_and_built(job: ContactJob) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
+    """The vehicle as its controller knows it, and as it is: alike, but for the arm's errors where they are asked for."""
+    believed, built = scenes.vehicle_spec(job.vehicle), scenes.vehicle_spec(job.vehicle)
+    if job.arm_errors is not None:
+        drawn = believed.compile()
+        passive = _undriven(drawn, Vehicle.of(drawn))
+        arm = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+        true = arm_geometry.with_errors(arm, np.random.default_rng(job.arm_errors))
+        arm_geometry.move(built, arm, true)
+    return believed, built
+
+
+def _undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
+    """Joints beside the arm's own and the hull's: springs, a pad."""
+    return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
 
 
 def _controller(job: ContactJob, own: mujoco.MjModel) -> Controller:

@@ -76,7 +76,7 @@ def test_whole_path_is_worked_from_the_placement(own, name, within):
     assert placement.reached == 1.0
     assert placement.margin > 0.05
 
-    scene = scenes.work_site("uuv_puma", target, X_WT).compile()
+    scene = scenes.work_site(models.load("uuv_puma"), target, X_WT).compile()
     vehicle, data = Vehicle.of(scene), mujoco.MjData(scene)
     hull_geom = scene.geom("hull_box").id
     arm = [scene.geom(geom).id for geom in ("upper_arm", "forearm")]

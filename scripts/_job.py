@@ -174,7 +174,7 @@ class Teller:
 
 
 def _as_believed_and_built(job: ContactJob) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
-    """The vehicle as its controller knows it, and as it is: alike, but for the arm's errors where they are asked for."""
+    """The vehicle as its controller knows it, and as it is: alike, but for errors of the arm that are asked for."""
     believed, built = scenes.vehicle_spec(job.vehicle), scenes.vehicle_spec(job.vehicle)
     if job.arm_errors is not None:
         drawn = believed.compile()

@@ -61,7 +61,7 @@ class Vehicle:
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
-    thruster_table: Array  # (m, models.thrusters.WIDTH)
+    thruster_table: Array  # (m, ...) rows of models.thrusters
     thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
     thruster_names: tuple[str, ...]
 
@@ -168,7 +168,7 @@ def _actuator_of(model: mujoco.MjModel, joint: int) -> int:
 
 
 def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) -> Array:
-    """Columns (6, m): unit thrust along the x axis of each thruster's site, moved to the hull's origin."""
+    """Columns (6, m): unit thrust, with its propeller's torque, of each thruster's site, moved to the hull's origin."""
     B = np.zeros((6, len(actuators)))
     for column, actuator in enumerate(actuators):
         if int(model.actuator_trntype[actuator]) != mujoco.mjtTrn.mjTRN_SITE:
@@ -176,5 +176,5 @@ def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) ->
         X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)
         force = X[:3, :3] @ model.actuator_gear[actuator, :3]
         B[:3, column] = force
-        B[3:, column] = np.cross(X[:3, 3], force)
+        B[3:, column] = np.cross(X[:3, 3], force) + X[:3, :3] @ model.actuator_gear[actuator, 3:]
     return B

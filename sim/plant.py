@@ -106,10 +106,8 @@ class Plant:
             data.qpos[address : address + 3] = X_WB[:3, 3]
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._current = current
-        # What the last step left in the model, and the propellers, which these arrays of Truth share with Thrusters.
-        for live in (truth.propeller_speed, truth.thrust):
-            live[:] = 0.0
-        self._flow()
+        self._thrusters.reset()
+        self._flow()  # over what the last step left in the model
         truth.time = float(data.time)
         truth.saturated = False
         self._read_contacts()

@@ -1,9 +1,10 @@
-"""Thrusters of the plant: lag of the propeller, static curve, dead band, saturation, thrust lost with inflow."""
+"""Thrusters of the plant: slew and lag of the propeller, static curve, saturation, thrust lost with inflow."""
 
 import numba
 import numpy as np
 
-from models.thrusters import WIDTH
+from models.thruster_curves import reach_at, thrust_at
+from models.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
@@ -11,7 +12,7 @@ SATURATED = 0.99  # of full speed: who asks for this much has nothing left; allo
 
 
 @numba.njit(cache=True)
-def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, thrust):
+def _advance(curve, decay, slew, inflow_loss, advance, command, R_WB, v_WB_W, w_WB_B, current_W, passed, speed, thrust):
     """One exact step of the lag, then the thrust at the new speed; True if any command was beyond its range."""
     saturated = False
     nu_r_B = np.empty(6)
@@ -24,17 +25,16 @@ def _advance(table, decay, B, command, R_WB, v_WB_W, w_WB_B, current_W, speed, t
         if abs(wanted) >= SATURATED:
             saturated = True
             wanted = min(max(wanted, -1.0), 1.0)
+        if abs(wanted - passed[i]) > slew[i]:
+            wanted = passed[i] + np.sign(wanted - passed[i]) * slew[i]
+        passed[i] = wanted
         speed[i] = wanted + (speed[i] - wanted) * decay[i]
-        inflow = 0.0  # water speed through the propeller along the thrust: B^T nu_r is its advance speed
+        inflow = 0.0  # water speed through the propeller along the thrust: its advance speed
         for k in range(6):
-            inflow += B[k, i] * nu_r_B[k]
-        n, band = speed[i], table[i, 2]
-        if abs(n) <= band:
-            thrust[i] = 0.0
-            continue
-        reach = (abs(n) - band) / (1.0 - band)
-        gain = table[i, 0] if n > 0.0 else table[i, 1]
-        thrust[i] = np.sign(n) * gain * reach * reach - table[i, 4] * reach * inflow
+            inflow += advance[k, i] * nu_r_B[k]
+        thrust[i] = thrust_at(curve[i], speed[i])
+        if thrust[i] != 0.0:
+            thrust[i] -= inflow_loss[i] * reach_at(curve[i], speed[i]) * inflow
     return saturated
 
 
@@ -42,14 +42,29 @@ class Thrusters:
     """State and step of all thrusters of one vehicle. Source: models.thrusters."""
 
     def __init__(self, table: Array, wrench: Array, timestep: float) -> None:
-        """Take a thruster `table` (m, WIDTH), columns `wrench` (6, m) per newton, and the physics step [s]."""
-        if table.shape[1:] != (WIDTH,) or wrench.shape != (6, len(table)):
+        """Take thruster rows `table` (m, ...) of `models.thrusters`, columns `wrench` (6, m) per newton, the step [s].
+
+        Raises ConfigurationError if the two do not fit together or a row cannot be.
+        """
+        if table.ndim != 2 or (len(table) and table.shape[1] < HEADER) or wrench.shape != (6, len(table)):
             raise ConfigurationError(f"thrusters: table {table.shape} and wrench {wrench.shape} do not fit together")
-        self._table, self._wrench = np.array(table), np.array(wrench)
-        lag = self._table[:, 3]
+        self._curves = curves(table)
+        columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
+        self._inflow_loss = columns[:, INFLOW_LOSS].copy()
+        lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
         self._decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
+        self._slew = np.where(slew > 0.0, slew * timestep, np.inf)
+        # Where the water goes: the propeller's own torque, which is in the wrench, is no lever of the thrust.
+        self._advance = np.array(wrench)
+        self._advance[3:] -= columns[:, TORQUE] * self._advance[:3]
+        self._passed = np.zeros(len(table))  # command that the drives pass on, after their slew limit
         self.speed = np.zeros(len(table))  # normalised propeller speed
         self.thrust = np.zeros(len(table))  # [N]
+
+    def reset(self) -> None:
+        """At rest."""
+        for state in (self._passed, self.speed, self.thrust):
+            state[:] = 0.0
 
     def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
         """Advance by one physics step; thrust [N] in `self.thrust`.
@@ -58,5 +73,6 @@ class Thrusters:
         hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).
         """
         return _advance(
-            self._table, self._decay, self._wrench, command, R_WB, v_WB_W, w_WB_B, current_W, self.speed, self.thrust
-        )
+            self._curves, self._decay, self._slew, self._inflow_loss, self._advance, command, R_WB, v_WB_W, w_WB_B,
+            current_W, self._passed, self.speed, self.thrust,
+        )  # fmt: skip

@@ -1,12 +1,16 @@
 """Thrusters against their closed forms, and the trim of every vehicle that there is."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 import models
 from models import thrusters
 from models.hydrodynamics import LAYOUT, unpack
+from models.thruster_curves import command_for, thrust_at
 from models.thrusters import Thruster
 from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
@@ -19,10 +23,10 @@ STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velociti
 ALONG_X = np.eye(6)[:, :1]  # wrench per newton of one thruster
 
 
-def one(wrench: Array = ALONG_X, **changes: float) -> Thrusters:
-    figures = {"forward": 300.0, "reverse": 220.0, "dead_band": 0.05, "time_constant": 0.0, "inflow_loss": 0.0}
+def one(wrench: Array = ALONG_X, **changes: Any) -> Thrusters:
+    figures: dict[str, Any] = {"forward": 300.0, "reverse": 220.0, "dead_band": 0.05}
     thruster = Thruster(**(figures | changes))
-    return Thrusters(np.array([[getattr(thruster, name) for name in figures]]), wrench, STEP)
+    return Thrusters(thrusters.pack(thruster)[None], wrench, STEP)
 
 
 def settled(unit: Thrusters, command: float) -> float:
@@ -83,13 +87,253 @@ def test_inflow_of_a_turning_hull_is_taken_where_the_thruster_stands():
     assert unit.thrust[0] == pytest.approx(75.0 - 45.0 * axis @ np.cross(w, p), rel=1e-12)
 
 
+def test_slew_limit_is_a_ramp_before_the_lag(within):
+    """At 2 per second a step to 0.8 is a ramp of 0.4 s; behind a lag T the speed is that ramp's exact response."""
+    unit, rate, lag = one(dead_band=0.0, slew_rate=2.0), 2.0, 0.1
+    thrust = [settled(unit, 0.8) for _ in range(400)]
+    time = STEP * np.arange(1, 401)
+    within("thrust [N]", np.array(thrust) - 300.0 * np.minimum(rate * time, 0.8) ** 2, 3e-12)  # measured 3e-13
+    worst = []
+    for step in (0.002, 0.001):
+        unit = Thrusters(
+            thrusters.pack(Thruster(forward=1.0, reverse=1.0, time_constant=lag, slew_rate=rate))[None], ALONG_X, step
+        )
+        time, speed = step * np.arange(1, round(0.4 / step) + 1), []
+        for _ in time:
+            unit.step(np.array([0.8]), *STILL)
+            speed.append(float(unit.speed[0]))
+        worst.append(np.max(np.abs(speed - rate * (time - lag * (1.0 - np.exp(-time / lag))))))
+    assert worst[0] < 0.005  # half a step of the ramp: 2e-3
+    assert worst[0] / worst[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_slew_works_both_ways_and_reset_forgets():
+    unit = one(dead_band=0.0, slew_rate=5.0)
+    for command in (1.0, -1.0):
+        for _ in range(50):
+            unit.step(np.array([command]), *STILL)
+    assert unit.speed[0] == pytest.approx(0.5 - 0.5, abs=1e-12)  # 50 steps up by 0.01, 50 down
+    unit.step(np.array([1.0]), *STILL)
+    unit.reset()
+    unit.step(np.array([1.0]), *STILL)
+    assert unit.speed[0] == pytest.approx(0.01, abs=1e-15)
+
+
+# -------------------------------------------------------------------------------------------------------------- curves
+
+
+def curve(thruster: Thruster) -> Array:
+    return thrusters.curves(thrusters.pack(thruster)[None])[0]
+
+
+def steady(thruster: Thruster, commands: Array) -> Array:
+    row = curve(thruster)
+    return np.array([thrust_at(row, float(u)) for u in commands])
+
+
+def inverted(thruster: Thruster, thrusts: Array) -> Array:
+    row = curve(thruster)
+    return np.array([command_for(row, float(t)) for t in thrusts])
+
+
+def random_table(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Rising points through zero, with a dead band in half of the cases."""
+    x = np.sort(rng.uniform(-1.0, 1.0, int(rng.integers(4, 15))))
+    x = np.concatenate([[-1.0], x[np.concatenate([[True], np.diff(x) > 1e-3])], [1.0]])
+    y = np.cumsum(rng.exponential(10.0, len(x)))
+    zero = int(rng.integers(1, len(x) - 1))
+    y -= y[zero]
+    if zero + 2 < len(x) and rng.random() < 0.5:
+        y[zero + 1 :] -= y[zero + 1]
+    return x, y
+
+
+def test_table_is_the_monotone_cubic_and_runs_backwards(rng, within):
+    """Against SciPy's PCHIP; and the inverse is exact wherever the thrust can be given."""
+    for _ in range(10):
+        x, y = random_table(rng)
+        unit = Thruster.of_table(x, y)
+        u = rng.uniform(-1.0, 1.0, 200)
+        within("thrust [N]", steady(unit, u) - PchipInterpolator(x, y)(u), 5e-12)  # measured 6e-14
+        wanted = rng.uniform(y[0], y[-1], 200)
+        within(
+            "inverse [N]", steady(unit, inverted(unit, wanted)) - wanted, 1e-10
+        )  # measured 9e-13, more where steeper
+        assert np.all(np.diff(steady(unit, np.linspace(-1.0, 1.0, 500))) >= 0.0)
+        assert inverted(unit, np.array([2.0 * y[0], 2.0 * y[-1]])).tolist() == [-1.0, 1.0]
+
+
+def test_polynomial_and_its_inverse(rng, within):
+    """Positive coefficients rise; those of any degree are evaluated and inverted to rounding."""
+    for _ in range(10):
+        ahead, astern = (rng.exponential(20.0, int(rng.integers(1, 10))) for _ in range(2))
+        band = float(rng.uniform(0.0, 0.3))
+        unit = Thruster.of_polynomial(ahead.tolist(), astern.tolist(), dead_band=band)
+        u = rng.uniform(-1.0, 1.0, 200)
+        r = np.maximum(np.abs(u) - band, 0.0) / (1.0 - band)
+        value = np.where(u > 0.0, np.polyval([*ahead[::-1], 0.0], r), -np.polyval([*astern[::-1], 0.0], r))
+        within("thrust [N]", steady(unit, u) - value, 1e-11)  # measured 4e-13
+        wanted = rng.uniform(-unit.reverse, unit.forward, 200)
+        within("inverse [N]", steady(unit, inverted(unit, wanted)) - wanted, 1e-11)  # measured 1e-13
+
+
+def test_a_quadratic_polynomial_is_the_plain_thruster():
+    figures: dict[str, Any] = {"dead_band": 0.07, "least_thrust": 3.0}
+    plain = Thruster(forward=300.0, reverse=220.0, **figures)
+    same = Thruster.of_polynomial([0.0, 300.0], [0.0, 220.0], **figures)
+    u, thrust = np.linspace(-1.0, 1.0, 401), np.linspace(-250.0, 350.0, 401)
+    assert np.array_equal(steady(plain, u), steady(same, u))
+    assert np.allclose(inverted(plain, thrust), inverted(same, thrust), rtol=0.0, atol=1e-15)
+
+
+def test_least_thrust_leaves_a_gap():
+    unit = Thruster(forward=300.0, reverse=220.0, dead_band=0.05, least_thrust=4.0)
+    thrust = steady(unit, np.linspace(-1.0, 1.0, 4001))
+    assert np.abs(thrust[thrust != 0.0]).min() >= 4.0 * (1.0 - 1e-9)
+    nearest = steady(unit, inverted(unit, np.array([1.9, 2.1, 4.0, -1.9, -2.1, -4.0])))
+    assert nearest == pytest.approx([0.0, 4.0, 4.0, 0.0, -4.0, -4.0], rel=1e-8)
+
+
+def test_t200_is_the_published_table():
+    """The 16 V sheet, read at its own pulse widths; half way between two of them within 3 % of full thrust's root."""
+    unit = thrusters.t200(least_thrust=0.0)
+    pulse = np.array([1100, 1340, 1468, 1472, 1500, 1528, 1532, 1660, 1900])
+    given = [-39.91, -10.01, -0.36, 0.0, 0.0, 0.0, 0.40, 12.54, 51.44]
+    assert steady(unit, (pulse - 1500.0) / 400.0) == pytest.approx(given, abs=1e-12)
+    assert (unit.forward, unit.reverse) == (51.44, 39.91)
+    # Thrust follows the square of the published speed to a few percent: an independent column of the same sheet.
+    rpm = {1180: -3003, 1260: -2440, 1340: -1807, 1580: 1007, 1660: 1802, 1740: 2446, 1820: 3042}
+    for width, speed in rpm.items():
+        coefficient = 51.44 / 3533.0**2 if speed > 0 else 39.91 / 3465.0**2
+        seen = steady(unit, np.array([(width - 1500.0) / 400.0]))[0]
+        assert seen == pytest.approx(np.sign(speed) * coefficient * speed**2, rel=0.1)
+    assert steady(thrusters.t200(), np.array([0.0, 0.0701, 0.081])).tolist()[:2] == [0.0, 0.0]
+    assert steady(thrusters.t200(), np.array([0.081]))[0] > 0.36
+
+
+# ------------------------------------------------------------------------------------------------- torque and transport
+
+
+def driven(thruster: Thruster, gear: float = 1.0) -> mujoco.MjSpec:
+    spec = mujoco.MjSpec.from_string(f"""
+    <mujoco><option gravity="0 0 0" timestep="0.001"/>
+      <worldbody><body name="hull"><freejoint/><inertial pos="0 0 0" mass="10" diaginertia="2 3 4"/>
+        <site name="screw" pos="0.3 0.2 0" euler="10 20 30"/></body></worldbody>
+      <actuator><general name="screw" site="screw" gear="{gear} 0 0 0 0 0"/></actuator></mujoco>""")
+    thrusters.attach(spec, {"screw": thruster})
+    return spec
+
+
+@pytest.mark.parametrize(("handedness", "gear"), [(1, 1.0), (-1, 1.0), (1, -1.0)])
+def test_a_right_handed_propeller_turns_its_hull_left_handed(handedness, gear, within):
+    """Euler's equations with force T along the axis and torque -+0.02 T about it."""
+    model = driven(Thruster(forward=50.0, reverse=40.0, torque_per_thrust=0.02, handedness=handedness), gear).compile()
+    data = mujoco.MjData(model)
+    data.ctrl[0] = 30.0
+    mujoco.mj_forward(model, data)
+    axis = gear * data.site_xmat[0].reshape(3, 3)[:, 0]
+    torque = np.cross([0.3, 0.2, 0.0], 30.0 * axis) - handedness * 0.02 * 30.0 * axis
+    within("linear [m/s^2]", data.qacc[:3] - 3.0 * axis, 1e-14)
+    within("angular [rad/s^2]", data.qacc[3:] - torque / [2.0, 3.0, 4.0], 1e-14)
+
+
+def test_inflow_is_not_taken_from_the_torque():
+    """A hull that rolls about the thrust axis brings no water through the propeller, whatever its torque."""
+    axis, w = np.array([1.0, 0.0, 0.0]), np.array([0.7, 0.0, 0.0])
+    thruster = Thruster(forward=300.0, reverse=220.0, inflow_loss=90.0, torque_per_thrust=0.05)
+    unit = Thrusters(thrusters.pack(thruster)[None], np.concatenate([axis, -0.05 * axis])[:, None], STEP)
+    unit.step(np.array([0.5]), np.eye(3), np.zeros(3), w, np.zeros(3))
+    assert unit.thrust[0] == pytest.approx(75.0, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "thruster",
+    [
+        Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0, slew_rate=4.0),
+        Thruster.of_polynomial([1.0, 20.0, 3.0], [2.0, 15.0], dead_band=0.1, torque_per_thrust=0.02, handedness=-1),
+        thrusters.t200(-1),
+    ],
+)
+def test_everything_rides_in_the_model_and_its_xml(thruster):
+    for spec in (driven(thruster), mujoco.MjSpec.from_string(driven(thruster).to_xml())):
+        model = spec.compile()
+        index, rows = thrusters.read(model)
+        assert index.tolist() == [0]
+        back = thrusters.unpack(rows[0])
+        for name in ("forward", "reverse", "time_constant", "slew_rate", "torque_per_thrust", "least_thrust"):
+            assert getattr(back, name) == pytest.approx(getattr(thruster, name), rel=1e-5)
+        u = np.linspace(-1.0, 1.0, 41)
+        assert steady(back, u) == pytest.approx(steady(thruster, u), rel=1e-4, abs=1e-4)
+        assert model.actuator_gear[0, 3] == pytest.approx(-thruster.handedness * thruster.torque_per_thrust)
+
+
+def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
+    model = models.load("uuv_puma").compile()
+    assert len(thrusters.read(model)[0]) == 6
+    spec = driven(thrusters.t200())
+    motor = spec.add_actuator(name="other", target="screw", trntype=mujoco.mjtTrn.mjTRN_SITE)
+    motor.userdata = np.arange(1.0, 41.0)
+    thrusters.attach(spec, {"screw": thrusters.t200(-1)})  # replaced, its gear too
+    model = spec.compile()
+    assert thrusters.read(model)[0].tolist() == [0]
+    assert model.actuator_gear[0, 3] == pytest.approx(0.014)
+    with pytest.raises(ConfigurationError, match=r"'other'.*taken"):
+        thrusters.attach(spec, {"other": thrusters.t200()})
+
+
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"forward": 0.0}, "forward"), ({"dead_band": 1.0}, "dead_band"), ({"time_constant": -1.0}, "time_constant")],
-)
+    [
+        ({"forward": 0.0}, "forward"), ({"reverse": np.nan}, "reverse"), ({"forward": "much"}, "forward"),
+        ({"dead_band": 1.0}, "dead_band"), ({"time_constant": -1.0}, "time_constant"),
+        ({"inflow_loss": np.inf}, "inflow_loss"), ({"slew_rate": 0.0}, "slew_rate"), ({"slew_rate": np.nan}, "slew"),
+        ({"torque_per_thrust": -0.1}, "torque_per_thrust"), ({"handedness": 0}, "handedness"),
+        ({"least_thrust": 220.0}, "least_thrust"), ({"table": ((-1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))}, "dead_band"),
+        ({"table": 3.0}, "table"), ({"polynomial": ((0.0, 300.0), (0.0, 219.0))}, "curve ends at"),
+    ],
+)  # fmt: skip
 def test_thruster_figures_that_cannot_be(change, named):
     with pytest.raises(ConfigurationError, match=named):
         one(**change)
+
+
+@pytest.mark.parametrize(
+    ("command", "thrust", "named"),
+    [
+        ([-1.0, 0.0, 0.0, 1.0], [-1.0, 0.0, 0.0, 1.0], "commands must rise"),
+        ([-1.0, 0.0, 0.5, 1.0], [-1.0, 0.0, 2.0, 1.0], "thrusts must rise"),
+        ([-1.0, -0.5, 0.5, 1.0], [-2.0, -1.0, 1.0, 2.0], "through zero"),
+        ([0.0, 0.5, 1.0], [0.0, 1.0, 2.0], "from below zero"),
+        ([-1.0, 0.0, 1.0], [-1.0, 0.0, np.nan], "finite"),
+        ([-1.0, 0.0], [-1.0, 0.0, 1.0], "pairs"),
+        ([], [], "full"),
+    ],
+)
+def test_tables_that_cannot_be(command, thrust, named):
+    with pytest.raises(ConfigurationError, match=named):
+        Thruster.of_table(command, thrust)
+
+
+@pytest.mark.parametrize(
+    "coefficients", [[], [0.0, -3.0], [5.0, -4.0], [1.0, np.inf], [8.9, 0, 176, 0, -404.1, 0, 389.9, 0, -140.3]]
+)
+def test_polynomials_that_do_not_rise(coefficients):
+    with pytest.raises(ConfigurationError, match="polynomial"):
+        Thruster.of_polynomial(coefficients)
+
+
+def test_a_gear_that_is_no_axis():
+    with pytest.raises(ConfigurationError, match=r"gear of length 1, got \[2"):
+        driven(thrusters.t200(), gear=2.0)
+
+
+def test_a_row_spoiled_in_the_file():
+    spec = driven(thrusters.t200())
+    row = np.array(spec.actuators[0].userdata)
+    row[thrusters.TIME_CONSTANT] = -1.0
+    spec.actuators[0].userdata = row
+    with pytest.raises(ConfigurationError, match=r"actuator 'screw'.*time_constant"):
+        thrusters.read(spec.compile())
 
 
 def test_table_for_an_actuator_that_is_not_there():

@@ -1,0 +1,203 @@
+"""Static curves of thrusters, command to thrust and back: a polynomial on either side of a dead band, or a table.
+
+One curve is one row of numbers, so that plant and controllers read the same in compiled code.
+"""
+
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+QUADRATIC, POLYNOMIAL, TABLE = range(3)
+
+# A row: kind, number of points or coefficients, the dead band's ends, the least thrust [N]; then as many commands,
+# thrusts [N] and slopes of a table, or coefficients ahead and astern.
+_KIND, _COUNT, _LOW, _HIGH, _LEAST, _FIRST = range(6)
+
+
+def pack_polynomial(kind: int, ahead: Sequence[float], astern: Sequence[float], band: float, least: float) -> Array:
+    """Row of a curve `c[0] r + c[1] r^2 + ...` [N]; QUADRATIC promises that of each only c[1] is not zero."""
+    count = max(len(ahead), len(astern))
+    coefficients = np.zeros((2, count))
+    coefficients[0, : len(ahead)], coefficients[1, : len(astern)] = ahead, astern
+    return np.array([kind, count, -band, band, least, *coefficients.ravel()])
+
+
+def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) -> Array:
+    """Row of a table; its dead band is where it gives zero."""
+    x, y = np.array(command), np.array(thrust)
+    still = x[y == 0.0]
+    return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
+
+
+@numba.njit(cache=True)
+def reach_at(curve, command):
+    """Share in [0, 1] of the command's magnitude beyond the dead band."""
+    if command > curve[_HIGH]:
+        return (command - curve[_HIGH]) / (1.0 - curve[_HIGH])
+    if command < curve[_LOW]:
+        return (curve[_LOW] - command) / (1.0 + curve[_LOW])
+    return 0.0
+
+
+@numba.njit(cache=True)
+def thrust_at(curve, command):
+    """Steady thrust [N] in still water at a command in [-1, 1]."""
+    reach = reach_at(curve, command)
+    if reach == 0.0:
+        return 0.0
+    count = int(curve[_COUNT])
+    if curve[_KIND] == TABLE:
+        at = _segment(curve[_FIRST:], count, command)
+        thrust = _cubic(curve[_FIRST:], count, at, command)[0]
+    else:
+        start = _FIRST if command > 0.0 else _FIRST + count
+        thrust = _horner(curve[start:], count, reach)[0]
+        if command < 0.0:
+            thrust = -thrust
+    if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):  # a hair below, so that the inverse of the least thrust gives it
+        return 0.0
+    return thrust
+
+
+@numba.njit(cache=True)
+def command_for(curve, thrust):
+    """The command whose steady thrust in still water is `thrust` [N], to rounding; the nearest that there is beyond.
+
+    Below the least thrust that is zero or the least one, whichever is nearer.
+    """
+    least = curve[_LEAST]
+    if abs(thrust) < least:
+        thrust = 0.0 if abs(thrust) < 0.5 * least else np.sign(thrust) * least
+    if thrust == 0.0:
+        return min(max(0.0, curve[_LOW]), curve[_HIGH])
+    count = int(curve[_COUNT])
+    if curve[_KIND] == TABLE:
+        x, y = curve[_FIRST : _FIRST + count], curve[_FIRST + count : _FIRST + 2 * count]
+        if thrust >= y[count - 1]:
+            return x[count - 1]
+        if thrust <= y[0]:
+            return x[0]
+        at = 0
+        while y[at + 1] < thrust:
+            at += 1
+        low, high = x[at], x[at + 1]
+        command = low + (high - low) * (thrust - y[at]) / (y[at + 1] - y[at])
+        for _ in range(100):
+            value, slope = _cubic(curve[_FIRST:], count, at, command)
+            low, high, command, done = _closer(low, high, command, value - thrust, slope)
+            if done:
+                break
+        return command
+    start, band = (_FIRST, curve[_HIGH]) if thrust > 0.0 else (_FIRST + count, -curve[_LOW])
+    wanted = abs(thrust)
+    if curve[_KIND] == QUADRATIC:
+        reach = np.sqrt(min(wanted / curve[start + 1], 1.0))
+    else:
+        low, high = 0.0, 1.0
+        reach = 1.0
+        for step in range(100):
+            value, slope = _horner(curve[start:], count, reach)
+            if step == 0 and value <= wanted:
+                break
+            low, high, reach, done = _closer(low, high, reach, value - wanted, slope)
+            if done:
+                break
+    return np.sign(thrust) * (band + (1.0 - band) * reach)
+
+
+@numba.njit(cache=True)
+def _closer(low, high, x, error, slope):
+    """One step of Newton's method on a rising function, bisection where it leaves the bracket; whether it is over."""
+    step = error / slope if slope > 0.0 else np.inf
+    if error == 0.0 or abs(step) <= 4e-16 * abs(x):
+        return low, high, x, True
+    if error > 0.0:
+        high = x
+    else:
+        low = x
+    nearer = x - step
+    if not low < nearer < high:
+        nearer = 0.5 * (low + high)
+    return low, high, nearer, high - low <= 4e-16 * abs(x)
+
+
+@numba.njit(cache=True)
+def _horner(coefficients, count, r):
+    """`c[0] r + c[1] r^2 + ...` and its derivative."""
+    value, slope = 0.0, 0.0
+    for k in range(count - 1, -1, -1):
+        slope = slope * r + value
+        value = value * r + coefficients[k]
+    return value * r, value + slope * r
+
+
+@numba.njit(cache=True)
+def _segment(x, count, command):
+    at = 0
+    while at < count - 2 and x[at + 1] < command:
+        at += 1
+    return at
+
+
+@numba.njit(cache=True)
+def _cubic(blocks, count, at, command):
+    """Value and slope of the Hermite cubic between points `at` and the next; beyond its ends the value stays."""
+    x0, x1 = blocks[at], blocks[at + 1]
+    y0, y1 = blocks[count + at], blocks[count + at + 1]
+    h = x1 - x0
+    s0, s1 = h * blocks[2 * count + at], h * blocks[2 * count + at + 1]
+    t = min(max((command - x0) / h, 0.0), 1.0)
+    rise = y1 - y0
+    a, b = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
+    return y0 + t * (s0 + t * (a + t * b)), (s0 + t * (2.0 * a + 3.0 * t * b)) / h
+
+
+def _slopes(x: Array, y: Array) -> Array:
+    """Slopes (k,) that keep a piecewise cubic monotone: weighted harmonic means, at the ends from three points."""
+    h, secant = np.diff(x), np.diff(y) / np.diff(x)
+    slopes = np.zeros_like(y)
+    for i in range(1, len(x) - 1):
+        if secant[i - 1] * secant[i] > 0.0:
+            before, after = h[i - 1] + 2.0 * h[i], 2.0 * h[i - 1] + h[i]
+            slopes[i] = (before + after) / (before / secant[i - 1] + after / secant[i])
+    for end, near, far in ((0, 0, 1), (-1, -1, -2)):
+        slope = ((2.0 * h[near] + h[far]) * secant[near] - h[near] * secant[far]) / (h[near] + h[far])
+        if slope * secant[near] <= 0.0:
+            slope = 0.0
+        elif secant[near] * secant[far] <= 0.0 and abs(slope) > 3.0 * abs(secant[near]):
+            slope = 3.0 * secant[near]
+        slopes[end] = slope
+    return slopes
+
+
+def check_polynomial(coefficients: Sequence[float]) -> float:
+    """Thrust [N] at its end; ConfigurationError unless it rises all the way."""
+    c = np.asarray(coefficients, dtype=np.float64)
+    if c.ndim != 1 or c.size == 0 or not np.isfinite(c).all():
+        raise ConfigurationError(f"thruster polynomial: expected finite coefficients, got {coefficients}")
+    slope = np.polynomial.Polynomial(c * np.arange(1, c.size + 1))
+    roots = slope.roots()
+    turns = np.sort(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0.0) & (roots.real < 1.0)].real)
+    between = 0.5 * (np.array([0.0, *turns]) + np.array([*turns, 1.0]))
+    if falls := [float(r) for r in between if not slope(r) > 0.0]:
+        raise ConfigurationError(
+            f"thruster polynomial {c.tolist()}: must rise from 0 to 1, but does not at {falls[0]:.3g}"
+        )
+    return float(c.sum())
+
+
+def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[float, float]:
+    """Thrust magnitudes [N] at its upper and lower end; ConfigurationError unless it can be read both ways."""
+    x, y = np.asarray(command, dtype=np.float64), np.asarray(thrust, dtype=np.float64)
+    if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise ConfigurationError(f"thruster table: expected three or more finite pairs, got {command} and {thrust}")
+    if not (np.all(np.diff(x) > 0.0) and x[0] >= -1.0 - 1e-9 and x[-1] <= 1.0 + 1e-9):
+        raise ConfigurationError(f"thruster table: commands must rise within full speed, got {x.tolist()}")
+    still = (y[1:] == 0.0) & (y[:-1] == 0.0)
+    if not (y[0] < 0.0 < y[-1] and np.any(y == 0.0) and np.all((np.diff(y) > 0.0) | still)):
+        raise ConfigurationError(f"thruster table: thrusts must rise from below zero through zero, got {y.tolist()}")
+    return float(y[-1]), float(-y[0])

@@ -2,15 +2,17 @@
 
 Compiled by numba to a bare C function that MuJoCo calls without the GIL. It keeps no state, allocates only on MuJoCo's
 own stack, and is linear in the number of bodies: per-body 6x6 inertias and wrenches are taken to world axes at the
-tree's centre of mass (the reference point of `cdof` and `cvel`), summed up to the parents, and projected on each
-joint's axis, as MuJoCo's own composite-rigid-body pass does for the dry inertia.
+tree's centre of mass (the reference point of `cdof` and `cvel`), four bodies at a time, summed up to the parents, and
+projected on each joint's axis, as MuJoCo's own composite-rigid-body pass does for the dry inertia.
 
 Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
-MuJoCo, or a table of coefficients, with another layout.
+MuJoCo, or a table of coefficients, with another layout (nor code of another `four_lanes`).
 """
 
 import math
+import zlib
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -20,7 +22,9 @@ from llvmlite import ir
 from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
-from models.hydrodynamics import LAYOUT, MAX_STATIONS
+from models.hydrodynamics import LAYOUT, MAX_STATIONS, MAX_STRIPS
+from sim import four_lanes
+from sim.four_lanes import all_four, at_least, four_of, load_four, put_four, transposed_four
 from sim.interfaces.spatial import Array
 from sim.mujoco_layout import offset
 
@@ -49,9 +53,12 @@ _stack_numbers = types.ExternalFunction("mj_stackAllocNum", types.intp(types.int
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Plain tuples stay in registers, where numba's arrays would go through memory. An address is an integer.
-Vector = tuple[float, float, float]
+# Plain tuples stay in registers, where numba's arrays would go through memory. An address is an integer. A number is
+# one float, or four lanes: the same function then serves one body or four.
+Number = Any
+Vector = tuple[Number, Number, Number]
 Matrix = tuple[Vector, Vector, Vector]
+Indices = tuple[int, int, int, int]
 Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
 
 
@@ -121,12 +128,12 @@ def _minus(a: Vector, b: Vector) -> Vector:
 
 
 @_inline
-def _scaled(s: float, a: Vector) -> Vector:
+def _scaled(s: Number, a: Vector) -> Vector:
     return s * a[0], s * a[1], s * a[2]
 
 
 @_inline
-def _dot(a: Vector, b: Vector) -> float:
+def _dot(a: Vector, b: Vector) -> Number:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -154,30 +161,76 @@ def _turned(R: Matrix, X: Matrix) -> Matrix:
 
 
 @_inline
+def _symmetric(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix:
+    return (a, b, c), (b, d, e), (c, e, f)
+
+
+@_inline
+def _turned_symmetric(R: Matrix, X: Matrix) -> Matrix:
+    """R X R^T of a symmetric X."""
+    Y = _times(R, X[0]), _times(R, X[1]), _times(R, X[2])
+    a, b, c = _transposed(Y)
+    return _symmetric(_dot(R[0], a), _dot(R[1], a), _dot(R[2], a), _dot(R[1], b), _dot(R[2], b), _dot(R[2], c))
+
+
+@_inline
 def _rows(address: int, index: int) -> Matrix:
     return _load3(address, index), _load3(address, index + 3), _load3(address, index + 6)
 
 
 @_inline
-def _symmetric(a: float, b: float, c: float, d: float, e: float, f: float) -> Matrix:
-    return (a, b, c), (b, d, e), (c, e, f)
+def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Number, Number]:
+    """Four numbers from `shift` on, of each of the four rows that begin at the indices `at`, row by lane."""
+    return transposed_four(
+        load_four(address, at[0] + shift),
+        load_four(address, at[1] + shift),
+        load_four(address, at[2] + shift),
+        load_four(address, at[3] + shift),
+    )
 
 
 @_inline
-def _body_blocks(row: int, at: int) -> Blocks:
-    """The blocks of the packed upper triangle at `at`."""
-    r0 = _load6(row, at)
-    a, b, c, d, e = _f64(row, at + 6), _f64(row, at + 7), _f64(row, at + 8), _f64(row, at + 9), _f64(row, at + 10)
-    f, g, h, i = _f64(row, at + 11), _f64(row, at + 12), _f64(row, at + 13), _f64(row, at + 14)
-    J = _load6(row, at + 15)
-    B = _symmetric(r0[0][0], r0[0][1], r0[0][2], a, b, f)
-    C = r0[1], (c, d, e), (g, h, i)
-    return B, C, _symmetric(J[0][0], J[0][1], J[0][2], J[1][0], J[1][1], J[1][2])
+def _scattered(address: int, at: Indices, shift: int, x: tuple[Number, Number, Number, Number]) -> None:
+    """The inverse of `_gathered`."""
+    rows = transposed_four(x[0], x[1], x[2], x[3])
+    put_four(address, at[0] + shift, rows[0])
+    put_four(address, at[1] + shift, rows[1])
+    put_four(address, at[2] + shift, rows[2])
+    put_four(address, at[3] + shift, rows[3])
+
+
+@_inline
+def _lanes3(address: int, at: Indices, shift: int) -> Vector:
+    """Also reads the number before, which must be there."""
+    x = _gathered(address, at, shift - 1)
+    return x[1], x[2], x[3]
+
+
+@_inline
+def _lanes6(address: int, at: Indices, shift: int) -> tuple[Vector, Vector]:
+    x, y = _gathered(address, at, shift), _gathered(address, at, shift + 2)
+    return (x[0], x[1], x[2]), (x[3], y[2], y[3])
+
+
+@_inline
+def _lanes9(address: int, at: Indices, shift: int) -> Matrix:
+    x, y, z = _gathered(address, at, shift), _gathered(address, at, shift + 4), _gathered(address, at, shift + 5)
+    return (x[0], x[1], x[2]), (x[3], y[0], y[1]), (y[2], y[3], z[3])
+
+
+@_inline
+def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
+    """The blocks of the packed upper triangles at `at`."""
+    p, q, r = _gathered(user, rows, at), _gathered(user, rows, at + 4), _gathered(user, rows, at + 8)
+    s, t, u = _gathered(user, rows, at + 12), _gathered(user, rows, at + 16), _gathered(user, rows, at + 17)
+    B = _symmetric(p[0], p[1], p[2], q[2], q[3], r[3])
+    C = (p[3], q[0], q[1]), (r[0], r[1], r[2]), (s[0], s[1], s[2])
+    return B, C, _symmetric(s[3], t[0], t[1], t[2], t[3], u[3])
 
 
 @_inline
 def _scratch_blocks(scratch: int, at: int) -> Blocks:
-    """The blocks as `_put_blocks` leaves them: B (6), C (9), J (6)."""
+    """The blocks as `_put_body` leaves them."""
     B, J = _load6(scratch, at), _load6(scratch, at + 15)
     return (
         _symmetric(B[0][0], B[0][1], B[0][2], B[1][0], B[1][1], B[1][2]),
@@ -187,14 +240,16 @@ def _scratch_blocks(scratch: int, at: int) -> Blocks:
 
 
 @_inline
-def _put_blocks(scratch: int, at: int, B: Matrix, C: Matrix, J: Matrix) -> None:
-    _put3(scratch, at, B[0])
-    _put3(scratch, at + 3, (B[1][1], B[1][2], B[2][2]))
-    _put3(scratch, at + 6, C[0])
-    _put3(scratch, at + 9, C[1])
-    _put3(scratch, at + 12, C[2])
-    _put3(scratch, at + 15, J[0])
-    _put3(scratch, at + 18, (J[1][1], J[1][2], J[2][2]))
+def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: Vector) -> None:
+    """The first numbers of a body's scratch: B (6), C (9), J (6), force (3), torque (3), and a zero."""
+    B, C, J = blocks
+    _scattered(scratch, at, 0, (B[0][0], B[0][1], B[0][2], B[1][1]))
+    _scattered(scratch, at, 4, (B[1][2], B[2][2], C[0][0], C[0][1]))
+    _scattered(scratch, at, 8, (C[0][2], C[1][0], C[1][1], C[1][2]))
+    _scattered(scratch, at, 12, (C[2][0], C[2][1], C[2][2], J[0][0]))
+    _scattered(scratch, at, 16, (J[0][1], J[0][2], J[1][1], J[1][2]))
+    _scattered(scratch, at, 20, (J[2][2], force[0], force[1], force[2]))
+    _scattered(scratch, at, 24, (torque[0], torque[1], torque[2], all_four(0.0)))
 
 
 @_inline
@@ -203,15 +258,12 @@ def _at_reference(B: Matrix, C: Matrix, J: Matrix, r: Vector) -> Blocks:
     C1 = _plus(C[0], _cross(r, B[0])), _plus(C[1], _cross(r, B[1])), _plus(C[2], _cross(r, B[2]))
     columns, old = _transposed(C1), _transposed(C)
     left = _transposed((_cross(r, columns[0]), _cross(r, columns[1]), _cross(r, columns[2])))
-    return (
-        B,
-        C1,
-        (
-            _plus(_plus(J[0], left[0]), _cross(r, old[0])),
-            _plus(_plus(J[1], left[1]), _cross(r, old[1])),
-            _plus(_plus(J[2], left[2]), _cross(r, old[2])),
-        ),
+    x, y, z = (
+        _plus(_plus(J[0], left[0]), _cross(r, old[0])),
+        _plus(_plus(J[1], left[1]), _cross(r, old[1])),
+        _plus(_plus(J[2], left[2]), _cross(r, old[2])),
     )
+    return B, C1, _symmetric(x[0], x[1], x[2], y[1], y[2], z[2])
 
 
 @_inline
@@ -221,42 +273,61 @@ def _applied(B: Matrix, C: Matrix, J: Matrix, v: Vector, w: Vector) -> tuple[Vec
 
 
 @_inline
-def _drag(row: int, D: int, quadratic_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
-    """Linear (6x6 at `D`) and quadratic damping (force, torque) of a relative twist, all in body axes."""
-    q = _load6(row, quadratic_at)
+def _drag(user: int, rows: Indices, D: int, quadratic_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, all in body axes."""
+    q, p = _lanes6(user, rows, quadratic_at)
+    a, b, c = _lanes6(user, rows, D), _lanes6(user, rows, D + 6), _lanes6(user, rows, D + 12)
     force = (
-        _dot(_load3(row, D), v) + _dot(_load3(row, D + 3), w) + q[0][0] * abs(v[0]) * v[0],
-        _dot(_load3(row, D + 6), v) + _dot(_load3(row, D + 9), w) + q[0][1] * abs(v[1]) * v[1],
-        _dot(_load3(row, D + 12), v) + _dot(_load3(row, D + 15), w) + q[0][2] * abs(v[2]) * v[2],
+        _dot(a[0], v) + _dot(a[1], w) + q[0] * abs(v[0]) * v[0],
+        _dot(b[0], v) + _dot(b[1], w) + q[1] * abs(v[1]) * v[1],
+        _dot(c[0], v) + _dot(c[1], w) + q[2] * abs(v[2]) * v[2],
     )
+    a, b, c = _lanes6(user, rows, D + 18), _lanes6(user, rows, D + 24), _lanes6(user, rows, D + 30)
     torque = (
-        _dot(_load3(row, D + 18), v) + _dot(_load3(row, D + 21), w) + q[1][0] * abs(w[0]) * w[0],
-        _dot(_load3(row, D + 24), v) + _dot(_load3(row, D + 27), w) + q[1][1] * abs(w[1]) * w[1],
-        _dot(_load3(row, D + 30), v) + _dot(_load3(row, D + 33), w) + q[1][2] * abs(w[2]) * w[2],
+        _dot(a[0], v) + _dot(a[1], w) + p[0] * abs(w[0]) * w[0],
+        _dot(b[0], v) + _dot(b[1], w) + p[1] * abs(w[1]) * w[1],
+        _dot(c[0], v) + _dot(c[1], w) + p[2] * abs(w[2]) * w[2],
     )
     return _scaled(-1.0, force), _scaled(-1.0, torque)
 
 
 @_inline
-def _strip_drag(strip: int, v: Vector, w: Vector, nodes: Array, weights: Array) -> tuple[Vector, Vector]:
-    """Drag (force, torque) of one segment whose numbers begin at the address `strip`, in body axes."""
-    start = _load3(strip, 0)
-    along = _minus(_load3(strip, 3), start)
-    length = math.sqrt(_dot(along, along))
+def _stations(user: int, strip: int) -> int:
+    return min(max(int(_f64(user, strip + 8)), 0), MAX_STATIONS)
+
+
+@_inline
+def _strip_drag(
+    user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
+) -> tuple[Vector, Vector]:
+    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros is no segment.
+
+    At the fraction s of a segment the flow across is a + s b, with b = w x (end - start), and the flow along it is
+    the same everywhere. So the stations leave three sums of |a + s b|, weighted by 1, s and s^2.
+    """
+    start = _lanes3(user, strips, 0)
+    along = _minus(_lanes3(user, strips, 3), start)
+    length = math.sqrt(at_least(_dot(along, along), 1e-300))
     axis = _scaled(1.0 / length, along)
-    normal, tangential, count = _f64(strip, 6), _f64(strip, 7), int(_f64(strip, 8))
-    force, torque = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for k in range(count * (count - 1) // 2, count * (count + 1) // 2):
-        p = _plus(start, _scaled(nodes[k], along))
-        u = _plus(v, _cross(w, p))
-        slip = _dot(u, axis)
-        across = _minus(u, _scaled(slip, axis))
-        speed = math.sqrt(_dot(across, across))
-        share = -length * weights[k]
-        f = _plus(_scaled(share * normal * speed, across), _scaled(share * tangential * abs(slip) * slip, axis))
-        force = _plus(force, f)
-        torque = _plus(torque, _cross(p, f))
-    return force, torque
+    _, normal, tangential, _ = _gathered(user, strips, 5)
+    n0, n1 = _stations(user, strips[0]), _stations(user, strips[1])
+    n2, n3 = _stations(user, strips[2]), _stations(user, strips[3])
+    u = _plus(v, _cross(w, start))
+    slip = _dot(u, axis)
+    a, b = _minus(u, _scaled(slip, axis)), _cross(w, along)
+    aa, ab, bb = _dot(a, a), 2.0 * _dot(a, b), _dot(b, b)
+    zeroth, first, second = all_four(0.0), all_four(0.0), all_four(0.0)
+    for k in range(max(max(n0, n1), max(n2, n3))):
+        s = four_of(nodes[n0, k], nodes[n1, k], nodes[n2, k], nodes[n3, k])
+        weight = four_of(weights[n0, k], weights[n1, k], weights[n2, k], weights[n3, k])
+        share = weight * math.sqrt(at_least(aa + s * (ab + s * bb), 0.0))
+        zeroth = zeroth + share
+        first = first + share * s
+        second = second + share * s * s
+    bluff, skin = -1.0 * length * normal, -1.0 * length * tangential * abs(slip) * slip
+    force = _plus(_scaled(bluff, _plus(_scaled(zeroth, a), _scaled(first, b))), _scaled(skin, axis))
+    lever = _scaled(bluff, _plus(_scaled(first, a), _scaled(second, b)))
+    return force, _plus(_cross(start, force), _cross(along, lever))
 
 
 def build() -> Any:
@@ -277,23 +348,26 @@ def build() -> Any:
     crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
     stamp, size = LAYOUT.stamp_value, LAYOUT.size
     density_at, surge_at, shear_at = LAYOUT.density, LAYOUT.current_acceleration, LAYOUT.current_shear
-    volume_at, buoyancy_at, mass_at = LAYOUT.volume, LAYOUT.center_of_buoyancy, LAYOUT.added_mass
+    volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
     linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
 
-    # Gauss-Legendre on [0, 1]; the rule with n stations starts at n (n - 1) / 2.
-    rules = [np.polynomial.legendre.leggauss(n) for n in range(1, MAX_STATIONS + 1)]
-    nodes = np.concatenate([0.5 + 0.5 * x for x, _ in rules])
-    weights = np.concatenate([0.5 * w for _, w in rules])
+    # Gauss-Legendre on [0, 1], one rule a row, by its number of stations; what a row does not use weighs nothing.
+    nodes, weights = np.zeros((2, MAX_STATIONS + 1, MAX_STATIONS))
+    for n in range(1, MAX_STATIONS + 1):
+        x, weight = np.polynomial.legendre.leggauss(n)
+        nodes[n, :n], weights[n, :n] = 0.5 + 0.5 * x, 0.5 * weight
 
-    # Scratch of each body: added mass (21), force (3), torque (3), acceleration with qacc = 0 (angular 3, linear 3),
-    # and 1 if it or a descendant carries coefficients.
-    wrench, acceleration, loaded, stride = 21, 27, 33, 34
+    # Scratch of each body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0 (angular 3,
+    # linear 3), and 1 if it or a descendant carries coefficients. After all bodies, the numbers of those that carry.
+    wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
+
+    lanes_source = zlib.crc32(Path(four_lanes.__file__).read_bytes())
 
     @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
-        if nuser < size or _f64(user, 0) != stamp:
+        if nuser < size or _f64(user, 0) != stamp or lanes_source < 0:  # the last is never so: it is for the cache
             return
         nbody = _pointer(m, nbody_at)
         parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)
@@ -311,7 +385,8 @@ def build() -> Any:
         dry = _f64(crb, 0) != WET_MARK
 
         _mark_stack(d)
-        scratch = _stack_numbers(d, nbody * stride)
+        scratch = _stack_numbers(d, nbody * (stride + 1) + 3)
+        carrying, count = scratch + 8 * nbody * stride, 0
         _put3(scratch, acceleration, (0.0, 0.0, 0.0))
         _put3(scratch, acceleration + 3, (0.0, 0.0, 0.0))
 
@@ -326,20 +401,29 @@ def build() -> Any:
                 a_v = _plus(a_v, _scaled(_f64(qvel, j), rate[1]))
             _put3(here, acceleration, a_w)
             _put3(here, acceleration + 3, a_v)
-            row = user + 8 * nuser * i
-            if _i32(tree, i) < 0 or _f64(row, 0) != stamp:
-                continue
-            _put(here, loaded, 1.0)
+            if _i32(tree, i) >= 0 and _f64(user, nuser * i) == stamp:
+                _put(here, loaded, 1.0)
+                _put(carrying, count, float(i))
+                count += 1
+        for k in range(count, count + 3):  # fill the last four with one of them: it is only computed again
+            _put(carrying, k, _f64(carrying, count - 1))
 
-            R = _rows(xmat, 9 * i)
-            p = _load3(xpos, 3 * i)
-            r = _minus(p, _load3(com, 3 * _i32(root, i)))
-            B, C, J = _body_blocks(row, mass_at)
-            B, C, J = _at_reference(_turned(R, B), _turned(R, C), _turned(R, J), r)
-            _put_blocks(here, 0, B, C, J)
+        for k in range(0, count, 4):
+            i, i1 = int(_f64(carrying, k)), int(_f64(carrying, k + 1))
+            i2, i3 = int(_f64(carrying, k + 2)), int(_f64(carrying, k + 3))
+            row = nuser * i, nuser * i1, nuser * i2, nuser * i3
+            here = stride * i, stride * i1, stride * i2, stride * i3
+            roots = 3 * _i32(root, i), 3 * _i32(root, i1), 3 * _i32(root, i2), 3 * _i32(root, i3)
+
+            R = _lanes9(xmat, (9 * i, 9 * i1, 9 * i2, 9 * i3), 0)
+            p = _lanes3(xpos, (3 * i, 3 * i1, 3 * i2, 3 * i3), 0)
+            r = _minus(p, _lanes3(com, roots, 0))
+            B, C, J = _body_blocks(user, row, mass_at)
+            B, C, J = _at_reference(_turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r)
 
             # All about the tree's centre of mass, world axes: twist, relative twist, momentum of the water.
-            w, v = _load6(cvel, 6 * i)
+            w, v = _lanes6(cvel, (6 * i, 6 * i1, 6 * i2, 6 * i3), 0)
+            a_w, a_v = _lanes6(scratch, here, acceleration)
             current = _plus(wind, _scaled(p[2], shear))
             flow = _plus(surge, _scaled(current[2], shear))  # acceleration of the water itself
             v = _minus(v, current)
@@ -352,20 +436,25 @@ def build() -> Any:
             # Drag in body axes at the body origin.
             Rt = _transposed(R)
             v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
-            drag_f, drag_t = _drag(row, linear_at, quadratic_at, v_B, w_B)
-            for k in range(int(_f64(row, strip_count_at))):
-                strip_f, strip_t = _strip_drag(row + 8 * (strips_at + k * strip_size), v_B, w_B, nodes, weights)
+            drag_f, drag_t = _drag(user, row, linear_at, quadratic_at, v_B, w_B)
+            strips = 0
+            for n in row:
+                strips = max(strips, int(_f64(user, n + strip_count_at)))
+            for n in range(min(strips, MAX_STRIPS)):
+                at = strips_at + n * strip_size
+                strip = row[0] + at, row[1] + at, row[2] + at, row[3] + at
+                strip_f, strip_t = _strip_drag(user, strip, v_B, w_B, nodes, weights)
                 drag_f, drag_t = _plus(drag_f, strip_f), _plus(drag_t, strip_t)
             drag_f = _times(R, drag_f)
             f = _plus(f, drag_f)
             t = _plus(t, _plus(_times(R, drag_t), _cross(r, drag_f)))
 
             # Buoyancy, and the pressure gradient that accelerates the water, at the centre of buoyancy.
-            lift = _scaled(density * _f64(row, volume_at), _minus(flow, gravity))
+            volume, x, y, z = _gathered(user, row, volume_at)
+            lift = _scaled(density * volume, _minus(flow, gravity))
             f = _plus(f, lift)
-            t = _plus(t, _cross(_plus(r, _times(R, _load3(row, buoyancy_at))), lift))
-            _put3(here, wrench, f)
-            _put3(here, wrench + 3, t)
+            t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
+            _put_body(scratch, here, (B, C, J), f, t)
 
         rownnz, rowadr, colind = _pointer(m, rownnz_at), _pointer(m, rowadr_at), _pointer(m, colind_at)
         for i in range(nbody - 1, 0, -1):
@@ -376,11 +465,11 @@ def build() -> Any:
                 above = scratch + 8 * stride * _i32(parent, i)
                 if _f64(above, loaded) == 0.0:
                     _put(above, loaded, 1.0)
-                    for k in range(acceleration):
-                        _put(above, k, _f64(here, k))
+                    for k in range(0, summed, 4):
+                        put_four(above, k, load_four(here, k))
                 else:
-                    for k in range(acceleration):
-                        _put(above, k, _f64(above, k) + _f64(here, k))
+                    for k in range(0, summed, 4):
+                        put_four(above, k, load_four(above, k) + load_four(here, k))
             f, t = _load6(here, wrench)
             B, C, J = _scratch_blocks(here, 0)
             for j in range(_i32(dofadr, i), _i32(dofadr, i) + _i32(dofnum, i)):

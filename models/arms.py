@@ -1,0 +1,213 @@
+"""Published arms as Denavit-Hartenberg tables: what the inverse kinematics is measured and tested on.
+
+    arm = arms.load("panda")
+    chain = Chain.from_dh(arm.dh, arm.joint_types, limits=arm.limits, tool=arm.tool)
+
+Standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]): row i moves by
+Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha), a slide by Rz(theta0) Tz(d + q) Tx(a) Rx(alpha). Tables that were published in
+Craig's convention are carried over; the tip is then turned about its own axis, or the base, by a quarter or half turn.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, pose, readonly
+
+H = math.pi / 2
+_Rows = list[tuple[float, float, float, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Arm:
+    """A serial arm; all arrays read-only."""
+
+    title: str
+    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]
+    joint_types: str  # one letter a joint: r hinge, p slide
+    limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
+    tool: Array = field(default_factory=lambda: readonly(np.eye(4)))  # (4, 4) the tip in the last frame
+    source: str  # where the numbers are from
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_types)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VectorArm:
+    """A serial arm as the vector model of paper 003 (chapter 2, fig. 1), in its initial position; arrays read-only."""
+
+    title: str
+    M: Array  # (n, 3) [m] link vectors
+    e: Array  # (n, 3) joint axes
+    p: Array  # (n,) kinds: 1 hinge, 0 slide, 2 pantograph link
+    L: Array  # (2, n) lower limits over upper ones [rad] or [m]
+    source: str
+
+
+def available() -> tuple[str, ...]:
+    """The names that `load` knows."""
+    return tuple(_ARMS)
+
+
+def load(name: str) -> Arm:
+    """The arm of that name. Raises ConfigurationError, with the names there are, for another."""
+    if name not in _ARMS:
+        raise ConfigurationError(f"arm: allowed {', '.join(_ARMS)}, got {name!r}")
+    return _ARMS[name]
+
+
+def _arm(
+    title: str,
+    rows: _Rows,
+    degrees: list[tuple[float, float]],
+    source: str,
+    p_tool: tuple[float, float, float] = (0, 0, 0),
+) -> Arm:
+    """An arm of hinges, its limits in degrees."""
+    return Arm(
+        title=title, dh=readonly(rows), joint_types="r" * len(rows), limits=readonly(np.radians(degrees)),
+        tool=readonly(pose(p=p_tool)), source=source,
+    )  # fmt: skip
+
+
+_CORKE = "P. Corke, Robotics Toolbox for Python, models.DH"
+_PUMA: _Rows = [
+    (0, 0.67183, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0),
+]  # fmt: skip
+_PUMA_LIMITS = [(-160.0, 160.0), (-45.0, 225.0), (-225.0, 45.0), (-110.0, 170.0), (-100.0, 100.0), (-266.0, 266.0)]
+_FREE = (-math.inf, math.inf)
+
+_ARMS = {
+    "puma560": _arm("PUMA 560", _PUMA, _PUMA_LIMITS, f"{_CORKE}.Puma560"),
+    "puma560_tool": _arm(
+        "PUMA 560, tool", _PUMA, _PUMA_LIMITS, f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
+        p_tool=(0.05, 0.03, 0.2),
+    ),
+    "stanford": Arm(
+        title="Stanford",
+        dh=readonly(
+            [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0.0203, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0, 0, 0)]
+        ),
+        joint_types="rrprrr",
+        limits=readonly(
+            [*np.radians([(-170.0, 170.0)] * 2), (0.3048, 1.27), *np.radians([(-170, 170), (-90, 90), (-170, 170)])]
+        ),
+        source=f"{_CORKE}.Stanford",
+    ),
+    "ur5": _arm(
+        "UR5",
+        [
+            (0, 0.089159, 0, H), (0, 0, -0.425, 0), (0, 0, -0.39225, 0),
+            (0, 0.10915, 0, H), (0, 0.09465, 0, -H), (0, 0.0823, 0, 0),
+        ],
+        [(-360.0, 360.0)] * 6,
+        "Universal Robots, DH parameters for calculations of kinematics and dynamics",
+    ),
+    "ur10e": _arm(
+        "UR10e",
+        [
+            (0, 0.1807, 0, H), (0, 0, -0.6127, 0), (0, 0, -0.57155, 0),
+            (0, 0.17415, 0, H), (0, 0.11985, 0, -H), (0, 0.11655, 0, 0),
+        ],
+        [(-360.0, 360.0)] * 6,
+        "Universal Robots, DH parameters for calculations of kinematics and dynamics",
+    ),
+    "irb140": _arm(
+        "IRB 140",
+        [(0, 0.352, 0.07, -H), (0, 0, 0.36, 0), (0, 0, 0, -H), (0, 0.38, 0, H), (0, 0, 0, -H), (0, 0.065, 0, 0)],
+        [(-180.0, 180.0), (-100.0, 100.0), (-220.0, 60.0), (-200.0, 200.0), (-120.0, 120.0), (-400.0, 400.0)],
+        f"{_CORKE}.IRB140",
+    ),
+    "general6r": _arm(
+        "general 6R",
+        [
+            (0.1, 0.3, 0.1, 1.2), (0.2, 0.1, 0.4, -0.4), (0.3, 0.15, 0.35, 1.0),
+            (-0.2, 0.2, 0.1, -1.3), (0.4, 0.1, 0.15, 1.1), (0.1, 0.12, 0.05, 0),
+        ],
+        [(-180.0, 180.0)] * 6,
+        "made up: no two axes meet or are parallel, so that no closed form exists",
+    ),
+    "panda": _arm(
+        "Panda",
+        [
+            (0, 0.333, 0, -H), (0, 0, 0, H), (0, 0.316, 0.0825, H), (0, 0, -0.0825, -H),
+            (0, 0.384, 0, H), (0, 0, 0.088, H), (0, 0.107, 0, 0),
+        ],
+        [
+            (-166.0, 166.0), (-101.0, 101.0), (-166.0, 166.0), (-176.0, -4.0),
+            (-166.0, 166.0), (-1.0, 215.0), (-166.0, 166.0),
+        ],
+        "Franka Emika, Franka Control Interface, Denavit-Hartenberg parameters (Craig's there)",
+    ),
+    "iiwa7": _arm(
+        "LBR iiwa 7",
+        [
+            (0, 0.34, 0, -H), (0, 0, 0, H), (0, 0.4, 0, H), (0, 0, 0, -H),
+            (0, 0.4, 0, -H), (0, 0, 0, H), (0, 0.126, 0, 0),
+        ],
+        [
+            (-170.0, 170.0), (-120.0, 120.0), (-170.0, 170.0), (-120.0, 120.0),
+            (-170.0, 170.0), (-120.0, 120.0), (-175.0, 175.0),
+        ],
+        "KUKA, LBR iiwa 7 R800, technical data",
+    ),
+    "gen3": _arm(
+        "Kinova Gen3",
+        [
+            (0, -0.2848, 0, H), (math.pi, -0.0118, 0, H), (math.pi, -0.4208, 0, H), (math.pi, -0.0128, 0, H),
+            (math.pi, -0.3143, 0, H), (math.pi, 0, 0, H), (math.pi, -0.1674, 0, math.pi),
+        ],
+        [_FREE, (-128.9, 128.9), _FREE, (-147.8, 147.8), _FREE, (-120.3, 120.3), _FREE],
+        "Kinova, Gen3 user guide, classical DH parameters of the 7 DOF spherical arm, after the fixed first row",
+    ),
+    "xarm7": _arm(
+        "xArm 7",
+        [
+            (0, 0.267, 0, -H), (0, 0, 0, H), (0, 0.293, 0.0525, H), (0, 0, 0.0775, H),
+            (0, 0.3425, 0, H), (0, 0, 0.076, -H), (0, 0.097, 0, 0),
+        ],
+        [
+            (-360.0, 360.0), (-118.0, 120.0), (-360.0, 360.0), (-11.0, 225.0),
+            (-360.0, 360.0), (-97.0, 180.0), (-360.0, 360.0),
+        ],
+        "UFACTORY, xArm user manual, DH parameters",
+    ),
+    "baxter": _arm(
+        "Baxter",
+        [
+            (0, 0.27, 0.069, -H), (H, 0, 0, H), (0, 0.364, 0.069, -H), (0, 0, 0, H),
+            (0, 0.374, 0.01, -H), (0, 0, 0, H), (0, 0.28, 0, 0),
+        ],
+        [
+            (-97.5, 97.5), (-123.0, 60.0), (-175.0, 175.0), (-2.9, 150.0),
+            (-175.3, 175.3), (-90.0, 120.0), (-175.3, 175.3),
+        ],
+        f"{_CORKE}.Baxter; limits by Rethink Robotics, Baxter hardware specifications",
+    ),
+    "era": _arm(
+        "European Robotic Arm",
+        [
+            (0, 1.228, 0, H), (H, 0, 0.34, H), (0, 0, 4.072, 0), (0, 0, 4.072, 0),
+            (0, 0, 0.34, -H), (H, 0, 0, H), (0, 1.228, 0, 0),
+        ],
+        [(-180.0, 180.0), *[(-135.0, 135.0)] * 5, (-180.0, 180.0)],
+        "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: roll, yaw, pitch at the"
+        " shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; straight at zero, 11.28 m (ESA: 11.3 m)",
+    ),
+}  # fmt: skip
+
+_TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+SERVO_ARM = VectorArm(
+    title="eight-joint servo arm",
+    M=readonly(np.outer([0.06, 0.07, 0.07, 0.07, 0.07, 0.07, 0.06, 0.06], (0.0, -1.0, 0.0))),
+    e=readonly([_TURN, _TILT_Z, _TILT_X, _TILT_Z, _TURN, _TILT_X, _TURN, _TILT_Z]),
+    p=readonly(np.ones(8)),
+    L=readonly(np.radians(np.outer([-120.0, 120.0], np.ones(8)))),
+    source="a stand-in for the arm of paper 003, fig. 8, whose dimensions are not public: hangs straight down (y up) at"
+    " zero, 0.53 m long, for the poses of the paper's table 1 to be within reach; links, axes and limits made up",
+)

@@ -1,0 +1,284 @@
+"""The wrench that a body, with all that hangs from it, puts on its parent: water, contacts and constraints included.
+
+MuJoCo's force and torque sensors miss whatever stands in `qfrc_passive`, so they miss the water. Newton's second law
+for the whole subtree gives what its joint transmits, whatever joint that is:
+
+    wrench on the parent = sum of (water + weight + contacts and other forces from outside - rate of momentum)
+
+`mj_rnePostConstraint` sums all but the water, thrusters on sites and gravity compensation, from the accelerations
+`data.qacc`. The water is summed here body by body in body axes (the equation at the top of `sim.hydrodynamics`, with
+the whole acceleration), independently of the passive callback.
+
+Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint connects: they are
+part of what it transmits. A force that is to come from outside belongs in `xfrc_applied`.
+"""
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from models import hydrodynamics as water
+from models.hydrodynamics import LAYOUT
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.spatial import Array
+
+_STALE = 1e-9  # relative mismatch of the velocities above which `data` is not of one instant
+_GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+_NOTHING = np.zeros(3)
+
+
+class Reaction:
+    """Measures the wrench of one subtree on its parent; made once for a model, 10 to 20 us a measurement."""
+
+    def __init__(self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None) -> None:
+        """Take the body whose subtree is meant, and the body whose frame the wrench is told in (default: the same).
+
+        Raises ConfigurationError for an unknown body or the world, HydrodynamicsError if the model has forces whose
+        share on the subtree is not known here: flexes, spatial tendons, actuators on slider-cranks, contacts or
+        between two sites, and gravity compensation by actuators.
+        """
+        self._model, self._body = model, _body(model, body)
+        self._frame = self._body if frame is None else _body(model, frame)
+        if self._body == 0:
+            raise ConfigurationError("reaction: the world has no parent")
+        _refuse(model)
+        last = self._body + 1
+        while last < model.nbody and model.body_parentid[last] >= self._body:  # bodies come depth first
+            last += 1
+        carried = range(self._body, last)
+        self._span = last
+        self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
+        self._root = int(model.body_rootid[self._body])
+        self._wet = [
+            i for i in carried if hydrodynamics.carries_hydrodynamics(model) and water.carries(model.body_user[i])
+        ]
+        self._water = _Tables(model, self._wet)
+        sites = mujoco.mjtTrn.mjTRN_SITE
+        self._thrusters = [
+            i
+            for i in range(model.nu)
+            if model.actuator_trntype[i] == sites and model.site_bodyid[model.actuator_trnid[i, 0]] in carried
+        ]
+        self._lifted = [i for i in carried if model.body_gravcomp[i] != 0.0]
+        self._total = np.zeros(6)
+
+    def wrench(self, data: mujoco.MjData, qvel: Array | None = None) -> Array:
+        """The wrench (6,) on the parent [N, N m], (force; torque) at the origin and in the axes of the frame's body.
+
+        `data` is as `mj_forward` leaves it. After `mj_step` the velocities are one step ahead of everything else: give
+        those before the step as `qvel` (nv,). Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
+
+        Raises HydrodynamicsError if the velocities are not those that the forces were computed from, or if the model
+        carries hydrodynamics and the callback is not installed.
+        """
+        model = self._model
+        if self._wet and not hydrodynamics.is_installed():
+            raise HydrodynamicsError("reaction: the water did not act; call sim.hydrodynamics.install()")
+        if qvel is None:
+            mujoco.mj_rnePostConstraint(model, data)
+            velocity = data.qvel
+        else:
+            ahead, velocity = data.qvel.copy(), np.asarray(qvel, dtype=np.float64)
+            data.qvel = velocity
+            mujoco.mj_rnePostConstraint(model, data)
+            data.qvel = ahead
+        total, body = self._total, self._body
+        cvel = data.cvel
+        if _mismatch(body, self._span, *self._joints, data.cdof, cvel, velocity) > _STALE:
+            raise HydrodynamicsError(
+                "reaction: data.qvel is not the velocity of the instant of its forces; call mj_forward first, or give "
+                "the velocity before the step as qvel"
+            )
+        com, xpos, xmat = data.subtree_com[self._root], data.xpos, data.xmat
+        gravity = _NOTHING if model.opt.disableflags & _GRAVITY_OFF else model.opt.gravity
+        own = data.cfrc_int[body]
+        total[:3], total[3:] = -own[3:], -own[:3]
+        if self._wet:
+            tables = self._water
+            _add_water(
+                tables.bodies, tables.matrices, tables.vectors, tables.stations, tables.surge, tables.shear,
+                tables.wind, gravity, com, xpos, xmat, cvel, data.cacc, total,
+            )  # fmt: skip
+        for i in self._thrusters:
+            site = model.actuator_trnid[i, 0]
+            gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T
+            _add(total, gear[0], gear[1], data.site_xpos[site] - com)
+        for i in self._lifted:
+            lift = -model.body_gravcomp[i] * model.body_mass[i] * gravity
+            _add(total, lift, _NOTHING, data.xipos[i] - com)
+        return _in_frame(total, xmat[self._frame], xpos[self._frame], com)
+
+
+def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None) -> Array:
+    """`Reaction(model, body, frame).wrench(data)`: for a single measurement."""
+    return Reaction(model, body, frame).wrench(data)
+
+
+class _Tables:
+    """The coefficients of the wet bodies as arrays for the kernel."""
+
+    def __init__(self, model: mujoco.MjModel, wet: list[int]) -> None:
+        bodies = [water.unpack(model.body_user[i]) for i in wet]
+        self.bodies = np.array(wet, dtype=np.int64)
+        self.matrices = np.zeros((len(wet), 2, 6, 6))  # added mass, linear damping
+        self.vectors = np.zeros((len(wet), 10))  # quadratic damping (6), centre of buoyancy (3), displaced mass
+        stations = []
+        for k, body in enumerate(bodies):
+            self.matrices[k] = body.added_mass, body.linear_damping
+            displaced = model.body_user[0, LAYOUT.density] * body.volume
+            self.vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
+            for strip in body.segments:
+                along = strip.end - strip.start
+                length = float(np.linalg.norm(along))
+                for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
+                    share = 0.5 * weight * length
+                    place = strip.start + 0.5 * (1.0 + node) * along
+                    stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
+        self.stations = np.array(stations).reshape(-1, 9)  # row of the body, place, axis, normal and tangential drag
+        # Live views: what moves the water may write them at every step.
+        self.surge = model.body_user[0, LAYOUT.current_acceleration :][:3]
+        self.shear = model.body_user[0, LAYOUT.current_shear :][:3]
+        self.wind = model.opt.wind
+
+
+def _body(model: mujoco.MjModel, body: int | str) -> int:
+    if isinstance(body, str):
+        number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)
+        if number < 0:
+            names = ", ".join(model.body(i).name for i in range(1, model.nbody))
+            raise ConfigurationError(f"reaction: no such body: {body}; the model has {names}")
+        return number
+    if not 0 <= body < model.nbody:
+        raise ConfigurationError(f"reaction: no such body: {body}; the model has 0 to {model.nbody - 1}")
+    return int(body)
+
+
+def _refuse(model: mujoco.MjModel) -> None:
+    """Raise HydrodynamicsError, by name, for forces whose share on a subtree is not known here."""
+    kinds, trn = model.actuator_trntype, mujoco.mjtTrn
+    found = {
+        "flexes": model.nflex > 0,
+        "spatial tendons": model.nwrap > 0 and np.any(model.wrap_type != mujoco.mjtWrap.mjWRAP_JOINT),
+        "slider-cranks": np.any(kinds == trn.mjTRN_SLIDERCRANK),
+        "actuators on contacts (transmission body)": np.any(kinds == trn.mjTRN_BODY),
+        "actuators between two sites (refsite)": np.any((kinds == trn.mjTRN_SITE) & (model.actuator_trnid[:, 1] >= 0)),
+        "gravity compensation by actuators (actuatorgravcomp)": np.any(model.jnt_actgravcomp),
+    }
+    if names := [name for name, present in found.items() if present]:
+        raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
+
+
+@njit(cache=True, inline="always")
+def _three(values, first):
+    return values[first], values[first + 1], values[first + 2]
+
+
+@njit(cache=True, inline="always")
+def _sum(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@njit(cache=True, inline="always")
+def _scaled(s, a):
+    return s * a[0], s * a[1], s * a[2]
+
+
+@njit(cache=True, inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, inline="always")
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, inline="always")
+def _turned(R, a):
+    return _dot(R[0:3], a), _dot(R[3:6], a), _dot(R[6:9], a)
+
+
+@njit(cache=True, inline="always")
+def _turned_back(R, a):
+    return _dot(R[0::3], a), _dot(R[1::3], a), _dot(R[2::3], a)
+
+
+@njit(cache=True)
+def _add(total, force, torque, lever):
+    """Add a wrench that acts `lever` from the reference point."""
+    moment = _cross(lever, force)
+    for k in range(3):
+        total[k] += force[k]
+        total[3 + k] += torque[k] + moment[k]
+
+
+@njit(cache=True)
+def _in_frame(total, R, p, com):
+    """The wrench about `com` in world axes, told at `p` in the axes `R`."""
+    out, force = np.empty(6), _three(total, 0)
+    out[:3] = _turned_back(R, force)
+    lever = com[0] - p[0], com[1] - p[1], com[2] - p[2]
+    out[3:] = _turned_back(R, _sum(_three(total, 3), _cross(lever, force)))
+    return out
+
+
+@njit(cache=True)
+def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
+    """Largest difference between the twists in `cvel` and those that `qvel` gives, over the largest speed."""
+    worst, largest = 0.0, 1e-3
+    for i in range(first, end):
+        for k in range(6):
+            given = cvel[i, k] - cvel[parent[i], k]
+            largest = max(largest, abs(cvel[i, k]))
+            for j in range(dofadr[i], dofadr[i] + dofnum[i]):
+                given -= cdof[j, k] * qvel[j]
+                largest = max(largest, abs(cdof[j, k] * qvel[j]))
+            worst = max(worst, abs(given))
+    return worst / largest
+
+
+@njit(cache=True)
+def _add_water(bodies, matrices, vectors, stations, surge, shear, wind, gravity, com, xpos, xmat, cvel, cacc, total):
+    """Add what the water does to every wet body, about `com`, world axes (force; torque)."""
+    nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    station = 0
+    for k in range(len(bodies)):
+        i = bodies[k]
+        R, z = xmat[i], xpos[i, 2]
+        r = xpos[i, 0] - com[0], xpos[i, 1] - com[1], z - com[2]
+        current = _sum(wind, _scaled(z, shear))
+        stream = _sum(surge, _scaled(current[2], shear))  # acceleration of the water
+        weightless = _sum(stream, _scaled(-1.0, gravity))
+        u = _turned_back(R, current)
+        w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
+        w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
+        # `cacc` is the spatial acceleration, less gravity: at the body's origin, in its axes, the rate of its twist.
+        a = _sum(_three(cacc[i], 3), _sum(_cross(wdot_W, r), _scaled(-1.0, weightless)))
+        a = _sum(_turned_back(R, a), _cross(w, u))
+        v = _sum(_turned_back(R, _sum(_three(cvel[i], 3), _cross(w_W, r))), _scaled(-1.0, u))
+        for n in range(3):
+            nudot[n], nudot[3 + n], nu[n], nu[3 + n] = a[n], wdot[n], v[n], w[n]
+        added, linear, numbers = matrices[k, 0], matrices[k, 1], vectors[k]
+        for n in range(6):
+            momentum[n], f[n] = 0.0, -numbers[n] * abs(nu[n]) * nu[n]
+            for m in range(6):
+                momentum[n] += added[n, m] * nu[m]
+                f[n] -= added[n, m] * nudot[m] + linear[n, m] * nu[m]
+        p = _three(momentum, 0)
+        _add(f, _scaled(-1.0, _cross(w, p)), _scaled(-1.0, _cross(w, _three(momentum, 3))), (0.0, 0.0, 0.0))
+        _add(f, (0.0, 0.0, 0.0), _scaled(-1.0, _cross(v, p)), (0.0, 0.0, 0.0))
+        while station < len(stations) and stations[station, 0] == k:
+            row = stations[station]
+            place, axis = _three(row, 1), _three(row, 4)
+            slip = _sum(v, _cross(w, place))
+            along = _dot(slip, axis)
+            across = _sum(slip, _scaled(-along, axis))
+            drag = _sum(
+                _scaled(-row[7] * np.sqrt(_dot(across, across)), across), _scaled(-row[8] * abs(along) * along, axis)
+            )
+            _add(f, drag, (0.0, 0.0, 0.0), place)
+            station += 1
+        lift = _scaled(numbers[9], _turned_back(R, weightless))
+        _add(f, lift, (0.0, 0.0, 0.0), _three(numbers, 6))
+        _add(total, _turned(R, _three(f, 0)), _turned(R, _three(f, 3)), r)

@@ -338,16 +338,20 @@ class ArmDynamics:
         default they are held at zero, as a controller sees them. `water_error` scales every hydrodynamic coefficient
         by (1 + water_error), to work with a deliberately wrong model; volumes stay.
 
-        Raises ConfigurationError if the arm has joints other than hinges and slides, or a body with several joints.
+        Raises ConfigurationError if the arm has joints other than hinges and slides, or a body with several joints, or
+        if the hull carries no other body.
         """
         vehicle = Vehicle.of(model)
         self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, 1.0 + water_error)
         tree = self._tree
         nb, self.n = len(tree.parent), len(self.joint_names)
-        tip_row = rows[int(model.site_bodyid[vehicle.tip])]
-        R_tip = np.empty(9)
-        mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
-        p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
+        if not rows:
+            raise ConfigurationError("the hull carries no other body: there is no arm")
+        tip_row, R_tip, p_tip = 0, np.eye(3).ravel(), np.zeros(3)
+        if vehicle.tip >= 0:  # else all that it carries is fixed to the hull, and no tip is touched
+            tip_row = rows[int(model.site_bodyid[vehicle.tip])]
+            mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
+            p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
         self.layout = np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)])
         self.numbers = tree.packed(np.array(model.opt.gravity), R_tip, p_tip)
         self.stations = tree.stations

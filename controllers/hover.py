@@ -26,7 +26,7 @@ class Hover:
     def __init__(
         self,
         model: mujoco.MjModel,
-        arm: ArmDynamics,
+        arm: ArmDynamics | None = None,
         *,
         frequency: float = 1.6,
         damping: float = 1.0,
@@ -35,6 +35,7 @@ class Hover:
     ) -> None:
         """Read the hull of the vehicle in `model`; `arm` adds its inertia as it is in the home pose.
 
+        `arm` is read from `model` too where it is not given, and may be missing there: a vehicle without an arm hovers.
         `frequency` [rad/s] and `damping` ratio of the closed loop; `integral_time` [s] within which a steady
         disturbance is taken up; `water_error` makes the hull's added mass wrong by that share. Raises
         ConfigurationError if the hull carries no hydrodynamics.
@@ -42,9 +43,11 @@ class Hover:
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
-        self.inertia = _hull_inertia(model, vehicle.hull, 1.0 + water_error) + _arm_inertia(
-            arm, vehicle.q_home
-        )  # (6, 6)
+        self.inertia = _hull_inertia(model, vehicle.hull, 1.0 + water_error)  # (6, 6)
+        if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
+            arm = ArmDynamics(model, water_error=water_error)
+        if arm is not None:
+            self.inertia += _arm_inertia(arm, vehicle.q_home)
         self._stiffness = frequency**2
         self._damping = 2.0 * damping * frequency
         self._integral = frequency**2 / integral_time

@@ -1,20 +1,90 @@
 """What exists: vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Steps nothing."""
 
-import mujoco
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from models import uuv_puma
+import mujoco
+import numpy as np
+
+from models import bluerov2_heavy, hydrodynamics, phoenix_smart3s, reach_alpha_5, thrusters, uuv_puma
+from models.vehicle import HULL_BODY
 from sim.interfaces.errors import ConfigurationError
 
-_MODELS = {"uuv_puma": uuv_puma.build}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Entry:
+    build: Callable[[], mujoco.MjSpec]
+    source: str
+
+
+_MODELS = {
+    "uuv_puma": _Entry(build=uuv_puma.build, source="generic, of no real vehicle; estimates"),
+    "bluerov2_heavy_benzon2022": _Entry(
+        build=bluerov2_heavy.benzon_2022, source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V"
+    ),
+    "bluerov2_heavy_wu2018": _Entry(
+        build=bluerov2_heavy.wu_2018, source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2; T200 at 16 V"
+    ),
+    "bluerov2_heavy_alpha5": _Entry(
+        build=bluerov2_heavy.with_alpha_5, source="von Benzon et al. 2022 with reach_alpha_5 under the bow"
+    ),
+    "phoenix_smart3s": _Entry(
+        build=phoenix_smart3s.build, source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993"
+    ),
+    "reach_alpha_5": _Entry(
+        build=reach_alpha_5.build, source="Kolano and Davidson, arXiv 2209.13577; friction: floating-KinDyn"
+    ),
+}
+_ALIASES = {"bluerov2_heavy": "bluerov2_heavy_benzon2022"}  # the set that was identified on the Heavy itself
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """What a named model is."""
+
+    name: str
+    source: str
+    floating: bool  # it has a free hull; else its base is fixed to the world
+    dof: int  # degrees of freedom, those of the hull included
+    joints: tuple[str, ...]  # driven joints
+    thrusters: int
+    drive: str  # what moves it: "thrusters", "wrench" where the source has none, or "fixed base"
+    mass: float  # [kg] dry
+    volume: float  # [m^3] displaced, after ballasting
 
 
 def available() -> tuple[str, ...]:
-    """Names that `load` knows."""
-    return tuple(sorted(_MODELS))
+    """Names that `load` knows, `bluerov2_heavy` for `bluerov2_heavy_benzon2022` among them."""
+    return tuple(sorted([*_MODELS, *_ALIASES]))
 
 
 def load(name: str) -> mujoco.MjSpec:
     """A named model, coefficients already attached. Raises ConfigurationError, with the names there are, for others."""
-    if name not in _MODELS:
+    return _entry(name).build()
+
+
+def describe(name: str) -> Description:
+    """What `load(name)` gives, and where its figures are from. Raises ConfigurationError as `load` does."""
+    spec = load(name)
+    water = hydrodynamics.attached(spec)
+    model = spec.compile()
+    count = len(thrusters.read(model)[0])
+    floating = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY) >= 0
+    driven = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+    return Description(
+        name=name,
+        source=_entry(name).source,
+        floating=floating,
+        dof=model.nv,
+        joints=tuple(model.joint(int(j)).name for j in np.asarray(model.actuator_trnid)[driven, 0]),
+        thrusters=count,
+        drive="thrusters" if count else "wrench" if floating else "fixed base",
+        mass=float(np.sum(model.body_mass)),
+        volume=sum(body.volume for body in water.values()),
+    )
+
+
+def _entry(name: str) -> _Entry:
+    if name not in available():
         raise ConfigurationError(f"unknown model {name!r}; there are {', '.join(available())}")
-    return _MODELS[name]()
+    return _MODELS[_ALIASES.get(name, name)]

@@ -236,7 +236,7 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
             unpack(rows[i])
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {model.actuator(int(i)).name!r}: {error}") from error
-    return index, rows[index].reshape(len(index), -1).copy()
+    return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
 
 
 def curves(table: Array) -> Array:

@@ -1,8 +1,9 @@
-"""Where things are in a compiled model of a vehicle with an arm: the one place that looks names up.
+"""Where things are in a compiled model of a vehicle: the one place that looks names up.
 
-A vehicle is any MJCF with a free body `hull`, a body `arm_base` fixed to it, a serial arm whose driven joints carry
-actuators of the same name, a site `tip` (z out of the tool), a site `camera` (OpenCV axes) for jobs that look, and
-optionally a sliding joint `pad` behind the pad's face, and thruster actuators with a table of `models.thrusters`.
+A vehicle is any MJCF with a free body `hull`, thruster actuators with a table of `models.thrusters`, and, if it has an
+arm, a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and a site
+`tip` (z out of the tool). Jobs want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind the face
+of the pad.
 """
 
 from dataclasses import dataclass
@@ -46,10 +47,10 @@ class Vehicle:
     hull: int  # body
     hull_qpos: int  # address of the free joint in qpos
     hull_dof: int  # address of the free joint in qvel
-    arm_base: int  # body
+    arm_base: int  # body; without an arm, the hull
     X_BA: Array  # (4, 4) arm base on the hull
-    tip: int  # site
-    joint_names: tuple[str, ...]  # driven joints, base to tip
+    tip: int  # site; without an arm, -1
+    joint_names: tuple[str, ...]  # driven joints, base to tip; none without an arm
     joints: np.ndarray  # (n,) joint indices
     qpos: np.ndarray  # (n,) addresses in qpos
     dof: np.ndarray  # (n,) addresses in qvel
@@ -67,14 +68,20 @@ class Vehicle:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Vehicle":
-        """Look the vehicle up in `model`. Raises ConfigurationError naming what is missing and what there is."""
+        """Look the vehicle up in `model`; one with neither `arm_base` nor `tip` has no arm.
+
+        Raises ConfigurationError naming what is missing and what there is.
+        """
         hull = find(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY)
         if model.body_jntnum[hull] != 1 or int(model.jnt_type[model.body_jntadr[hull]]) != mujoco.mjtJoint.mjJNT_FREE:
             raise ConfigurationError(f"body {HULL_BODY!r} must have exactly one joint, a free joint")
-        arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
-        tip = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
-        joints = _driven_joints(model, arm_base, int(model.site_bodyid[tip]))
-        actuators = np.array([_actuator_of(model, j) for j in joints])
+        arm_base, tip = hull, -1
+        joints: list[int] = []
+        if _has_arm(model):
+            arm_base = find(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+            tip = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
+            joints = _driven_joints(model, arm_base, int(model.site_bodyid[tip]))
+        actuators = np.array([_actuator_of(model, j) for j in joints], dtype=np.int64)
         names = tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, int(j)) for j in joints)
         for joint, actuator, name in zip(joints, actuators, names, strict=True):
             if not model.jnt_limited[joint]:
@@ -93,7 +100,7 @@ class Vehicle:
             X_BA=readonly(body_in_body(model, arm_base, hull)),
             tip=tip,
             joint_names=names,
-            joints=joints,
+            joints=np.array(joints, dtype=np.int64),
             qpos=qpos,
             dof=dof,
             actuators=actuators,
@@ -143,7 +150,13 @@ def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
     return model.key_qpos[key] if key >= 0 else default
 
 
-def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> np.ndarray:
+def _has_arm(model: mujoco.MjModel) -> bool:
+    """Whether `model` names a part of an arm."""
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, ARM_BASE_BODY)
+    return body >= 0 or mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE) >= 0
+
+
+def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> list[int]:
     """Joints between `base` and `last` that have an actuator, base to tip."""
     joints: list[int] = []
     body = last
@@ -155,7 +168,7 @@ def _driven_joints(model: mujoco.MjModel, base: int, last: int) -> np.ndarray:
         body = int(model.body_parentid[body])
     if not joints:
         raise ConfigurationError(f"no driven joint between body {ARM_BASE_BODY!r} and site {TIP_SITE!r}")
-    return np.array(joints)
+    return joints
 
 
 def _actuator_of(model: mujoco.MjModel, joint: int) -> int:

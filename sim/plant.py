@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import LAYOUT
-from models.vehicle import HOME_KEY, TIP_SITE, Vehicle, find
+from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
@@ -48,7 +48,7 @@ class Truth:
     thrust: Array  # (m,) [N]
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    p_WG: Array  # (3,) [m] tip of the rigid tool
+    p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
     R_WG: Array  # (3, 3) tool axes
     p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
     contact_normal: float  # [N] sum of the normal forces on the pad
@@ -84,7 +84,7 @@ class Plant:
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
-            pad_site = find(model, mujoco.mjtObj.mjOBJ_SITE, TIP_SITE)
+            pad_site = vehicle.tip
         self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
         self._force = np.zeros(6)
         self.truth = self._bind(pad_site)
@@ -133,9 +133,10 @@ class Plant:
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
         truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
         truth.current_W = np.zeros(3)
-        truth.p_WG = data.site_xpos[vehicle.tip]
-        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3)
-        truth.p_pad = data.site_xpos[pad_site]
+        armed = vehicle.tip >= 0
+        truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
+        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
+        truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
         truth.contact_force_W = np.zeros(3)
         return truth
 
@@ -186,6 +187,8 @@ class Plant:
 
 def _view(array: Array, addresses: np.ndarray) -> Array:
     """A slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
+    if not len(addresses):
+        return np.zeros(0)
     first = int(addresses[0])
     if not np.array_equal(addresses, np.arange(first, first + len(addresses))):
         raise ConfigurationError("the driven joints of the arm must follow each other without others between them")

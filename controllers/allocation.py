@@ -1,43 +1,311 @@
-"""From a wrench on the hull to thruster commands: allocation within bounds, then the inverse of the static curve."""
+"""From a wrench on the hull to thruster commands: allocation within bounds, then the inverse of the static curve.
 
+The thrusts x minimise |W (B x - w)|^2 + e^2 |D x|^2 within low <= x <= high: the wrench by its weights first, the
+effort second (e is small, and only chooses among the thrusts of one wrench where there are more thrusters than
+directions). An active set on the normal equations is exact in a few steps for the sizes that vehicles have.
+
+A propeller that turns gives a least thrust (`models.thrusters`), so between zero and that there is nothing, and the
+problem is no longer convex. Where a share falls into such a gap:
+  1. With more thrusters than directions, some are set against each other: every way of that, in a fixed order, until
+     one gives the wrench as well as if there were no gap. A fixed order, so that it does not change from step to step.
+  2. Else thrusters in a gap are settled one at a time, the one nearest to a thrust that exists first, and all others
+     solved again; then each is tried on its other branches while that is better.
+This is a search by single changes: its wrench error may exceed the least possible one. It has no memory, so a share
+near the middle of a gap may chatter.
+"""
+
+import itertools
+
+import numba
 import numpy as np
-from scipy.optimize import lsq_linear
+from numpy.typing import ArrayLike
 
+from models.thruster_curves import command_for
+from models.thrusters import FORWARD, LEAST, REVERSE, curves
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, checked
 
 # Share that matters in each axis once thrusters saturate: attitude first, yaw last. [1/N] and [1/(N m)], relative.
-_WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0, 4.0, 0.5])
-_HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
+WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)
+HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
+_ROUNDS = 4  # over the thrusters, at most, in search of a better branch
+_EFFORT = 1e-10  # share of the mean square weight of a thruster in the wrench that its effort weighs
 
 
 class Allocation:
     """Thrusters of one vehicle, seen from its controller."""
 
-    def __init__(self, vehicle: Vehicle) -> None:
-        """Raises ConfigurationError if the thrusters cannot give a wrench in every direction."""
+    def __init__(
+        self, vehicle: Vehicle, *, weights: ArrayLike = WEIGHTS, effort: ArrayLike | None = None,
+        headroom: float = HEADROOM,
+    ) -> None:  # fmt: skip
+        """Take the thrusters of `vehicle`.
+
+        `weights` (6,) [1/N, 1/(N m)] say which axes matter once thrusters saturate; an axis of weight zero is not
+        driven. `effort` (m,), equal by default, says which thrusters to spare where there is a choice. `headroom` is
+        the share of full thrust that is used. Raises ConfigurationError for weights that cannot be, or if the thrusters
+        cannot give a wrench in every direction that has a weight.
+        """
         self._B = np.array(vehicle.thruster_wrench)
-        if np.linalg.matrix_rank(self._B) < 6:
-            raise ConfigurationError(f"the {self._B.shape[1]} thrusters do not span all six directions of the hull")
-        self._inverse = np.linalg.pinv(self._B)
+        m = self._B.shape[1]
+        self._weights = checked(weights, (6,), "weights of the wrench")
+        if not (np.all(self._weights >= 0.0) and np.any(self._weights)):
+            raise ConfigurationError(f"weights of the wrench: must be >= 0, not all zero, got {self._weights.tolist()}")
+        spare = checked(np.ones(m) if effort is None else effort, (m,), "effort of the thrusters")
+        if not np.all(spare > 0.0):
+            raise ConfigurationError(f"effort of the thrusters: must be > 0, got {spare.tolist()}")
+        if not 0.0 < headroom <= 1.0:
+            raise ConfigurationError(f"headroom: must be in (0, 1], got {headroom}")
+        driven = self._weights > 0.0
+        if np.linalg.matrix_rank(self._B[driven]) < np.count_nonzero(driven):
+            word = "six directions" if driven.all() else f"{np.count_nonzero(driven)} driven directions"
+            raise ConfigurationError(f"the {m} thrusters do not span all {word} of the hull")
+        self._inverse = np.zeros((m, 6))
+        self._inverse[:, driven] = np.linalg.pinv(self._B[driven] / spare) / spare[:, None]
         table = vehicle.thruster_table
-        self._forward, self._reverse, self._band = table[:, 0], table[:, 1], table[:, 2]
+        self._low, self._high = -headroom * table[:, REVERSE], headroom * table[:, FORWARD]
+        self._least = table[:, LEAST].copy()
+        self._patterns = preloads(self._B[driven])
+        self._gaps = bool(np.any(self._least > 0.0))
+        self._curves = curves(table)
+        A = self._weights[:, None] * self._B
+        self._H, self._right = normal_equations(A, spare)
+        self._right = self._right * self._weights
 
     def thrust(self, wrench_B: Array) -> Array:
         """Thrusts (m,) [N] whose wrench is nearest to `wrench_B` (6,), within what each thruster can give.
 
-        Exact (least norm) while no bound is met; otherwise the bounded least-squares solution, weighted so that
-        attitude is kept first and yaw is given up first.
+        Exact (least effort) while no bound is met; otherwise the weighted bounded least squares. Where a thruster has a
+        least thrust, each thrust is zero or at least that.
         """
         thrust = self._inverse @ wrench_B
-        low, high = -_HEADROOM * self._reverse, _HEADROOM * self._forward
-        if np.all(thrust >= low) and np.all(thrust <= high):
+        inside = np.all(thrust >= self._low) and np.all(thrust <= self._high)
+        if inside and not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
             return thrust
-        return lsq_linear(_WEIGHTS[:, None] * self._B, _WEIGHTS * wrench_B, bounds=(low, high), method="bvls").x
+        return nearest_thrusts(self._H, self._right @ wrench_B, self._low, self._high, self._least, self._patterns)
 
     def command(self, thrust: Array) -> Array:
-        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water."""
-        gain = np.where(thrust >= 0.0, self._forward, self._reverse)
-        reach = np.sqrt(np.minimum(np.abs(thrust) / gain, 1.0))
-        return np.sign(thrust) * np.where(reach > 0.0, self._band + (1.0 - self._band) * reach, 0.0)
+        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest."""
+        return _commands(self._curves, thrust)
+
+    def lacking(self, wrench_B: Array, thrust: Array) -> Array:
+        """What saturation withholds of `wrench_B` (6,) where `thrust` (m,) is its allocation; zero while none is."""
+        missing = wrench_B - self._B @ thrust
+        full = (thrust <= self._low * (1.0 - 1e-9)) | (thrust >= self._high * (1.0 - 1e-9))
+        if not np.any(full):
+            return np.zeros(6)
+        return np.where(np.abs(missing) > 1e-6 * np.abs(wrench_B).max(), missing, 0.0)
+
+
+def preloads(B: Array) -> np.ndarray:
+    """Branches (p, m), 1 or -1 each, on which thrusters with wrench columns `B` (k, m) work against each other.
+
+    The signs of the thrusts that give no wrench, in a few directions of their space. None where there is no such space,
+    or where it leaves a thruster out.
+    """
+    null = np.linalg.svd(B)[2][np.linalg.matrix_rank(B) :]
+    found: list[tuple[int, ...]] = []
+    for mix in itertools.product((1, 0, -1), repeat=min(len(null), 3)):
+        along = np.array(mix) @ null[:3]
+        signs = tuple(np.sign(along).astype(int).tolist())
+        if np.all(np.abs(along) > 1e-6) and signs not in found:
+            found.append(signs)
+    return np.array(sorted(found), dtype=np.int64).reshape(-1, B.shape[1])
+
+
+def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
+    """Matrix (m, m) of the problem min |A x - b|^2 + e^2 |effort x|^2, and A^T (m, k), which times b is its right side.
+
+    `e` is so small that it decides only where A (k, m) leaves a choice.
+    """
+    H = A.T @ A
+    return H + _EFFORT * np.trace(H) / len(H) * np.diag(effort**2 / np.mean(effort**2)), A.T.copy()
+
+
+@numba.njit(cache=True)
+def _commands(curve, thrust):
+    command = np.empty(thrust.shape[0])
+    for i in range(thrust.shape[0]):
+        command[i] = command_for(curve[i], thrust[i])
+    return command
+
+
+@numba.njit(cache=True)
+def bounded(H, c, low, high, x):
+    """Minimum of x^T H x / 2 - c^T x over low <= x <= high by active sets, into `x` (m,); the number of steps taken.
+
+    `H` (m, m) is positive definite. Each step solves the free variables and either moves there, or to the first bound
+    on the way; at a minimum of the free ones the bound variable that pulls inward most is set free. The cost falls with
+    every step, so no set comes twice.
+    """
+    m = c.shape[0]
+    at = np.zeros(m, dtype=np.int8)
+    L, z, free = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64)
+    scale = 0.0
+    for i in range(m):
+        scale = max(scale, abs(c[i]), H[i, i] * max(abs(low[i]), abs(high[i])))
+    first = True
+    steps = 0
+    while steps < 20 * (m + 1):
+        steps += 1
+        count = 0
+        for i in range(m):
+            if at[i] == 0:
+                free[count] = i
+                count += 1
+        _solve_free(H, c, x, free, count, L, z)
+        if first:  # the set to begin with: what the free minimum puts beyond its bounds
+            first = False
+            outside = False
+            for i in range(m):
+                x[i] = min(max(z[i], low[i]), high[i])
+                if z[i] < low[i]:
+                    at[i], outside = -1, True
+                elif z[i] > high[i]:
+                    at[i], outside = 1, True
+            if outside:
+                continue
+            return steps
+        share, hit = 1.0, -1
+        for a in range(count):
+            i = free[a]
+            if z[a] < low[i]:
+                s = (low[i] - x[i]) / (z[a] - x[i])
+            elif z[a] > high[i]:
+                s = (high[i] - x[i]) / (z[a] - x[i])
+            else:
+                continue
+            if s < share or hit < 0:
+                share, hit = max(s, 0.0), i
+        for a in range(count):
+            i = free[a]
+            x[i] += share * (z[a] - x[i])
+            if share == 1.0 and hit < 0:
+                x[i] = z[a]
+        if hit >= 0:
+            at[hit] = -1 if x[hit] - low[hit] < high[hit] - x[hit] else 1
+            x[hit] = low[hit] if at[hit] < 0 else high[hit]
+            continue
+        worst, release = 1e-13 * scale, -1
+        for i in range(m):
+            if at[i] == 0 or low[i] == high[i]:
+                continue
+            slope = -c[i]
+            for j in range(m):
+                slope += H[i, j] * x[j]
+            pull = -slope if at[i] < 0 else slope
+            if pull > worst:
+                worst, release = pull, i
+        if release < 0:
+            break
+        at[release] = 0
+    return steps
+
+
+@numba.njit(cache=True)
+def _solve_free(H, c, x, free, count, L, z):
+    """Minimum over the `count` variables in `free`, the others held at `x`, into `z` in the order of `free`."""
+    m = c.shape[0]
+    for a in range(count):
+        i = free[a]
+        total = c[i]
+        held = 0
+        for j in range(m):
+            if held < count and free[held] == j:
+                held += 1
+            else:
+                total -= H[i, j] * x[j]
+        z[a] = total
+        for b in range(a + 1):
+            total = H[i, free[b]]
+            for k in range(b):
+                total -= L[a, k] * L[b, k]
+            L[a, b] = np.sqrt(total) if a == b else total / L[b, b]
+        for k in range(a):
+            z[a] -= L[a, k] * z[k]
+        z[a] /= L[a, a]
+    for a in range(count - 1, -1, -1):
+        for k in range(a + 1, count):
+            z[a] -= L[k, a] * z[k]
+        z[a] /= L[a, a]
+
+
+@numba.njit(cache=True)
+def nearest_thrusts(H, c, low, high, least, patterns):
+    """Thrusts (m,) [N] of least cost x^T H x / 2 - c^T x within bounds, each zero or at least `least` (m,) either way.
+
+    Near the least where a gap is met, as the head of this module says; `patterns` (p, m) of `preloads`.
+    """
+    m = c.shape[0]
+    x, y = np.zeros(m), np.zeros(m)
+    bounded(H, c, low, high, x)
+    free = _cost(H, c, x)
+    from_, to = low.copy(), high.copy()
+    enough = 0.0
+    for i in range(m):
+        enough = max(enough, 1e-6 * H[i, i] * least[i] ** 2)
+    met = False
+    while True:
+        nearest, which = np.inf, -1
+        for i in range(m):
+            if from_[i] == to[i] or abs(x[i]) >= least[i] * (1.0 - 1e-9):
+                continue
+            distance = min(abs(x[i]), least[i] - abs(x[i])) / least[i]
+            if distance < nearest:
+                nearest, which = distance, i
+        if which < 0:
+            break
+        if not met:
+            for row in range(patterns.shape[0]):
+                for i in range(m):
+                    _limit(patterns[row, i], low[i], high[i], least[i], from_, to, i)
+                bounded(H, c, from_, to, y)
+                if _cost(H, c, y) - free <= enough:
+                    return y
+            from_[:], to[:] = low, high
+            met = True
+        branch = 0 if abs(x[which]) < 0.5 * least[which] else int(np.sign(x[which]))
+        _limit(branch, low[which], high[which], least[which], from_, to, which)
+        bounded(H, c, from_, to, x)
+    best = _cost(H, c, x)
+    for _ in range(_ROUNDS if met else 0):
+        better = False
+        for i in range(m):
+            _limit(int(np.sign(x[i])), low[i], high[i], least[i], from_, to, i)
+        for i in range(m):
+            for other in range(-1, 2):
+                kept = int(np.sign(x[i]))
+                if least[i] == 0.0 or other == kept:
+                    continue
+                _limit(other, low[i], high[i], least[i], from_, to, i)
+                bounded(H, c, from_, to, y)
+                cost = _cost(H, c, y)
+                if cost < best - 1e-12 * abs(best):
+                    best, better = cost, True
+                    x[:] = y
+                else:
+                    _limit(kept, low[i], high[i], least[i], from_, to, i)
+        if not better:
+            break
+    return x
+
+
+@numba.njit(cache=True)
+def _limit(branch, low, high, least, from_, to, i):
+    """Bounds of thruster `i` on one branch: -1, 0 or 1."""
+    if least == 0.0:  # it has no gap
+        from_[i], to[i] = low, high
+        return
+    from_[i] = low if branch < 0 else least if branch > 0 else 0.0
+    to[i] = high if branch > 0 else -least if branch < 0 else 0.0
+
+
+@numba.njit(cache=True)
+def _cost(H, c, x):
+    total = 0.0
+    for i in range(c.shape[0]):
+        total -= c[i] * x[i]
+        for j in range(c.shape[0]):
+            total += 0.5 * x[i] * H[i, j] * x[j]
+    return total

@@ -18,6 +18,7 @@ class HoverState:
     """Memory of the loop."""
 
     integral: Array  # (6,) [N, N m] steady disturbance found so far: force in W, moment in hull axes
+    lacking_B: Array  # (6,) [N, N m] what the thrusters could not give of the last wrench, hull axes
 
 
 class Hover:
@@ -61,7 +62,7 @@ class Hover:
         )
 
     def init(self) -> HoverState:
-        return HoverState(np.zeros(6))
+        return HoverState(np.zeros(6), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
@@ -74,7 +75,8 @@ class Hover:
     ) -> Array:  # fmt: skip
         """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
 
-        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M).
+        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M). Where
+        `state.lacking_B` says that the last wrench was not given in full, the integral does not grow that way.
         """
         R_WB = estimate.X_WB[:3, :3]
         p_error = X_WB_wanted[:3, 3] - estimate.X_WB[:3, 3]
@@ -86,9 +88,10 @@ class Hover:
                 self._stiffness * turn_error - self._damping * estimate.w_WB_B,
             ]
         )
-        growth = dt * self._integral * self.inertia.diagonal()
-        state.integral[:3] += R_WB @ (growth[:3] * (R_WB.T @ p_error))
-        state.integral[3:] += growth[3:] * turn_error
+        growth = dt * self._integral * self.inertia.diagonal() * np.concatenate([R_WB.T @ p_error, turn_error])
+        growth[growth * state.lacking_B > 0.0] = 0.0
+        state.integral[:3] += R_WB @ growth[:3]
+        state.integral[3:] += growth[3:]
         wrench = self.inertia @ acceleration - self.static_wrench(R_WB) - arm_wrench_B
         wrench[:3] += R_WB.T @ state.integral[:3]
         wrench[3:] += state.integral[3:]

@@ -235,7 +235,9 @@ class WorkController:
         wanted_B = self._hover.step(
             state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * self.period
         )
-        state.thrusters = self._allocation.command(self._allocation.thrust(wanted_B))
+        thrust = self._allocation.thrust(wanted_B)
+        state.hover.lacking_B = self._allocation.lacking(wanted_B, thrust)
+        state.thrusters = self._allocation.command(thrust)
         state.believed = {
             **state.believed,
             "arm_wrench_B": arm_wrench_B,

@@ -8,12 +8,12 @@ from models.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQ
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-SATURATED = 0.99  # of full speed: who asks for this much has nothing left; allocations stop a little short of 1
+SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; allocations stop a little short of 1
 
 
 @numba.njit(cache=True)
 def _advance(curve, decay, slew, inflow_loss, advance, command, R_WB, v_WB_W, w_WB_B, current_W, passed, speed, thrust):
-    """One exact step of the lag, then the thrust at the new speed; True if any command was beyond its range."""
+    """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit."""
     saturated = False
     nu_r_B = np.empty(6)
     for i in range(3):
@@ -22,9 +22,10 @@ def _advance(curve, decay, slew, inflow_loss, advance, command, R_WB, v_WB_W, w_
             nu_r_B[i] += R_WB[j, i] * (v_WB_W[j] - current_W[j])
     for i in range(speed.shape[0]):
         wanted = command[i]
-        if abs(wanted) >= SATURATED:
-            saturated = True
+        if abs(wanted) > 0.9:
             wanted = min(max(wanted, -1.0), 1.0)
+            end = 1.0 if wanted > 0.0 else -1.0
+            saturated |= thrust_at(curve[i], wanted) / thrust_at(curve[i], end) >= SATURATED
         if abs(wanted - passed[i]) > slew[i]:
             wanted = passed[i] + np.sign(wanted - passed[i]) * slew[i]
         passed[i] = wanted

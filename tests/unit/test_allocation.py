@@ -1,18 +1,24 @@
-"""Allocation against the thrusters of the plant, and against the optimality conditions of bounded least squares."""
+"""Allocation against the plant's thrusters, SciPy's bounded least squares, and the conditions of optimality."""
 
+import itertools
+import os
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 
 import models
-from controllers.allocation import Allocation
+from controllers.allocation import WEIGHTS, Allocation, bounded, nearest_thrusts, normal_equations, preloads
+from models import thrusters
+from models.thrusters import TIME_CONSTANT, Thruster
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 from sim.thrusters import Thrusters
 
-WEIGHTS = np.array([1.0, 1.0, 1.0, 4.0, 4.0, 0.5])  # as stated: attitude first, yaw last
+W = np.array(WEIGHTS)
 
 
 @pytest.fixture(scope="module")
@@ -20,21 +26,48 @@ def vehicle() -> Vehicle:
     return Vehicle.of(models.load("uuv_puma").compile())
 
 
+@pytest.fixture(params=[1, 2, "fresh"])
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
+    print(f"seed {seed}")
+    return np.random.default_rng(seed)
+
+
+def eight() -> Array:
+    """Wrench (6, 8) of the heavy frame: four vectored at 45 deg, four vertical [m] (Wu 2018's layout, rounded)."""
+    columns = []
+    for x, y in itertools.product((0.156, -0.156), (0.111, -0.111)):
+        axis = np.array([1.0, -np.sign(x * y), 0.0]) / np.sqrt(2.0)
+        columns.append(np.concatenate([axis, np.cross([x, y, -0.07], axis)]))
+    for x, y in itertools.product((0.12, -0.12), (0.218, -0.218)):
+        columns.append(np.concatenate([[0.0, 0.0, 1.0], np.cross([x, y, 0.0], [0.0, 0.0, 1.0])]))
+    return np.array(columns).T
+
+
+def with_thrusters(vehicle: Vehicle, B: Array, thruster: Thruster) -> Vehicle:
+    return replace(vehicle, thruster_wrench=B, thruster_table=np.tile(thrusters.pack(thruster), (B.shape[1], 1)))
+
+
 def given(vehicle: Vehicle, command: Array) -> Array:
     """Steady thrust (m,) of the plant's own thrusters in still water."""
     table = vehicle.thruster_table.copy()
-    table[:, 3] = 0.0  # no lag
+    table[:, TIME_CONSTANT] = 0.0
     plant = Thrusters(table, vehicle.thruster_wrench, 0.002)
     plant.step(command, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     return plant.thrust
+
+
+# ---------------------------------------------------------------------------------------------------- within the bounds
 
 
 def test_exact_while_no_bound_is_met(vehicle, within):
     allocation, rng = Allocation(vehicle), np.random.default_rng(1)
     for _ in range(200):
         wrench_B = rng.normal(size=6) * [60.0, 60.0, 60.0, 10.0, 10.0, 10.0]
-        command = allocation.command(allocation.thrust(wrench_B))
+        thrust = allocation.thrust(wrench_B)
+        command = allocation.command(thrust)
         assert np.abs(command).max() < 1.0
+        assert not allocation.lacking(wrench_B, thrust).any()
         within("wrench [N, N m]", vehicle.thruster_wrench @ given(vehicle, command) - wrench_B, 3e-12)  # measured 3e-13
 
 
@@ -47,26 +80,222 @@ def test_command_inverts_the_static_curve_for_both_signs(vehicle, within):
     assert np.abs(allocation.command(np.full(6, 1e4))).max() == 1.0
 
 
-def test_saturated_thrusts_are_the_best_within_bounds(vehicle):
-    """Kuhn and Tucker: the gradient vanishes for a free thruster and points out of the box for one at its bound."""
-    allocation, rng = Allocation(vehicle), np.random.default_rng(2)
+def test_eight_thrusters_give_the_wrench_with_least_effort(vehicle, rng, within):
+    """Exact, and orthogonal to the null space in the effort's metric: no other thrusts of that wrench cost less."""
+    B = eight()
+    null = np.linalg.svd(B)[2][6:].T
+    for effort in (np.ones(8), rng.uniform(0.3, 3.0, 8)):
+        allocation = Allocation(with_thrusters(vehicle, B, thrusters.t200(least_thrust=0.0)), effort=effort)
+        for _ in range(50):
+            wrench_B = rng.normal(size=6) * [10.0, 10.0, 10.0, 1.0, 1.0, 1.0]
+            thrust = allocation.thrust(wrench_B)
+            within("wrench [N, N m]", B @ thrust - wrench_B, 1e-12)  # measured 4e-14
+            within("null space", null.T @ (effort**2 * thrust), 1e-11)  # measured 1e-13
+
+
+# -------------------------------------------------------------------------------------------------------- at the bounds
+
+
+def random_problem(rng: np.random.Generator, rank: int | None = None) -> tuple[Array, Array, Array, Array]:
+    """A (6, m), b (6,), bounds (m,): some free, some met, some hopeless; of `rank` if given."""
+    m = int(rng.integers(1, 11))
+    A = rng.normal(size=(6, m)) * rng.uniform(0.1, 4.0, (6, 1))
+    if rank is not None:
+        A = rng.normal(size=(6, min(rank, m))) @ rng.normal(size=(min(rank, m), m))
+    low, high = -rng.uniform(1.0, 60.0, m), rng.uniform(1.0, 60.0, m)
+    return A, rng.normal(size=6) * rng.choice([1.0, 50.0, 1000.0]), low, high
+
+
+def cost(A: Array, b: Array, x: Array) -> float:
+    return float(np.sum((A @ x - b) ** 2))
+
+
+@pytest.mark.parametrize("rank", [None, 1, 3, 5])
+def test_bounded_least_squares_costs_what_scipy_says(rng, rank, within):
+    """Random problems of 1 to 10 thrusters, rank-deficient and infeasible ones among them."""
+    met = 0
+    for _ in range(60):
+        A, b, low, high = random_problem(rng, rank)
+        x = np.zeros(A.shape[1])
+        H, right = normal_equations(A, np.ones(len(x)))
+        steps = bounded(H, right @ b, low, high, x)
+        assert steps < 10 * (len(x) + 1)
+        assert np.all((x >= low) & (x <= high))
+        met += bool(np.any((x == low) | (x == high)))
+        reference = lsq_linear(A, b, bounds=(low, high), method="bvls", tol=1e-14, max_iter=1000)
+        # The effort's share of the cost is at most 1e-10 of the trace times the bounds squared.
+        scale = float(b @ b) + np.trace(H) * 60.0**2
+        within("cost", (cost(A, b, x) - 2.0 * reference.cost) / scale, 1e-10)  # measured 8e-12
+    assert met > 15
+
+
+def test_minimum_is_where_kuhn_and_tucker_say(rng):
+    """The gradient vanishes for what is free and points out of the box at a bound."""
+    for _ in range(200):
+        A, b, low, high = random_problem(rng)
+        x = np.zeros(A.shape[1])
+        H, right = normal_equations(A, np.ones(len(x)))
+        bounded(H, right @ b, low, high, x)
+        slope = H @ x - right @ b
+        scale = np.abs(right @ b).max() + np.abs(H).max() * 60.0
+        assert np.abs(slope[(x > low) & (x < high)]).max(initial=0.0) < 1e-11 * scale  # measured 3e-15
+        assert slope[x == low].min(initial=0.0) > -1e-11 * scale
+        assert slope[x == high].max(initial=0.0) < 1e-11 * scale
+
+
+def test_saturated_thrusts_are_the_best_within_bounds(vehicle, rng, within):
+    """The class as a whole, against SciPy; what it says is lacking is what is lacking."""
+    allocation = Allocation(vehicle)
     high, low = 0.98 * vehicle.thruster_table[:, 0], -0.98 * vehicle.thruster_table[:, 1]
-    A = WEIGHTS[:, None] * vehicle.thruster_wrench
-    saturated = 0
-    for _ in range(100):
+    B, saturated = vehicle.thruster_wrench, 0
+    for _ in range(60):
         wrench_B = rng.normal(size=6) * [600.0, 600.0, 900.0, 200.0, 300.0, 200.0]
         thrust = allocation.thrust(wrench_B)
-        assert np.all(thrust <= high + 1e-9)
-        assert np.all(thrust >= low - 1e-9)
-        at_high, at_low = thrust > high - 1e-6, thrust < low + 1e-6
-        saturated += bool(at_high.any() or at_low.any())
-        slope = A.T @ (A @ thrust - WEIGHTS * wrench_B) / np.linalg.norm(A.T @ (WEIGHTS * wrench_B))
-        assert np.all(np.abs(slope[~at_high & ~at_low]) < 1e-7)
-        assert np.all(slope[at_high] <= 1e-7)
-        assert np.all(slope[at_low] >= -1e-7)
-    assert saturated > 50
+        reference = lsq_linear(W[:, None] * B, W * wrench_B, bounds=(low, high), method="bvls", tol=1e-14).x
+        within("thrust [N]", thrust - reference, 1e-5)  # measured 3e-7: the effort's share
+        missing = allocation.lacking(wrench_B, thrust)
+        at_bound = bool(np.any((thrust == low) | (thrust == high)))
+        saturated += at_bound
+        assert missing.any() == at_bound
+        within("lacking [N, N m]", missing + B @ thrust - wrench_B, 1e-6 * np.abs(wrench_B).max())
+    assert saturated > 30
 
 
-def test_a_lost_thruster_is_refused(vehicle):
-    with pytest.raises(ConfigurationError, match="5 thrusters do not span"):
-        Allocation(replace(vehicle, thruster_wrench=vehicle.thruster_wrench[:, :5]))
+def residual(B: Array, wrench_B: Array, low: Array, high: Array, weights: Array) -> Array:
+    H, right = normal_equations(weights[:, None] * B, np.ones(B.shape[1]))
+    x = np.zeros(B.shape[1])
+    bounded(H, (right * weights) @ wrench_B, low, high, x)
+    return np.abs(B @ x - wrench_B)
+
+
+def test_weights_hold_their_order(vehicle, rng):
+    """An axis with more weight never loses more; attitude is kept better and yaw worse than with equal weights."""
+    table, sums = vehicle.thruster_table, np.zeros((2, 6))
+    for B, low, high in (
+        (vehicle.thruster_wrench, -table[:, 1], table[:, 0]),
+        (eight(), np.full(8, -40.0), np.full(8, 50.0)),
+    ):
+        reach = np.abs(B) @ high
+        for _ in range(60):
+            wrench_B = rng.normal(size=6) * reach
+            plain, stated = (residual(B, wrench_B, low, high, w) for w in (np.ones(6), W))
+            sums += plain / reach, stated / reach
+            for axis in range(6):
+                more = W.copy()
+                more[axis] *= 3.0
+                assert residual(B, wrench_B, low, high, more)[axis] <= stated[axis] + 1e-4 * reach[axis]
+    assert np.all(sums[1, 3:5] < 0.95 * sums[0, 3:5])  # roll, pitch: measured 0.79
+    assert sums[1, 5] > sums[0, 5]  # yaw
+
+
+def test_a_great_weight_is_a_priority(rng, within):
+    """As its weight grows an axis keeps all that the bounds allow: its own best, found alone."""
+    B, low, high = eight(), np.full(8, -40.0), np.full(8, 50.0)
+    for axis in (3, 4, 5):
+        wrench_B = rng.normal(size=6) * (np.abs(B) @ high)
+        weights = np.ones(6)
+        weights[axis] = 1e3
+        alone = lsq_linear(B[axis : axis + 1], wrench_B[axis : axis + 1], bounds=(low, high))
+        kept = residual(B, wrench_B, low, high, weights)[axis]
+        within("priority [N m]", kept - np.sqrt(2.0 * alone.cost), 3e-3)  # measured 2e-4
+
+
+# ----------------------------------------------------------------------------------------------------- the least thrust
+
+
+def in_gap(x: Array, least: Array) -> Array:
+    return (x != 0.0) & (np.abs(x) < least * (1.0 - 1e-9))
+
+
+def test_no_thrust_falls_into_the_gap_and_greed_costs_little(rng):
+    """Without a null space, against all 3^m choices of branch: never below, mostly the best, far from plain rounding.
+
+    Measured on 520 such problems with gaps of 1 N: the best in 97 % (four thrusters) and 87 % (five), 0.003 and 0.015 N
+    (weighted) above it in the mean and 0.5 N at worst; each thrust rounded by itself is 0.10 and 0.16 N above it.
+    """
+    B, seen, excess, rounded = eight(), 0, [], []
+    A = W[:, None] * B[:, :8]
+    for m, count in ((4, 20), (5, 6)):
+        for _ in range(count):
+            pick = rng.permutation(8)[:m]
+            Am, least = A[:, pick], rng.uniform(0.5, 3.0, m)
+            low, high = np.full(m, -40.0), np.full(m, 50.0)
+            b = Am @ rng.uniform(-4.0, 4.0, m)
+            H, right = normal_equations(Am, np.ones(m))
+            x = nearest_thrusts(H, right @ b, low, high, least, preloads(Am))
+            assert not in_gap(x, least).any()
+            assert np.all((x >= low) & (x <= high))
+            best = np.inf
+            for branch in itertools.product((-1, 0, 1), repeat=m):
+                kind = np.array(branch)
+                y = np.zeros(m)
+                bounded(
+                    H, right @ b, np.where(kind > 0, least, np.where(kind < 0, low, 0.0)),
+                    np.where(kind > 0, high, np.where(kind < 0, -least, 0.0)), y,
+                )  # fmt: skip
+                best = min(best, cost(Am, b, y))
+            found = cost(Am, b, x)
+            assert found >= best - 1e-6
+            free = np.zeros(m)
+            bounded(H, right @ b, low, high, free)
+            nearest = np.where(np.abs(free) < 0.5 * least, 0.0, np.sign(free) * np.maximum(np.abs(free), least))
+            seen += bool(in_gap(free, least).any())
+            excess.append(np.sqrt(found) - np.sqrt(best))
+            rounded.append(np.sqrt(cost(Am, b, nearest)) - np.sqrt(best))
+    assert seen > 10
+    assert np.mean(excess) < 0.5 * np.mean(rounded)  # rounding each by itself is the simple way
+
+
+def test_eight_thrusters_work_against_each_other_rather_than_miss_the_wrench(vehicle, rng, within):
+    """With a null space no wrench is missed for the gaps, however small; nothing is asked where nothing is wanted."""
+    B = eight()
+    allocation = Allocation(with_thrusters(vehicle, B, thrusters.t200()))
+    patterns = preloads(B)
+    assert len(patterns) >= 2
+    assert not allocation.thrust(np.zeros(6)).any()
+    seen = []
+    for scale in (0.01, 0.3, 1.0, 3.0):
+        for _ in range(20):
+            wrench_B = scale * rng.normal(size=6) * [1.0, 1.0, 1.0, 0.1, 0.1, 0.1]
+            thrust = allocation.thrust(wrench_B)
+            assert not in_gap(thrust, np.full(8, 0.36)).any()
+            within("wrench [N, N m]", B @ thrust - wrench_B, 1e-6)  # measured 5e-8: the effort's share
+            seen.append(tuple(np.sign(thrust)))
+    assert len(set(seen[:20])) == 1  # small wrenches all on one pattern: no propeller turns round between them
+
+
+def test_t200_gaps_are_kept_through_the_class(vehicle, rng):
+    """What is allocated is what the plant gives, though small thrusts do not exist."""
+    eight_of = with_thrusters(vehicle, eight(), thrusters.t200())
+    allocation, least = Allocation(eight_of), np.full(8, 0.36)
+    for _ in range(50):
+        wrench_B = rng.normal(size=6) * [1.0, 1.0, 1.0, 0.1, 0.1, 0.1]
+        thrust = allocation.thrust(wrench_B)
+        assert not in_gap(thrust, least).any()
+        assert given(eight_of, allocation.command(thrust)) == pytest.approx(thrust, abs=1e-8)
+        assert not allocation.lacking(wrench_B, thrust).any()  # a gap is not saturation
+
+
+# ---------------------------------------------------------------------------------------------------------- at the door
+
+
+def test_a_lost_thruster_is_refused_unless_its_axis_is_given_up(vehicle):
+    five = replace(vehicle, thruster_wrench=vehicle.thruster_wrench[:, 1:], thruster_table=vehicle.thruster_table[1:])
+    with pytest.raises(ConfigurationError, match="5 thrusters do not span all six"):
+        Allocation(five)
+    allocation = Allocation(five, weights=[1.0, 1.0, 1.0, 4.0, 4.0, 0.0])
+    wrench_B = np.array([20.0, -30.0, 40.0, 5.0, -6.0, 70.0])
+    assert (five.thruster_wrench @ allocation.thrust(wrench_B))[:5] == pytest.approx(wrench_B[:5], abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"weights": [1.0] * 5}, "weights"), ({"weights": [0.0] * 6}, "not all zero"),
+        ({"weights": [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]}, ">= 0"), ({"weights": [np.nan] * 6}, "finite"),
+        ({"effort": np.ones(5)}, "effort"), ({"effort": np.zeros(6)}, "effort"), ({"headroom": 0.0}, "headroom"),
+    ],
+)  # fmt: skip
+def test_figures_that_cannot_be(vehicle, change: dict[str, Any], named):
+    with pytest.raises(ConfigurationError, match=named):
+        Allocation(vehicle, **change)

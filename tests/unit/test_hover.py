@@ -1,0 +1,68 @@
+"""The hover loop where the thrusters run out: its integral must not wind up."""
+
+import numpy as np
+import pytest
+
+import models
+from controllers.allocation import Allocation
+from controllers.arm_dynamics import ArmDynamics
+from controllers.hover import Hover
+from models.vehicle import Vehicle
+from sim.interfaces.messages import StateEstimate
+from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+
+DT = 0.02  # [s]
+NONE = np.zeros(6)
+
+
+@pytest.fixture(scope="module")
+def parts() -> tuple[Hover, Allocation, Array]:
+    model = models.load("uuv_puma").compile()
+    vehicle = Vehicle.of(model)
+    return Hover(model, ArmDynamics(model)), Allocation(vehicle), vehicle.thruster_wrench
+
+
+def estimate(X_WB: Array, nu_B: Array) -> StateEstimate:
+    return StateEstimate(
+        time=0.0, X_WB=X_WB, v_WB_B=nu_B[:3], w_WB_B=nu_B[3:], a_WB_B=np.zeros(3), q=NONE, qd=NONE, tau=NONE
+    )
+
+
+def run(parts: tuple[Hover, Allocation, Array], start: Array, seconds: float, *, told: bool) -> Array:
+    """Errors (steps, 6) of position in W and attitude, from `start`, on a body of the loop's own inertia."""
+    hover, allocation, B = parts
+    state, X, nu, errors = hover.init(), start.copy(), np.zeros(6), []
+    for _ in range(round(seconds / DT)):
+        wanted = hover.step(state, estimate(X, nu), np.eye(4), np.zeros(3), NONE, DT)
+        thrust = allocation.thrust(wanted)
+        if told:
+            state.lacking_B = allocation.lacking(wanted, thrust)
+        R = X[:3, :3]
+        nu = nu + DT * np.linalg.solve(hover.inertia, B @ thrust + hover.static_wrench(R))
+        X[:3, 3] += DT * (R @ nu[:3])
+        X[:3, :3] = R @ exp_so3(DT * nu[3:])
+        errors.append(np.concatenate([X[:3, 3], log_so3(X[:3, :3])]))
+    return np.array(errors)
+
+
+def test_a_long_way_overshoots_less_when_the_loop_knows_what_was_withheld(parts):
+    """4 m aside asks for ten times the thrust there is."""
+    start = pose(p=[-4.0, 4.0, 0.0])
+    told, untold = (run(parts, start, 60.0, told=told) for told in (True, False))
+    overshoot, wound_up = (np.array([e[:, 0].max(), -e[:, 1].min()]) for e in (told, untold))
+    assert np.all(overshoot < 0.6 * wound_up), (overshoot, wound_up)
+    assert np.abs(told[-1]).max() < 0.02
+
+
+def test_nothing_changes_while_the_thrusters_suffice(parts):
+    start = pose(exp_so3([0.02, -0.03, 0.1]), [0.1, -0.1, 0.05])
+    assert np.array_equal(run(parts, start, 5.0, told=True), run(parts, start, 5.0, told=False))
+
+
+def test_the_integral_stops_only_the_way_that_is_withheld(parts):
+    hover = parts[0]
+    state, X_WB = hover.init(), pose(p=[-0.5, -0.5, 0.5])
+    state.lacking_B = np.array([100.0, -100.0, 0.0, 0.0, 0.0, 0.0])
+    hover.step(state, estimate(X_WB, NONE), np.eye(4), np.zeros(3), NONE, DT)
+    assert state.integral[0] == 0.0
+    assert state.integral[1] > 0.0 > state.integral[2]

@@ -22,6 +22,8 @@ SEA_WATER: Final = 1025.0  # [kg/m^3]
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag a body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations a segment
+LARGEST: Final = 1e15  # of any coefficient, SI: beyond every body, and far from overflow
+LONGEST: Final = 1e5  # [m] of any shape
 
 _STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stations
 _UPPER: Final = np.triu_indices(6)
@@ -29,7 +31,7 @@ _UPPER: Final = np.triu_indices(6)
 # Where each number lies in a row of `body_user`. The world body has its own row; both begin with the stamp, which
 # changes with the layout, so that a table of another layout (or another project) is not taken for ours.
 LAYOUT: Final = SimpleNamespace(
-    stamp_value=6.20261121e8,
+    stamp_value=6.20261122e8,
     stamp=0,
     # a body
     volume=1,
@@ -39,13 +41,14 @@ LAYOUT: Final = SimpleNamespace(
     quadratic_damping=62,  # 6
     strip_count=68,
     strips=69,  # MAX_STRIPS times 9
-    size=69 + MAX_STRIPS * _STRIP_SIZE,
     strip_size=_STRIP_SIZE,
-    # the world
+    body_density=69 + MAX_STRIPS * _STRIP_SIZE,  # of the water; the world's own counts where there is one
+    size=70 + MAX_STRIPS * _STRIP_SIZE,
+    # the world; MJCF does not keep it
     density=1,
     current_acceleration=2,  # 3
     current_shear=5,  # 3
-    compiled=8,  # 1 once sim.hydrodynamics.compile has set the wet contact weights
+    compiled=8,  # the sum of dof_invweight0, once sim.hydrodynamics.compile has made it wet
 )
 
 
@@ -66,22 +69,23 @@ class StripDrag:
     stations: int = 4  # 1..MAX_STATIONS
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", checked(self.start, (3,), "strip start"))
-        object.__setattr__(self, "end", checked(self.end, (3,), "strip end"))
+        object.__setattr__(self, "start", _bounded(self.start, (3,), "strip start", LONGEST))
+        object.__setattr__(self, "end", _bounded(self.end, (3,), "strip end", LONGEST))
         object.__setattr__(self, "normal", _not_negative(self.normal, "strip normal drag [kg/m^2]"))
         object.__setattr__(self, "tangential", _not_negative(self.tangential, "strip tangential drag [kg/m^2]"))
         if not float(np.linalg.norm(self.end - self.start)) > 1e-9:
             raise ConfigurationError(f"strip: start {self.start.tolist()} and end {self.end.tolist()} coincide")
-        if self.stations not in range(1, MAX_STATIONS + 1):
-            raise ConfigurationError(f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations}")
+        if not (isinstance(self.stations, int | np.integer) and 1 <= self.stations <= MAX_STATIONS):
+            raise ConfigurationError(f"strip stations: expected 1 to {MAX_STATIONS}, got {self.stations!r}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyHydrodynamics:
     """Hydrodynamics of one body, in its body frame. Arrays are read-only copies.
 
-    Raises ConfigurationError if a shape is wrong, a number is not finite, the volume or a damping is negative, the
-    added mass is not symmetric or not positive semidefinite, or the symmetric part of the linear damping is not.
+    Raises ConfigurationError if a shape is wrong, a number is not finite or beyond `LARGEST` (lengths: `LONGEST`), the
+    volume or a damping is negative, the added mass is not symmetric or not positive semidefinite, or the symmetric
+    part of the linear damping is not.
     """
 
     volume: float  # [m^3] of displaced water
@@ -93,10 +97,11 @@ class BodyHydrodynamics:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "volume", _not_negative(self.volume, "volume [m^3]"))
-        object.__setattr__(self, "center_of_buoyancy", checked(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]"))
+        center = _bounded(self.center_of_buoyancy, (3,), "center_of_buoyancy [m]", LONGEST)
+        object.__setattr__(self, "center_of_buoyancy", center)
         object.__setattr__(self, "added_mass", _added_mass(self.added_mass))
         object.__setattr__(self, "linear_damping", _linear_damping(self.linear_damping))
-        quadratic = checked(self.quadratic_damping, (6,), "quadratic_damping")
+        quadratic = _bounded(self.quadratic_damping, (6,), "quadratic_damping")
         if np.any(quadratic < 0.0):
             raise ConfigurationError(f"quadratic_damping: must not be negative, got {quadratic.tolist()}")
         object.__setattr__(self, "quadratic_damping", quadratic)
@@ -109,36 +114,57 @@ class BodyHydrodynamics:
         return self.strips
 
 
-def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float = SEA_WATER) -> None:
+def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:
     """Write the coefficients of `bodies` (by name) and the water's density [kg/m^3] into `spec`.
 
-    May be called again, for other bodies or to replace; the last density holds for all. Call it on the final spec:
-    when a spec is attached to another, its bodies keep their rows but its world's row stays behind (an empty mapping
-    then gives the density alone). A body welded to the world keeps its coefficients but feels nothing.
+    May be called again, for other bodies or to replace; the last density that is given holds for all (by default the
+    one that the spec has, else `SEA_WATER`). The rows of bodies survive `MjSpec.attach` and MJCF (which keeps six
+    digits). A body welded to the world keeps its coefficients but feels nothing.
 
     Raises ConfigurationError for an unknown body, a density that is not positive, or user data that is not ours.
     """
-    if not (np.isfinite(water_density) and water_density > 0.0):
-        raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {water_density}")
+    density = density_of(spec) if water_density is None else float(checked([water_density], (1,), "water_density")[0])
+    if not density > 0.0:
+        raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
     known = {body.name: body for body in spec.bodies[1:] if body.name}
-    if unknown := sorted(set(bodies) - set(known)):
-        raise ConfigurationError(f"no such body: {', '.join(unknown)}; the spec has {', '.join(sorted(known))}")
+    if unknown := sorted(set(bodies) - set(known), key=str):
+        have = ", ".join(sorted(known)) or "no body with a name"
+        raise ConfigurationError(f"no such body: {', '.join(map(repr, unknown))}; the spec has {have}")
     for name, coefficients in bodies.items():
         if not isinstance(coefficients, BodyHydrodynamics):
             raise ConfigurationError(f"{name}: expected BodyHydrodynamics, got {type(coefficients).__name__}")
     for body in [spec.worldbody, *(known[name] for name in bodies)]:
-        if len(body.userdata) and body.userdata[LAYOUT.stamp] != LAYOUT.stamp_value:
+        if len(body.userdata) and not carries(body.userdata):
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
     if spec.nuser_body >= 0:  # else MuJoCo takes the longest row, and attaching specs makes no conflict
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
     world = _row_of(spec.worldbody)
-    world[LAYOUT.density] = water_density
+    world[LAYOUT.density] = density
     spec.worldbody.userdata = world
     for name, coefficients in bodies.items():
         known[name].userdata = pack(coefficients)
         # MuJoCo stores only the diagonal of a "simple" body's inertia; added mass needs the whole block.
         known[name].simple = 0
+    for body in spec.bodies[1:]:
+        if carries(body.userdata):
+            row = _row_of(body)
+            row[LAYOUT.body_density] = density
+            body.userdata = row
+
+
+def density_of(spec: mujoco.MjSpec) -> float:
+    """Density of the water [kg/m^3] that `spec` carries: the world's, else that of its bodies, else `SEA_WATER`.
+
+    Raises ConfigurationError if the bodies do not agree.
+    """
+    if carries(spec.worldbody.userdata):
+        return float(spec.worldbody.userdata[LAYOUT.density])
+    rows = {body.name: float(body.userdata[LAYOUT.body_density]) for body in spec.bodies if carries(body.userdata)}
+    if len(set(rows.values())) > 1:
+        listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
+        raise ConfigurationError(f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all")
+    return next(iter(rows.values()), SEA_WATER)
 
 
 def set_current(
@@ -150,12 +176,14 @@ def set_current(
     """Set the current: its velocity (3,) [m/s] at z = 0, acceleration (3,) [m/s^2] and shear dv/dz (3,) [1/s].
 
     World axes; a body feels the current at its own origin. In a compiled model the velocity is `model.opt.wind` and the
-    others are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`.
+    others are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`. MJCF keeps only the
+    velocity.
     Raises ConfigurationError for a wrong shape, or if `attach` has not been called.
     """
-    world = _row_of(spec.worldbody)
-    if world[LAYOUT.density] == 0.0:
+    if not any(carries(body.userdata) for body in spec.bodies):
         raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
+    attach(spec, {})
+    world = _row_of(spec.worldbody)
     world[LAYOUT.current_acceleration :][:3] = checked(acceleration, (3,), "current acceleration [m/s^2]")
     world[LAYOUT.current_shear :][:3] = checked(shear, (3,), "current shear [1/s]")
     spec.option.wind = checked(velocity, (3,), "current velocity [m/s]")
@@ -195,13 +223,20 @@ def pack(body: BodyHydrodynamics) -> Array:
 
 
 def unpack(row: ArrayLike) -> BodyHydrodynamics:
-    """The coefficients in a row of `body_user`; the inverse of `pack`."""
-    row = np.asarray(row)
+    """The coefficients in a row of `body_user`; the inverse of `pack`.
+
+    What MJCF's six digits take from a semidefinite matrix is put back: the nearest semidefinite one is returned.
+    Raises ConfigurationError if the row holds what `BodyHydrodynamics` refuses.
+    """
+    row = checked(row, np.shape(row), "hydrodynamics of a body")
     added_mass = np.zeros((6, 6))
     added_mass[_UPPER] = row[LAYOUT.added_mass :][:21]
-    added_mass = added_mass + np.triu(added_mass, 1).T
+    added_mass = _restored(added_mass + np.triu(added_mass, 1).T)
+    linear_damping = row[LAYOUT.linear_damping :][:36].reshape(6, 6)
+    symmetric = 0.5 * (linear_damping + linear_damping.T)
+    linear_damping = linear_damping + (_restored(symmetric) - symmetric)
     strips = []
-    for k in range(int(row[LAYOUT.strip_count])):
+    for k in range(min(int(row[LAYOUT.strip_count]), MAX_STRIPS)):
         numbers = row[LAYOUT.strips + k * _STRIP_SIZE :][:_STRIP_SIZE]
         strips.append(
             StripDrag(
@@ -216,7 +251,7 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
         volume=float(row[LAYOUT.volume]),
         center_of_buoyancy=row[LAYOUT.center_of_buoyancy :][:3],
         added_mass=added_mass,
-        linear_damping=np.reshape(row[LAYOUT.linear_damping :][:36], (6, 6)),
+        linear_damping=linear_damping,
         quadratic_damping=row[LAYOUT.quadratic_damping :][:6],
         strips=tuple(strips),
     )
@@ -252,7 +287,7 @@ def trim(
 
     this = model.body(body).id
     root = int(model.body_rootid[this])
-    density = float(model.body_user[0, LAYOUT.density])
+    density = density_of(spec)
     mass = float(model.body_subtreemass[root])
     displaced = 0.0  # [kg] by the other bodies
     moment = np.zeros(3)  # [kg m]
@@ -273,7 +308,7 @@ def trim(
         volume=needed / density,
         center_of_buoyancy=data.xmat[this].reshape(3, 3).T @ (p_W - data.xpos[this]),
     )
-    attach(spec, {body: trimmed}, density)
+    attach(spec, {body: trimmed})
     return trimmed
 
 
@@ -288,7 +323,8 @@ def sphere(
     Added mass half the displaced (Lamb, Hydrodynamics, art. 92); drag coefficient at Reynolds 1e4 to 1e5 (Hoerner 3-8).
     Drag acts at the body origin, so keep `center` near it or use strips.
     """
-    radius, center = _positive(radius, "radius [m]"), np.asarray(center, dtype=np.float64)
+    radius, center = float(_lengths([radius], (1,), "radius [m]")[0]), checked(center, (3,), "center [m]")
+    water_density = _positive(water_density, "water_density [kg/m^3]")
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
@@ -312,10 +348,9 @@ def ellipsoid(
     Added mass from Lamb, Hydrodynamics, art. 114 and 115 (for two equal axes these are his k-factors of spheroids);
     the drag coefficient is on the frontal area of each axis. Drag acts at the body origin.
     """
-    a, b, c = axes = checked(semi_axes, (3,), "semi_axes [m]")
-    center = np.asarray(center, dtype=np.float64)
-    if np.any(axes <= 0.0):
-        raise ConfigurationError(f"semi_axes [m]: must be positive, got {axes.tolist()}")
+    a, b, c = axes = _lengths(semi_axes, (3,), "semi_axes [m]")
+    center = checked(center, (3,), "center [m]")
+    water_density = _positive(water_density, "water_density [kg/m^3]")
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
@@ -339,9 +374,8 @@ def box(
     length goes to 0), in rotation as the ellipsoid in the box, scaled by the volumes. Drag on the frontal areas
     (cube, Hoerner 3-17), in rotation the same coefficient on the local speed of each face; it acts at the body origin.
     """
-    edges, center = checked(size, (3,), "size [m]"), np.asarray(center, dtype=np.float64)
-    if np.any(edges <= 0.0):
-        raise ConfigurationError(f"size [m]: must be positive, got {edges.tolist()}")
+    edges, center = _lengths(size, (3,), "size [m]"), checked(center, (3,), "center [m]")
+    water_density = _positive(water_density, "water_density [kg/m^3]")
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] of the square of equal frontal area
@@ -376,10 +410,11 @@ def cylinder(
     strip: cross flow on the diameter, skin friction on the circumference (Hoerner 3-9, 3-12).
     Raises ConfigurationError if the radius is not positive or the ends coincide.
     """
-    radius = _positive(radius, "radius [m]")
+    radius = float(_lengths([radius], (1,), "radius [m]")[0])
+    water_density = _positive(water_density, "water_density [kg/m^3]")
     strip = StripDrag(
-        start=np.asarray(start, dtype=np.float64),
-        end=np.asarray(end, dtype=np.float64),
+        start=checked(start, (3,), "start [m]"),
+        end=checked(end, (3,), "end [m]"),
         normal=0.5 * water_density * normal_coefficient * 2.0 * radius,
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,
@@ -433,8 +468,22 @@ def _row_of(body: mujoco.MjsBody) -> Array:
     return row
 
 
+def _bounded(values: ArrayLike, shape: tuple[int, ...], name: str, largest: float = LARGEST) -> Array:
+    array = checked(values, shape, name)
+    if np.any(np.abs(array) > largest):
+        raise ConfigurationError(f"{name}: must not exceed {largest:g}, got {array.tolist()}")
+    return array
+
+
+def _lengths(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    array = _bounded(values, shape, name, LONGEST)
+    if np.any(array <= 0.0):
+        raise ConfigurationError(f"{name}: must be positive, got {array.tolist()}")
+    return array
+
+
 def _not_negative(value: float, name: str) -> float:
-    number = float(checked([value], (1,), name)[0])
+    number = float(_bounded([value], (1,), name)[0])
     if number < 0.0:
         raise ConfigurationError(f"{name}: must not be negative, got {number}")
     return number
@@ -448,7 +497,7 @@ def _positive(value: float, name: str) -> float:
 
 
 def _added_mass(values: ArrayLike) -> Array:
-    matrix = checked(values, (6, 6), "added_mass")
+    matrix = _bounded(values, (6, 6), "added_mass")
     largest = float(np.max(np.abs(matrix)))
     if float(np.max(np.abs(matrix - matrix.T))) > 1e-9 * largest:
         i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), (6, 6))
@@ -457,14 +506,18 @@ def _added_mass(values: ArrayLike) -> Array:
 
 
 def _linear_damping(values: ArrayLike) -> Array:
-    if np.shape(values) == (6,):
-        diagonal = checked(values, (6,), "linear_damping")
-        if np.any(diagonal < 0.0):
-            raise ConfigurationError(f"linear_damping: must not be negative, got {diagonal.tolist()}")
-        return readonly(np.diag(diagonal))
-    if np.shape(values) != (6, 6):
-        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {np.shape(values)}")
-    return _semidefinite(checked(values, (6, 6), "linear_damping"), "symmetric part of linear_damping")
+    try:
+        shape = np.shape(values)
+    except ValueError as error:
+        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {values!r}") from error
+    if shape not in ((6,), (6, 6)):
+        raise ConfigurationError(f"linear_damping: expected shape (6,) or (6, 6), got {shape}")
+    matrix = _bounded(values, shape, "linear_damping")
+    if shape == (6,):
+        if np.any(matrix < 0.0):
+            raise ConfigurationError(f"linear_damping: must not be negative, got {matrix.tolist()}")
+        return readonly(np.diag(matrix))
+    return _semidefinite(matrix, "symmetric part of linear_damping")
 
 
 def _semidefinite(matrix: Array, name: str) -> Array:
@@ -474,8 +527,18 @@ def _semidefinite(matrix: Array, name: str) -> Array:
     return matrix
 
 
+def _restored(symmetric: Array) -> Array:
+    """`symmetric` (6, 6) itself, or the nearest semidefinite matrix if it lacks that only by rounding to six digits."""
+    eigenvalues, vectors = np.linalg.eigh(symmetric)
+    if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
+        return symmetric
+    return (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
+
+
 def _strips(values: StripDrag | tuple[StripDrag, ...] | None) -> tuple[StripDrag, ...]:
-    strips = (values,) if isinstance(values, StripDrag) else tuple(values or ())
+    if isinstance(values, StripDrag) or not isinstance(values, tuple | list | None):
+        values = (values,)
+    strips = tuple(values or ())
     if len(strips) > MAX_STRIPS or not all(isinstance(strip, StripDrag) for strip in strips):
         raise ConfigurationError(f"strips: expected at most {MAX_STRIPS} StripDrag, got {strips!r}")
     return strips

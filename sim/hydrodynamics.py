@@ -13,7 +13,8 @@ The current is `model.opt.wind` (3,) [m/s], world axes; its acceleration and she
 (`models.hydrodynamics.set_current`). A flow that varies in space moves past the body with its own acceleration,
 vdot_c + (v_c . grad) v_c, and is taken at the body origin (Auton, Hunt and Prud'homme 1988).
 
-MuJoCo's force and torque sensors do not see `qfrc_passive`; `mj_setConst` undoes the wet contact weights; and the
+MuJoCo's force and torque sensors do not see `qfrc_passive`; `mj_setConst` undoes the wet contact weights (call
+`set_constants` after it); and the
 integrator "implicit" takes the velocity terms of the bodies implicitly, those of the water explicitly.
 """
 
@@ -27,12 +28,14 @@ import mujoco
 import numpy as np
 from numba.core import event
 
-from models.hydrodynamics import LAYOUT, BodyHydrodynamics, carries, unpack
+from models.hydrodynamics import LARGEST, LAYOUT, BodyHydrodynamics, attach, carries, unpack
 from sim import hydrodynamics_kernel, mujoco_layout
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.errors import HydrodynamicsError
 from sim.interfaces.spatial import Array, skew
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
+
+LARGEST_START = 100.0  # [m/s, rad/s] that buoyancy may make of rest in one step
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
 
@@ -73,23 +76,42 @@ def is_installed() -> bool:
 def check_installed(model: mujoco.MjModel) -> bool:
     """Whether `model` is served as it should be.
 
-    Warns in one line if it carries coefficients and the callback is off, or if it was not compiled by `compile`.
+    Warns in one line if it carries coefficients and the callback is off, if its options are such that `check` would
+    refuse them (`opt.density`, for one), or if its contact weights are those of its dry mass: it was compiled without
+    `compile`, or `mj_setConst` has undone them.
     """
-    if not carries_hydrodynamics(model):
+    if not _carriers(model):
         return True
     if not is_installed():
-        warnings.warn(
-            "this model carries hydrodynamics but moves dry: call sim.hydrodynamics.install()", RuntimeWarning, 2
+        problem = "moves dry: call sim.hydrodynamics.install()"
+    elif found := _refused(model):
+        problem = f"cannot be run with {'; '.join(found)}"
+    elif not carries_hydrodynamics(model) or model.body_user[0, LAYOUT.compiled] != model.dof_invweight0.sum():
+        problem = (
+            "has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile(), "
+            "or call sim.hydrodynamics.set_constants() after mj_setConst"
         )
-        return False
-    if not model.body_user[0, LAYOUT.compiled]:
-        warnings.warn(
-            "this model has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile()",
-            RuntimeWarning,
-            2,
-        )
-        return False
-    return True
+    else:
+        return True
+    warnings.warn(f"this model carries hydrodynamics but {problem}", RuntimeWarning, 2)
+    return False
+
+
+def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse a state in which MuJoCo has met numbers that are not finite or too large, and has reset the simulation.
+
+    MuJoCo itself says so only in a log file and in `data.warning`. Raises HydrodynamicsError with what was bad, and
+    where. `model` is that of `data`.
+    """
+    kinds = mujoco.mjtWarning
+    for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
+        if data.warning[kind].number:
+            dof = int(data.warning[kind].lastinfo)
+            body = model.body(int(model.dof_bodyid[min(dof, model.nv - 1)])).name
+            raise HydrodynamicsError(
+                f"the simulation became unstable near t = {data.time:g} s: {what}[{dof}] (body {body!r}) was not "
+                f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag or contact"
+            )
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
@@ -102,60 +124,75 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 
     Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0` (softness of contacts,
     limits and equalities), `dof_M0`, `actuator_acc0`, `stat.meaninertia`, and the damping of position actuators
-    given by `dampratio`. A spec without coefficients is compiled as it is.
+    given by `dampratio`. A spec without coefficients is compiled as it is. Where only bodies carry water (the spec
+    came from MJCF, or was attached to this one), the world is given theirs.
 
-    Raises ConfigurationError if bodies carry coefficients but the world does not, HydrodynamicsError as `check` does.
+    Raises ConfigurationError if the bodies carry waters of different density, HydrodynamicsError as `check` does.
     """
-    ratios = _damping_ratios(spec)
+    if any(carries(body.userdata) for body in spec.bodies):
+        attach(spec, {})
     model = spec.compile()
     if not carries_hydrodynamics(model):
-        if stray := [model.body(i).name for i in range(1, model.nbody) if carries(model.body_user[i])]:
-            raise ConfigurationError(
-                f"{', '.join(stray)} carry hydrodynamics, but the world of this spec has no water: "
-                "call models.hydrodynamics.attach on it (an empty mapping will do)"
-            )
         return model
     check(model)
-    _set_constants(model, ratios)
-    model.body_user[0, LAYOUT.compiled] = 1.0
+    _set_constants(model, _damping_ratios(spec))
     return model
+
+
+def set_constants(model: mujoco.MjModel) -> None:
+    """Set again what `compile` sets from the wet inertia, after `mj_setConst` or a change of mass or coefficients.
+
+    The damping of position actuators stays as it is. Raises HydrodynamicsError as `check` does.
+    """
+    check(model)
+    if carries_hydrodynamics(model):
+        _set_constants(model, {})
 
 
 def check(model: mujoco.MjModel) -> None:
     """Refuse, by name and with the number, settings under which the hydrodynamics would be wrong or unstable.
 
     Drag is explicit, so its rate, lambda_max of the slope of drag over M + A at qpos0, must not exceed 1 / timestep.
-    Call it again after changing `model.opt`. Raises HydrodynamicsError.
+    Call it again after changing `model.opt`. Raises HydrodynamicsError, ConfigurationError for a row that
+    `BodyHydrodynamics` would refuse.
     """
     if not carries_hydrodynamics(model):
         return
-    option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
-    refused = {
-        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver == mujoco.mjtSolver.mjSOL_PGS,
-        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations > 0,
-        f"density {option.density} (MuJoCo's own fluid would act too); use 0": option.density > 0.0,
-        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity > 0.0,
-        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags & enable.mjENBL_SLEEP,
-        "flag diagexact (it is computed from the dry inertia)": option.enableflags & enable.mjENBL_DIAGEXACT,
-        "flags spring and damper both disabled (MuJoCo then calls no passive callback)": (
-            option.disableflags & disable.mjDSBL_SPRING and option.disableflags & disable.mjDSBL_DAMPER
-        ),
-    }
-    if found := [name for name, present in refused.items() if present]:
+    if found := _refused(model):
         raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(found)}")
-    for i in _bodies(model):
+    bodies = _bodies(model)
+    for i in bodies:
         if model.body_simple[i]:
             raise HydrodynamicsError(f"{model.body(i).name}: compiled as a simple body; attach() sets simple = 0")
     data = _at_qpos0(model)
     if model.nv == 0:
         return
     inertia = _dry_inertia(model, data) + added_inertia(model, data)
-    factor = np.linalg.inv(np.linalg.cholesky(inertia))
-    rate = float(np.linalg.eigvalsh(factor @ drag_slope(model, data, DRAG_SPEED) @ factor.T)[-1])
-    if option.timestep * rate > 1.0:
+    try:
+        factor = np.linalg.inv(np.linalg.cholesky(inertia))
+    except np.linalg.LinAlgError as error:
         raise HydrodynamicsError(
-            f"timestep {option.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
-            f"{option.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
+            f"the inertia with the added mass is not positive definite at qpos0 (its diagonal runs from "
+            f"{np.diag(inertia).min():.3g} to {np.diag(inertia).max():.3g})"
+        ) from error
+    rate = float(np.linalg.eigvalsh(factor @ drag_slope(model, data, DRAG_SPEED) @ factor.T)[-1])
+    if not model.opt.timestep * rate <= 1.0:
+        raise HydrodynamicsError(
+            f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
+            f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
+        )
+    force = np.zeros(model.nv)
+    lift = model.body_user[0, LAYOUT.density] * model.opt.gravity
+    for i, body in bodies.items():
+        R_BW = data.xmat[i].reshape(3, 3).T
+        buoyancy = -body.volume * (R_BW @ lift)
+        wrench = np.concatenate([buoyancy, np.cross(body.center_of_buoyancy, buoyancy)])
+        force += _jacobian(model, data, i).T @ wrench
+    start = float(np.max(np.abs(factor.T @ (factor @ force))))
+    if not start * model.opt.timestep < LARGEST_START:
+        raise HydrodynamicsError(
+            f"buoyancy alone would bring this model to {start * model.opt.timestep:.3g} m/s or rad/s in one step, more "
+            f"than {LARGEST_START:g}: mass and volume cannot belong together"
         )
 
 
@@ -203,6 +240,40 @@ class _Notice(event.Listener):
         pass
 
 
+def _carriers(model: mujoco.MjModel) -> list[int]:
+    """Numbers of the bodies that carry coefficients, movable or not."""
+    return [i for i in range(1, model.nbody) if carries(model.body_user[i])]
+
+
+def _refused(model: mujoco.MjModel) -> list[str]:
+    """Names of the options under which the hydrodynamics would be wrong."""
+    option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    water = model.body_user[0, : LAYOUT.size] if carries_hydrodynamics(model) else np.zeros(LAYOUT.size)
+    numbers = {
+        "gravity": option.gravity,
+        "wind (the current)": option.wind,
+        "current acceleration": water[LAYOUT.current_acceleration :][:3],
+        "current shear": water[LAYOUT.current_shear :][:3],
+    }
+    refused = {
+        "solver PGS (it whitens the dry inertia); use Newton or CG": option.solver == mujoco.mjtSolver.mjSOL_PGS,
+        f"noslip_iterations {option.noslip_iterations} (it uses the dry inertia); use 0": option.noslip_iterations > 0,
+        f"density {option.density} (MuJoCo's own fluid would act too); use 0": option.density > 0.0,
+        f"viscosity {option.viscosity} (MuJoCo's own fluid would act too); use 0": option.viscosity > 0.0,
+        "flag sleep (a sleeping tree keeps an old inertia)": option.enableflags & enable.mjENBL_SLEEP,
+        "flag diagexact (it is computed from the dry inertia)": option.enableflags & enable.mjENBL_DIAGEXACT,
+        "flags spring and damper both disabled (MuJoCo then calls no passive callback)": (
+            option.disableflags & disable.mjDSBL_SPRING and option.disableflags & disable.mjDSBL_DAMPER
+        ),
+        f"timestep {option.timestep:g} s; it must be positive": not 0.0 < option.timestep < np.inf,
+        **{
+            f"{name} {value.tolist()}; it must be finite and below {LARGEST:g}": not np.all(np.abs(value) <= LARGEST)
+            for name, value in numbers.items()
+        },
+    }
+    return [name for name, present in refused.items() if present]
+
+
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
     """Coefficients by body number, of the bodies that can move."""
     return {
@@ -237,10 +308,13 @@ def _dry_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
-    """Damping ratio by number of the actuator, for those whose damping the compiler computes from the inertia."""
+    """Damping ratio by number of the actuator, for those whose damping the compiler computes from the inertia.
+
+    `spec` has been compiled: its actuators have their numbers.
+    """
     return {
-        i: actuator.biasprm[2]
-        for i, actuator in enumerate(spec.actuators)
+        actuator.id: actuator.biasprm[2]
+        for actuator in spec.actuators
         if actuator.biasprm[2] > 0.0 and actuator.gainprm[0] == -actuator.biasprm[1]
     }
 
@@ -266,6 +340,7 @@ def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> N
             model.dof_invweight0[first : first + block] = mobility[first : first + block].mean()
             first += block
     model.dof_M0 = np.diag(M)
+    model.body_user[0, LAYOUT.compiled] = model.dof_invweight0.sum()
     model.stat.meaninertia = np.diag(M).mean()
     for i in range(model.ntendon):
         row = np.zeros(model.nv)

@@ -347,6 +347,7 @@ def build() -> Any:
     cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
     crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
     stamp, size = LAYOUT.stamp_value, LAYOUT.size
+    own_density_at = LAYOUT.body_density
     density_at, surge_at, shear_at = LAYOUT.density, LAYOUT.current_acceleration, LAYOUT.current_shear
     volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
     linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
@@ -367,7 +368,7 @@ def build() -> Any:
     @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
-        if nuser < size or _f64(user, 0) != stamp or lanes_source < 0:  # the last is never so: it is for the cache
+        if nuser < size or lanes_source < 0:  # the last is never so: it is for the cache
             return
         nbody = _pointer(m, nbody_at)
         parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)
@@ -377,8 +378,9 @@ def build() -> Any:
         cdof, cdof_dot = _pointer(d, cdof_at), _pointer(d, cdof_dot_at)
         M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
 
-        density = _f64(user, density_at)
-        surge, shear, wind = _load3(user, surge_at), _load3(user, shear_at), _load3(m + wind_at, 0)
+        wind, surge, shear, density = _load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        if _f64(user, 0) == stamp:  # MJCF does not keep the row of the world
+            surge, shear, density = _load3(user, surge_at), _load3(user, shear_at), _f64(user, density_at)
         gravity = _load3(m + gravity_at, 0)
         if _i32(m + disable_at, 0) & gravity_off:
             gravity = (0.0, 0.0, 0.0)
@@ -405,6 +407,9 @@ def build() -> Any:
                 _put(here, loaded, 1.0)
                 _put(carrying, count, float(i))
                 count += 1
+        if count == 0:
+            _free_stack(d)
+            return
         for k in range(count, count + 3):  # fill the last four with one of them: it is only computed again
             _put(carrying, k, _f64(carrying, count - 1))
 
@@ -451,7 +456,15 @@ def build() -> Any:
 
             # Buoyancy, and the pressure gradient that accelerates the water, at the centre of buoyancy.
             volume, x, y, z = _gathered(user, row, volume_at)
-            lift = _scaled(density * volume, _minus(flow, gravity))
+            own = four_of(
+                _f64(user, row[0] + own_density_at),
+                _f64(user, row[1] + own_density_at),
+                _f64(user, row[2] + own_density_at),
+                _f64(user, row[3] + own_density_at),
+            )
+            if density > 0.0:
+                own = all_four(density)
+            lift = _scaled(own * volume, _minus(flow, gravity))
             f = _plus(f, lift)
             t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
             _put_body(scratch, here, (B, C, J), f, t)

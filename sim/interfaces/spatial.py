@@ -27,7 +27,7 @@ def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite."""
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise ConfigurationError(f"{name}: expected {shape} numbers, got {values!r}") from error
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")

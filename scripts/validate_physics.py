@@ -1,0 +1,128 @@
+"""The validation page: every check of the physics against its reference, in one table.
+
+The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One line sums up all tests
+of one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import pytest
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+ROOT = Path(__file__).resolve().parents[1]
+MARK = "check"
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Check the physics against closed forms, conservation laws and independent formulations."""
+
+    out: Path = Path("runs/validate_physics")
+    """Folder for table.md and table.json."""
+
+
+@dataclass
+class Row:
+    """One line of the page."""
+
+    name: str
+    reference: str
+    cases: int = 0
+    passed: int = 0
+    skipped: str = ""  # the reason of the last one that was
+    figures: list[tuple[str, float, float]] = field(default_factory=list)  # what, largest error, tolerance
+
+    @property
+    def ok(self) -> bool:
+        return self.cases > 0 and self.passed == self.cases
+
+    @property
+    def verdict(self) -> str:
+        if self.ok:
+            return "ok"
+        return f"skipped: {self.skipped}" if self.skipped else f"{self.cases - self.passed} of {self.cases} failed"
+
+    @property
+    def worst(self) -> tuple[str, float, float] | None:
+        """The figure nearest to its tolerance; None for a check of words, such as a refusal by name."""
+        return max(
+            self.figures, key=lambda figure: figure[1] / figure[2] if figure[2] else float(figure[1] > 0), default=None
+        )
+
+    def columns(self) -> list[str]:
+        if self.worst is None:
+            return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
+        what, error, tolerance = self.worst
+        return [self.name, self.reference, f"{error:.1e} ({what})", f"{tolerance:.0e}"]
+
+
+class Page:
+    """A pytest plug-in that collects the rows, in the order of the tests."""
+
+    def __init__(self) -> None:
+        self.rows: dict[str, Row] = {}
+        self._row_of: dict[str, Row] = {}
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        for item in items:
+            for mark in item.iter_markers(MARK):
+                name, reference = mark.args
+                self._row_of[item.nodeid] = self.rows.setdefault(name, Row(name, reference))
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        row = self._row_of[report.nodeid]
+        if report.when == "call" or not report.passed:
+            row.cases += 1
+            row.passed += report.passed
+            if report.skipped:
+                row.skipped = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+            row.figures += [figures for key, figures in report.user_properties if key == "within"]  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+
+
+def main() -> int:
+    options = parse(Options)
+    out = options.out.resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    page, begin = Page(), time.perf_counter()
+    stopped = pytest.main(
+        [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,
+         "-p", "no:cacheprovider", "--tb=short"],
+        plugins=[page],
+    )  # fmt: skip
+    seconds = time.perf_counter() - begin
+    rows = list(page.rows.values())
+    title = (
+        f"Physics on MuJoCo {mujoco.__version__}: {sum(r.ok for r in rows)} of {len(rows)} checks ok, {seconds:.0f} s"
+    )
+
+    table = Table(title=title, title_justify="left")
+    for column in ("check", "reference", "largest error", "tolerance", ""):
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*map(Text, row.columns()), Text(row.verdict, style="green" if row.ok else "bold red"))
+    Console().print(table)
+
+    lines = ["| check | reference | largest error | tolerance | |", "|---|---|---|---|---|"]
+    lines += [f"| {' | '.join([*row.columns(), row.verdict])} |" for row in rows]
+    (out / "table.md").write_text("\n".join([title, "", *lines, ""]))
+    figures = [
+        {"check": r.name, "reference": r.reference, "cases": r.cases, "passed": r.passed, "skipped": r.skipped}
+        | dict(zip(("quantity", "error", "tolerance"), r.worst or (None, None, None), strict=True))
+        for r in rows
+    ]
+    (out / "table.json").write_text(
+        json.dumps({"mujoco": mujoco.__version__, "seconds": round(seconds, 1), "checks": figures}, indent=1) + "\n"
+    )
+    return 0 if stopped == pytest.ExitCode.OK and all(row.ok for row in rows) else 1
+
+
+if __name__ == "__main__":
+    run_scenario(main)

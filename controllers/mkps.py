@@ -3,48 +3,54 @@
     chain = Chain.from_dh(dh, limits=limits)
     result = solve(chain, X_base_tip, q0)
 
-This is the door: chains are made in `mkps_chain`, sequences of poses tracked in `mkps_tracking`, the loops compiled.
+This is the door. Chains are made in `mkps_chain`, sequences of poses tracked in `mkps_tracking`; the compiled loops are
+in `mkps_kinematics`, `mkps_descent` (hybrid), `mkps_sweeps` (jacobian_free) and `mkps_stages` (plain).
 """
 
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, NoReturn, get_args
+from typing import Any, Literal, NamedTuple, NoReturn, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers import mkps_kernels as kernels
+from controllers import mkps_kinematics as kernels
 from controllers.mkps_chain import Chain, not_a_pose
+from controllers.mkps_descent import SETTLE_STEPS
+from controllers.mkps_entries import entry
 from controllers.mkps_tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly
+from sim.interfaces.spatial import Array, checked, log_so3, readonly
 
 __all__ = [
-    "Branch", "Chain", "IkBatch", "IkResult", "Method", "Track", "TrackState", "TrackStep", "Tracker", "solve",
-    "solve_many", "track",
+    "Branch", "Chain", "IkBatch", "IkResult", "Method", "Precision", "Track", "TrackState", "TrackStep", "Tracker",
+    "solve", "solve_many", "track",
 ]  # fmt: skip
 
 Method = Literal["hybrid", "jacobian_free", "plain"]
 Branch = Literal["free", "keep"]
+Precision = Literal["double", "single"]
+StageAxes = Literal["joint", "tip"]
 
-_FLOAT64 = np.dtype(np.float64)
-_METHODS, _BRANCHES = get_args(Method), get_args(Branch)
+_METHODS = get_args(Method)
 _CHUNK = 64  # targets that a thread takes at a time in `solve_many`
+_SINGLE_MARGIN = 0.7  # of the tolerances, which single precision must reach by its own reckoning
+_CONVERGED = kernels.CONVERGED
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IkResult:
+class IkResult(NamedTuple):  # a frozen dataclass would take as long to make as a warm solve
     """What `solve` found. `q` is always within the limits, and the errors are those of `q`."""
 
-    q: Array  # (n,) [rad] or [m], read-only
+    q: Array  # (n,) [rad] or [m]
     converged: bool  # both errors are within their tolerances, and the branch was kept if that was asked
-    iterations: int  # Levenberg-Marquardt steps, sweeps or macro-iterations, restarts included
+    iterations: int  # Levenberg-Marquardt steps or sweeps, restarts included
     position_error: float  # [m] distance of the tip from the target
     orientation_error: float  # [rad] angle between tip and target, by atan2
     cause: str  # why it ended
     restarts: int = 0  # other starts tried; after any, the answer may lie on another branch than q0
     history: Array | None = None  # (iterations + 1, n) joint values from the start to the answer, if asked for
+    goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] (paper 003, (6)) of `history`
 
 
 _CAUSES = {
@@ -55,6 +61,9 @@ _CAUSES = {
     kernels.OUT_OF_REACH: "the target is farther away than the chain is long; this is the nearest pose found",
 }
 _RESTARTED = "converged after restarts: the branch may not be that of q0"
+_NO_OUTCOME = (kernels.BAD_OPTION, 0, 0, 0.0, 0.0)
+_quick: dict[str, Any] = {}  # compiled entries for the usual call, by branch
+_COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
 
 
 def solve(
@@ -68,47 +77,132 @@ def solve(
     max_iterations: int = 4000,
     max_restarts: int = 200,
     history: bool = False,
+    precision: Precision = "double",
+    axis_tolerances: tuple[float, float] | None = None,
+    stage_axes: StageAxes = "joint",
 ) -> IkResult:
     """Joint values within the limits that bring the tip to `X_base_tip` (4, 4), sought from `q0` (n,) [rad] or [m].
 
     Tolerances are in [m] and [rad]. `branch="keep"` moves from `q0` by short steps only: no restart, no leap by a whole
-    turn; for six joints the answer is refused if it lies beyond a singular configuration, unless all joints moved by
-    less than half a radian. It is the call for tracking. `branch="free"` restarts, from the same places for the same
-    chain and q0, until a pose is met. "Nearest" is by the sum of squares of both errors, metres divided by a power of
-    two near the length of the chain. A `q0` beyond the limits is brought within them. With `history` the result holds
-    the joint values after every iteration (paper 003, fig. 9).
+    turn. An answer to which some joint moved by more than half a radian (or half the chain's length) is refused if the
+    straight way from `q0` to it crosses a singular configuration. It is the call for tracking. `branch="free"`
+    restarts, from the same places for the same chain and q0, until a pose is met. "Nearest" is by the sum of squares of
+    both errors, metres divided by a power of two near the length of the chain. A `q0` beyond the limits is brought
+    within them.
 
-    Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that is not positive, and an
-    unknown method or branch.
+    With `history` the result holds the joint values after every iteration and their three goals (paper 003, fig. 9).
+    `precision="single"` iterates in four-byte numbers, and checks the answer in double. For `plain`, `axis_tolerances`
+    [rad] are those of the stages F_alpha1 and F_alpha2 (default: such that the whole rotation is within
+    `orientation_tolerance`; the other methods take the smaller of the two for the whole rotation). `stage_axes="tip"`
+    makes it aim the tip's own z and x, as the dissertation does, rather than the last joint's axis and one across it,
+    without which the stages mostly undo each other.
+
+    The GIL is held meanwhile. Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that
+    is not positive, and an unknown option.
     """
-    target = _as_array(X_base_tip, (4, 4), "X_base_tip")
-    start = _as_array(q0, (chain.n,), "q0")
-    _check_options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts)
-    scale, keep = chain._scale, branch == "keep"
-    q, scratch = np.empty(len(start)), np.empty(chain._scratch)
-    trail = np.empty((max_iterations + kernels.SETTLE_STEPS + 1, len(start))) if history else chain._no_trail
-    given = (chain._joints, chain._ends, scale, target, start, scale * position_tolerance, orientation_tolerance)
-    if method == "jacobian_free":
-        outcome = kernels.solve_jacobian_free(
-            *given, max_iterations, 0 if keep else max_restarts, keep, scratch, q, trail
-        )
-    elif method == "plain":
-        outcome = kernels.solve_plain(*given, max_iterations, keep, scratch, q, trail)
-    elif keep:
-        outcome = kernels.solve_keep(*given, max_iterations, scratch, q, trail)
+    if method == "hybrid" and precision == "double" and not history and axis_tolerances is None:
+        q = np.empty(chain.n)
+        given = (X_base_tip, q0, position_tolerance, orientation_tolerance, max_iterations, max_restarts)
+        try:
+            outcome = _quick[branch](chain._memory, *given, chain._no_trail, q)
+        except (TypeError, KeyError):
+            outcome = _NO_OUTCOME  # not yet compiled, or not the usual types
+        code, iterations, restarts, error_p, error_r = outcome
+        if code < kernels.BAD_TARGET:
+            cause = _CAUSES[code] if code or not restarts else _RESTARTED
+            done = code == kernels.CONVERGED
+            return tuple.__new__(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None))
+    return _solve(
+        chain, _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0"),
+        _Options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts, precision,
+                 axis_tolerances, stage_axes),
+        history,
+    )  # fmt: skip
+
+
+class _Options:
+    """Options of `solve`, checked, in the terms of the compiled loops."""
+
+    def __init__(
+        self,
+        position_tolerance: float,
+        orientation_tolerance: float,
+        method: str,
+        branch: str,
+        max_iterations: int,
+        max_restarts: int,
+        precision: str,
+        axis_tolerances: tuple[float, float] | None,
+        stage_axes: str,
+    ) -> None:
+        for name, value, kinds in (
+            ("method", method, Method), ("branch", branch, Branch),
+            ("precision", precision, Precision), ("stage_axes", stage_axes, StageAxes),
+        ):  # fmt: skip
+            if value not in get_args(kinds):
+                raise _unknown(name, value, kinds)
+        try:
+            self.tol_p, self.tol_r = float(position_tolerance), float(orientation_tolerance)
+            self.tol_1, self.tol_2 = (float(value) for value in axis_tolerances or (self.tol_r * 0.5**0.5,) * 2)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(
+                f"tolerances must be numbers and axis_tolerances two of them, got {position_tolerance!r} [m],"
+                f" {orientation_tolerance!r} and {axis_tolerances!r} [rad]"
+            ) from error
+        if not all(value > 0.0 for value in (self.tol_p, self.tol_r, self.tol_1, self.tol_2)):
+            raise ConfigurationError(
+                f"tolerances must be positive, got {position_tolerance} [m], {orientation_tolerance} and"
+                f" {axis_tolerances} [rad]"
+            )
+        if axis_tolerances is not None:
+            self.tol_r = min(self.tol_1, self.tol_2)  # a frame within this has both axes within theirs
+        for name, value, least in (("max_iterations", max_iterations, 1), ("max_restarts", max_restarts, 0)):
+            if not isinstance(value, int | np.integer) or value < least:
+                raise ConfigurationError(f"{name}: must be a whole number of at least {least}, got {value!r}")
+        self.method, self.keep, self.single = method, branch == "keep", precision == "single"
+        self.max_iterations, self.max_restarts = int(max_iterations), int(max_restarts)
+        self.tip_axes = stage_axes == "tip"
+        self.margin = _SINGLE_MARGIN if self.single else 1.0
+
+    def tolerances(self) -> tuple[float, float]:
+        return self.margin * self.tol_p, self.margin * self.tol_r
+
+    def axis_tolerances(self) -> tuple[float, float]:
+        return self.margin * self.tol_1, self.margin * self.tol_2
+
+
+def _solve(chain: Chain, target: Array, start: Array, options: _Options, history: bool) -> IkResult:
+    rows = options.max_iterations + SETTLE_STEPS + 1 if history else 0
+    trail, q = np.empty((rows, chain.n)), np.empty(chain.n)
+    count, keep = options.max_iterations, options.keep
+    rest: tuple[Any, ...]
+    if options.method == "plain":
+        name, rest = "plain", (*options.axis_tolerances(), count, keep, options.tip_axes)
+    elif options.method == "jacobian_free":
+        name, rest = "jacobian_free", (count, options.max_restarts, keep)
     else:
-        outcome = kernels.solve_hybrid(*given, max_iterations, max_restarts, scratch, q, trail)
+        name = "keep" if keep else "hybrid"
+        rest = (count, options.max_restarts)
+    memory = chain.single() if options.single else chain._memory
+    solver = entry(name, memory.dtype)
+    if options.method == "hybrid":
+        _quick["keep" if keep else "free"] = solver
+    outcome = solver(memory, target, start, *options.tolerances(), *rest, trail, q)
     code, iterations, restarts, error_p, error_r = outcome
     if code >= kernels.BAD_TARGET:
         _refuse(code, target, start, "")
-    q.setflags(write=False)
-    path = None
+    cause = _cause(code, restarts)
+    if options.single:
+        error_p, error_r = _errors(chain, q, target)
+        if code == _CONVERGED and not (error_p <= options.tol_p and error_r <= options.tol_r):
+            code, cause = kernels.STALLED, _COARSE
+    path = goals = None
     if history:
         trail[iterations] = q  # where nothing converged, the answer is the best of the way
-        path = readonly(trail[: iterations + 1])
-    return IkResult(
-        q, code == kernels.CONVERGED, iterations, error_p / scale, error_r, _cause(code, restarts), restarts, path
-    )
+        trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
+        entry("goals")(chain._memory, target, options.tip_axes, trail, goals)
+        path, goals = readonly(trail), readonly(goals)
+    return IkResult(q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,7 +215,7 @@ class IkBatch:
     position_error: Array  # (N,) [m]
     orientation_error: Array  # (N,) [rad]
     restarts: NDArray[np.int64]  # (N,)
-    codes: NDArray[np.int64]  # (N,) why each ended, in the numbers of `mkps_kernels`
+    codes: NDArray[np.int64]  # (N,) why each ended, in the numbers of `mkps_kinematics`
 
     def __len__(self) -> int:
         return len(self.q)
@@ -150,6 +244,8 @@ def solve_many(
     max_iterations: int = 4000,
     max_restarts: int = 200,
     threads: int | None = None,
+    axis_tolerances: tuple[float, float] | None = None,
+    stage_axes: StageAxes = "joint",
 ) -> IkBatch:
     """`solve` for many targets `X_base_tip` (N, 4, 4), from one `q0` (n,) or one a target (N, n), on all cores.
 
@@ -164,19 +260,22 @@ def solve_many(
     if starts.shape not in ((chain.n,), (count, chain.n)):
         raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
-    _check_options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts)
+    options = _Options(
+        position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts, "double",
+        axis_tolerances, stage_axes,
+    )  # fmt: skip
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if threads < 1:
         raise ConfigurationError(f"threads: must be at least 1, got {threads}")
-    keep = branch == "keep"
     q, out = np.empty((count, chain.n)), np.empty((count, 5))
+    many = entry("many")
 
     def work(first: int) -> None:
-        kernels.solve_range(
-            _METHODS.index(method), chain._joints, chain._ends, chain._scale, targets, starts,
-            chain._scale * position_tolerance, orientation_tolerance, max_iterations, 0 if keep else max_restarts, keep,
-            first, min(first + _CHUNK, count), np.empty(chain._scratch), q, out,
+        many(
+            chain._memory.copy(), _METHODS.index(method), targets, starts, *options.tolerances(),
+            *options.axis_tolerances(), options.max_iterations, options.max_restarts, options.keep, options.tip_axes,
+            first, min(first + _CHUNK, count), chain._no_trail, q, out,
         )  # fmt: skip
 
     with ThreadPoolExecutor(threads) as pool:
@@ -186,7 +285,7 @@ def solve_many(
         _refuse(int(codes[i]), targets[i], starts[i], f"[{i}]")
     batch = IkBatch(
         q=q,
-        converged=codes == kernels.CONVERGED,
+        converged=codes == _CONVERGED,
         iterations=out[:, 1].astype(np.int64),
         position_error=out[:, 3].copy(),
         orientation_error=out[:, 4].copy(),
@@ -198,34 +297,23 @@ def solve_many(
     return batch
 
 
-def _check_options(
-    position_tolerance: float,
-    orientation_tolerance: float,
-    method: str,
-    branch: str,
-    max_iterations: int,
-    max_restarts: int,
-) -> None:
-    if not (position_tolerance > 0.0 and orientation_tolerance > 0.0):
-        raise ConfigurationError(
-            f"tolerances must be positive, got {position_tolerance} [m] and {orientation_tolerance} [rad]"
-        )
-    if max_iterations < 1 or max_restarts < 0:
-        raise ConfigurationError(
-            f"max_iterations must be at least 1 and max_restarts at least 0, got {max_iterations} and {max_restarts}"
-        )
-    if method not in _METHODS:
-        raise ConfigurationError(f"method: allowed {', '.join(_METHODS)}, got {method!r}")
-    if branch not in _BRANCHES:
-        raise ConfigurationError(f"branch: allowed {', '.join(_BRANCHES)}, got {branch!r}")
+def _unknown(name: str, value: object, kinds: object) -> ConfigurationError:
+    return ConfigurationError(f"{name}: allowed {', '.join(get_args(kinds))}, got {value!r}")
 
 
 def _cause(code: int, restarts: int) -> str:
-    return _RESTARTED if restarts and code == kernels.CONVERGED else _CAUSES[code]
+    return _RESTARTED if restarts and code == _CONVERGED else _CAUSES[code]
+
+
+def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float]:
+    """Position [m] and orientation error [rad] of `q`, in double precision."""
+    X = chain.forward(q)
+    turn = log_so3(X[:3, :3].T @ target[:3, :3])
+    return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), float(np.linalg.norm(turn))
 
 
 def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
-    """Raise what the kernel found wrong with its input."""
+    """Raise what the compiled loops found wrong with their input."""
     checked(target, (4, 4), f"X_base_tip{row}")
     if code == kernels.BAD_TARGET:
         raise not_a_pose(f"X_base_tip{row}", target)
@@ -233,15 +321,16 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """`values` as contiguous float64 of `shape`; as they are where possible, for the kernel checks their numbers."""
-    if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.flags.c_contiguous and values.shape == shape:
-        return values
-    return checked(values, shape, name)
+    """`values` as contiguous float64 of `shape`; the compiled loops check the numbers."""
+    array = _stack(values, name)
+    if array.shape != shape:
+        raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")
+    return array
 
 
 def _stack(values: ArrayLike, name: str) -> Array:
-    """`values` as contiguous float64 of any shape; the kernel checks the numbers, row by row."""
+    """`values` as contiguous float64 of any shape."""
     try:
         return np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name}: expected numbers, got {type(values).__name__}: {error}") from error
+        raise ConfigurationError(f"{name}: expected numbers, got {values!r}: {error}") from error

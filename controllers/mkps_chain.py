@@ -6,13 +6,15 @@ direction). The base frame is whatever the chain was given in; the tip frame is 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Self
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from controllers import mkps_kernels as kernels
+from controllers import mkps_kinematics as kernels
+from controllers.mkps_entries import entry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, readonly
 
@@ -34,24 +36,19 @@ class Chain:
     X_base_tip0: Array  # (4, 4) tip pose at zero
     limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
     names: tuple[str, ...]  # of the joints
-    _joints: Array = field(init=False, repr=False)
-    _ends: Array = field(init=False, repr=False)
+    n: int = field(init=False)  # number of joint values
     _scale: float = field(init=False, repr=False)
-    _scratch: int = field(init=False, repr=False)
+    _memory: Array = field(init=False, repr=False)  # of the kernels; touched by calls that hold the GIL only
+    _single: list[NDArray[np.float32]] = field(init=False, repr=False)  # the same in single precision, if asked for
     _no_trail: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        joints, ends, scale = _tables(self)
-        object.__setattr__(self, "_joints", joints)
-        object.__setattr__(self, "_ends", ends)
-        object.__setattr__(self, "_scale", scale)
-        object.__setattr__(self, "_scratch", kernels.scratch_size(self.n))
-        object.__setattr__(self, "_no_trail", np.empty((0, self.n)))
-
-    @property
-    def n(self) -> int:
-        """Number of joint values."""
-        return len(self.joint_types)
+        set_field = partial(object.__setattr__, self)
+        set_field("n", len(self.joint_types))
+        set_field("_scale", _scale(self))
+        set_field("_memory", memory_of(self, self._scale))
+        set_field("_single", [])
+        set_field("_no_trail", np.empty((0, self.n)))
 
     @classmethod
     def from_dh(
@@ -217,23 +214,50 @@ class Chain:
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
         """`forward` and `jacobian` at once, for the price of one."""
-        X_base_tip = np.empty((4, 4))
-        work = np.empty((self.n, kernels.WORK))
-        kernels.forward(self._joints, self._ends, self._scale, checked(q, (self.n,), "q"), work, X_base_tip)
-        return X_base_tip, work[:, :6].T.copy()
+        X_base_tip, J = np.empty((4, 4)), np.empty((6, self.n))
+        entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
+        return X_base_tip, J
+
+    def single(self) -> NDArray[np.float32]:
+        """Kernel memory in single precision, its limits rounded inwards."""
+        if not self._single:
+            memory = self._memory.astype(np.float32)
+            for column, bounds, inwards in ((kernels.LOWER, self.limits[:, 0], np.inf),
+                                            (kernels.UPPER, self.limits[:, 1], -np.inf)):  # fmt: skip
+                rounded = bounds.astype(np.float32)
+                beyond = rounded < bounds if inwards > 0 else rounded > bounds
+                rounded[beyond] = np.nextafter(rounded[beyond], np.float32(inwards))
+                set_limits(memory, column, rounded)
+            self._single.append(memory)
+        return self._single[0]
 
 
-def _tables(chain: Chain) -> tuple[Array, Array, float]:
-    """The kernel tables (see `mkps_kernels`) of a chain, and the scale of their lengths."""
+def _scale(chain: Chain) -> float:
+    """The power of two that makes the chain about one unit long."""
+    size = _length(chain)
+    return 2.0 ** -round(np.log2(size)) if size > 0.0 else 1.0
+
+
+def _length(chain: Chain) -> float:
+    path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+
+
+def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArray[np.float32]) -> None:
+    """Write the limits (n,) of one `column`, LOWER or UPPER, into kernel memory."""
+    n = len(bounds)
+    memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)[kernels.HEAD :, column] = bounds
+
+
+def memory_of(chain: Chain, scale: float) -> Array:
+    """Kernel memory (see `mkps_kinematics`) for a chain, its lengths multiplied by `scale`."""
     n = chain.n
-    tip = chain.X_base_tip0[:3, 3]
-    path = np.vstack([chain.points, tip])
-    size = float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
-    scale = 2.0 ** -round(np.log2(size)) if size > 0.0 else 1.0
-    joints = np.zeros((n, kernels.COLUMNS))
-    ends = np.zeros((2, 3, 4))
+    memory = np.zeros(kernels.memory_size(n))
+    table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)
+    joints = table[kernels.HEAD :]
+    path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
     R = _frame_with_z(chain.axes[0])
-    ends[0, :, :3], ends[0, :, 3] = R, scale * chain.points[0]
+    table[0, :12] = np.column_stack([R, scale * chain.points[0]]).ravel()
     for i in range(n):
         axis, x = chain.axes[i], R[:, 0]
         following = chain.axes[i + 1] if i + 1 < n else axis
@@ -259,13 +283,14 @@ def _tables(chain: Chain) -> tuple[Array, Array, float]:
         joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
         joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
         R = R_after @ exp_so3([alpha, 0.0, 0.0])
-    ends[1, :, :3] = R.T @ chain.X_base_tip0[:3, :3]
+    table[1, :9] = (R.T @ chain.X_base_tip0[:3, :3]).ravel()
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
-    ends[1, 0, 3] = scale * (size + sum(strokes)) * (1.0 + 1e-9)
+    table[0, kernels.SCALE] = scale
+    table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
     # Measured: full sweeps curl the tip of long chains, and drive joints onto narrow limits.
     turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
-    ends[1, 1, 3] = float(n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p"))
-    return readonly(joints), readonly(ends), scale
+    table[1, kernels.SWEEPS] = n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p")
+    return memory
 
 
 def _frame_with_z(z: Array) -> Array:

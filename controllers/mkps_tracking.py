@@ -21,8 +21,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers import mkps_kernels as kernels
-from controllers.mkps_chain import Chain
+from controllers import mkps_kinematics as kernels
+from controllers.mkps_chain import Chain, memory_of, not_a_pose, set_limits
+from controllers.mkps_entries import entry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, readonly
 
@@ -32,6 +33,7 @@ TrackingMethod = Literal["hybrid", "jacobian_free", "plain"]
 
 _HOLD_SHARE = 0.25  # of `near`, under which a joint is held
 _STEPS = 400  # of the solver a pose
+_LEAD = 8.0  # weight of the position against the orientation where the tool must leave its path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,7 +114,9 @@ class Tracker:
             raise ConfigurationError(f"method: allowed {', '.join(get_args(TrackingMethod))}, got {method!r}")
         self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
         self._travel = speeds * period
-        self._tolerances = chain._scale * position_tolerance, orientation_tolerance
+        self._tolerances = float(position_tolerance), float(orientation_tolerance)
+        self._memory = memory_of(chain, _LEAD * chain._scale)
+        self._entry = entry("keep" if method == "hybrid" else method)
         self._rank = _generic_rank(chain)
 
     def init(self, q0: ArrayLike) -> TrackState:
@@ -172,22 +176,23 @@ class Tracker:
 
     def _solve(self, target: Array, q0: Array, limits: Array) -> tuple[Array, tuple[float, float], bool]:
         """The nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad], converged)."""
-        chain = self.chain
-        joints = chain._joints.copy()
-        joints[:, kernels.LOWER], joints[:, kernels.UPPER] = limits.T
-        q, scratch = np.empty(chain.n), np.empty(chain._scratch)
-        given = (joints, chain._ends, chain._scale, target, np.array(q0), *self._tolerances, _STEPS)
+        chain, memory = self.chain, self._memory.copy()
+        set_limits(memory, kernels.LOWER, limits[:, 0])
+        set_limits(memory, kernels.UPPER, limits[:, 1])
+        q = np.empty(chain.n)
+        given = (memory, target, q0, *self._tolerances)
         if self.method == "jacobian_free":
-            outcome = kernels.solve_jacobian_free(*given, 0, True, scratch, q, chain._no_trail)
+            outcome = self._entry(*given, _STEPS, 0, True, chain._no_trail, q)
         elif self.method == "plain":
-            outcome = kernels.solve_plain(*given, True, scratch, q, chain._no_trail)
+            axis_tolerance = self._tolerances[1] * 0.5**0.5
+            outcome = self._entry(*given, axis_tolerance, axis_tolerance, _STEPS, True, False, chain._no_trail, q)
         else:
-            outcome = kernels.solve_keep(*given, scratch, q, chain._no_trail)
+            outcome = self._entry(*given, _STEPS, 0, chain._no_trail, q)
         code, _, _, error_p, error_r = outcome
         if code == kernels.BAD_TARGET:
-            raise ConfigurationError(f"X_base_tip: expected a pose, got {target.tolist()}")
+            raise not_a_pose("X_base_tip", target)
         close = error_p <= self._tolerances[0] and error_r <= self._tolerances[1]
-        return readonly(q), (float(error_p / chain._scale), float(error_r)), bool(close)
+        return readonly(q), (error_p, error_r), close
 
 
 def track(

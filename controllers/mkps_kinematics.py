@@ -1,0 +1,405 @@
+"""Compiled kinematics of a serial chain, shared by the solvers behind `controllers.mkps`. Nothing here allocates.
+
+A chain and the memory to solve for it are one array, `memory`, of `memory_size(n)` numbers, for one thread at a time.
+Its type, float64 or float32, is the precision of all arithmetic. `partition` cuts it into views:
+`table` (HEAD + n, COLUMNS): row 0 the pose of the first joint frame in the base (3 rows of 4), row 1 the rotation of
+the tip in the last joint frame (3 rows of 3), then the marks named below; then a row per joint, columns as named below.
+The frame of a joint turns about its z axis by offset + q, moves by the link vector, then turns about its x axis by
+alpha to reach the next joint axis. With the link vector free this form takes any two axes, parallel ones too, and costs
+two plane rotations a joint. Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one
+unit long, so that metres and radians can share one norm.
+`goal` (4, 3): the scaled tip position, then the wanted axes of the last joint frame, one a row. `normal` (6, 8): normal
+equations. `work` (n, WORK): columns as named below. `past` (n, PAST): what a solver remembers of earlier iterations.
+`q` (n,): the joint values. A `trail` takes the joint values of every iteration that it has a row for.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, types
+from numba.extending import overload
+
+KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
+    0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 14,
+)  # fmt: skip
+HEAD = 2
+SCALE, REACH = 12, 13  # in row 0; REACH: the farthest that the tip can get from the first joint
+SWEEPS = 9  # in row 1: 1 where a far start deserves a sweep
+HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0
+
+COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 6, 9, 12, 13, 14, 15
+PAST = 13
+
+CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4
+BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7
+ALONG, WITHIN, THROUGH = 0, 1, 2
+
+TWO_PI = 2.0 * math.pi
+_WALK = 0.1  # [rad] longest step of a joint between two looks at the branch
+# Not cached: numba would not see that a function of another file has changed. What Python calls is (`mkps_entries`).
+jit = njit(nogil=True, error_model="numpy")
+
+
+def cosine_and_sine(angle):
+    """(cos, sin) of `angle` [rad]."""
+    return math.cos(angle), math.sin(angle)
+
+
+@overload(cosine_and_sine)
+def _compiled_cosine_and_sine(angle):
+    if angle == types.float32:
+        return lambda angle: (math.cos(angle), math.sin(angle))
+
+    def both(angle):
+        # A third of the time of the two library functions: Cody and Waite's reduction by quarter turns, and the minimax
+        # polynomials of Cephes (sin.c). Measured: 1.1e-16 from the library's.
+        if not abs(angle) < 1e5:
+            return math.cos(angle), math.sin(angle)
+        quarter = math.floor(angle * 0.6366197723675814 + 0.5)
+        r = (angle - quarter * 1.5707963267341256) - quarter * 6.077100506303966e-11
+        r -= quarter * 2.0222662487959506e-21
+        z = r * r
+        s = 1.58962301576546568060e-10 * z - 2.50507477628578072866e-8
+        s = (s * z + 2.75573136213857245213e-6) * z - 1.98412698295895385996e-4
+        s = (s * z + 8.33333333332211858878e-3) * z - 1.66666666666666307295e-1
+        s = r + r * z * s
+        c = 2.08757008419747316778e-9 - 1.13585365213876817300e-11 * z
+        c = (c * z - 2.75573141792967388112e-7) * z + 2.48015872888517045348e-5
+        c = (c * z - 1.38888888888730564116e-3) * z + 4.16666666666665929218e-2
+        c = 1.0 - 0.5 * z + z * z * c
+        turns = int(quarter) & 3
+        if turns & 1:
+            c, s = s, c
+        return (-c if (turns + 1) & 2 else c), (-s if turns & 2 else s)
+
+    return both
+
+
+def memory_size(n: int) -> int:
+    """Numbers in the `memory` of a chain of `n` joints."""
+    return (HEAD + n) * COLUMNS + 12 + 48 + n * (WORK + PAST + 1)
+
+
+@jit
+def partition(memory, n):
+    """`table`, `goal`, `normal`, `work`, `past` and `q` (see above), as views of `memory`."""
+    goal = (HEAD + n) * COLUMNS
+    work = goal + 60
+    past = work + n * WORK
+    q = past + n * PAST
+    return (
+        memory[:goal].reshape(HEAD + n, COLUMNS),
+        memory[goal : goal + 12].reshape(4, 3),
+        memory[goal + 12 : work].reshape(6, 8),
+        memory[work:past].reshape(n, WORK),
+        memory[past:q].reshape(n, PAST),
+        memory[q : q + n],
+    )
+
+
+@jit
+def trace(table, q, work):
+    """Walk the chain at `q`: write every joint's axis and point to `work`, return the tip (p, x, y, z) as 12 numbers.
+
+    A pantograph link has the vector of the link, not its joint's point, in `work[i, POINT:]`.
+    """
+    xx, yx, zx, px = table[0, 0], table[0, 1], table[0, 2], table[0, 3]
+    xy, yy, zy, py = table[0, 4], table[0, 5], table[0, 6], table[0, 7]
+    xz, yz, zz, pz = table[0, 8], table[0, 9], table[0, 10], table[0, 11]
+    for i in range(q.shape[0]):
+        row = table[HEAD + i]
+        kind = row[KIND]
+        work[i, AXIS] = zx
+        work[i, AXIS + 1] = zy
+        work[i, AXIS + 2] = zz
+        work[i, POINT] = px
+        work[i, POINT + 1] = py
+        work[i, POINT + 2] = pz
+        if kind == HINGE:
+            c, s = cosine_and_sine(q[i] + row[OFFSET])
+        else:
+            c, s = row[COS_OFFSET], row[SIN_OFFSET]
+        xx, yx = c * xx + s * yx, c * yx - s * xx
+        xy, yy = c * xy + s * yy, c * yy - s * xy
+        xz, yz = c * xz + s * yz, c * yz - s * xz
+        lx, ly, lz = row[LINK], row[LINK + 1], row[LINK + 2]
+        if kind == SLIDE:
+            lz += table[0, SCALE] * q[i]
+        elif kind == PANTOGRAPH:
+            c, s = cosine_and_sine(q[i])
+            lx, ly = c * lx - s * ly, s * lx + c * ly
+            work[i, POINT] = lx * xx + ly * yx + lz * zx
+            work[i, POINT + 1] = lx * xy + ly * yy + lz * zy
+            work[i, POINT + 2] = lx * xz + ly * yz + lz * zz
+            lx += row[AFTER]
+            ly += row[AFTER + 1]
+            lz += row[AFTER + 2]
+        px += lx * xx + ly * yx + lz * zx
+        py += lx * xy + ly * yy + lz * zy
+        pz += lx * xz + ly * yz + lz * zz
+        c, s = row[COS_ALPHA], row[SIN_ALPHA]
+        yx, zx = c * yx + s * zx, c * zx - s * yx
+        yy, zy = c * yy + s * zy, c * zy - s * yy
+        yz, zz = c * yz + s * zz, c * zz - s * yz
+    return px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+
+
+@jit
+def column(table, work, i, px, py, pz):
+    """Column `i` of the Jacobian (linear; angular) at the tip p, from what `trace` wrote."""
+    kind = table[HEAD + i, KIND]
+    ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+    if kind == HINGE:
+        sx, sy, sz = px - work[i, POINT], py - work[i, POINT + 1], pz - work[i, POINT + 2]
+        return ey * sz - ez * sy, ez * sx - ex * sz, ex * sy - ey * sx, ex, ey, ez
+    none = px - px
+    if kind == SLIDE:
+        scale = table[0, SCALE]
+        return scale * ex, scale * ey, scale * ez, none, none, none
+    sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
+    return ey * sz - ez * sy, ez * sx - ex * sz, ex * sy - ey * sx, none, none, none
+
+
+@jit
+def forward(table, q, work, X, J):
+    """Tip pose into `X` (4, 4) and Jacobian into `J` (6, n), both unscaled."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    scale = table[0, SCALE]
+    for i in range(q.shape[0]):
+        cx, cy, cz, J[3, i], J[4, i], J[5, i] = column(table, work, i, px, py, pz)
+        J[0, i], J[1, i], J[2, i] = cx / scale, cy / scale, cz / scale
+    for k in range(3):
+        wx, wy, wz = table[1, k], table[1, 3 + k], table[1, 6 + k]
+        X[0, k] = xx * wx + yx * wy + zx * wz
+        X[1, k] = xy * wx + yy * wy + zy * wz
+        X[2, k] = xz * wx + yz * wy + zz * wz
+        X[3, k] = 0.0
+    X[0, 3], X[1, 3], X[2, 3], X[3, 3] = px / scale, py / scale, pz / scale, 1.0
+
+
+@jit
+def rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """Rotation vector [rad] from the tip axes to the goal axes, and its length by atan2."""
+    real = goal.dtype.type
+    half, one = real(0.5), real(1.0)
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    ux, uy, uz = goal[2, 0], goal[2, 1], goal[2, 2]
+    vx, vy, vz = goal[3, 0], goal[3, 1], goal[3, 2]
+    wx = half * (xy * tz - xz * ty + yy * uz - yz * uy + zy * vz - zz * vy)
+    wy = half * (xz * tx - xx * tz + yz * ux - yx * uz + zz * vx - zx * vz)
+    wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
+    sine2 = wx * wx + wy * wy + wz * wz
+    cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
+    if cosine > half and sine2 < real(1e-3):
+        # asin(s)/s to 4e-10 relative, which spares the two slow functions in the last, fast iterations
+        factor = one + sine2 * (real(1.0 / 6.0) + sine2 * (real(3.0 / 40.0) + sine2 * real(15.0 / 336.0)))
+        return wx * factor, wy * factor, wz * factor, math.sqrt(sine2) * factor
+    sine = math.sqrt(sine2)
+    angle = math.atan2(sine, cosine)
+    if sine > real(1e-6):
+        factor = angle / sine
+        return wx * factor, wy * factor, wz * factor, angle
+    # Half a turn: the skew part vanishes, but R + 1 = 2 a a^T; take its longest column.
+    rx = one + xx * tx + yx * ux + zx * vx
+    ry = one + xy * ty + yy * uy + zy * vy
+    rz = one + xz * tz + yz * uz + zz * vz
+    if rx >= ry and rx >= rz:
+        ax, ay, az = rx, ty * xx + uy * yx + vy * zx, tz * xx + uz * yx + vz * zx
+    elif ry >= rz:
+        ax, ay, az = tx * xy + ux * yy + vx * zy, ry, tz * xy + uz * yy + vz * zy
+    else:
+        ax, ay, az = tx * xz + ux * yz + vx * zz, ty * xz + uy * yz + vy * zz, rz
+    factor = angle / math.sqrt(ax * ax + ay * ay + az * az)
+    return ax * factor, ay * factor, az * factor, angle
+
+
+@jit
+def set_goal(table, X, goal):
+    """Fold the tip's rotation and the scale into the target `X` (4, 4); False if it is not a finite pose."""
+    # Rows orthonormal to 1e-6 and right-handed; a NaN fails every comparison, so it fails here.
+    xx, xy, xz = X[0, 0], X[1, 0], X[2, 0]
+    yx, yy, yz = X[0, 1], X[1, 1], X[2, 1]
+    zx, zy, zz = X[0, 2], X[1, 2], X[2, 2]
+    good = (
+        abs(yy * zz - yz * zy - xx) < 1e-6
+        and abs(yz * zx - yx * zz - xy) < 1e-6
+        and abs(yx * zy - yy * zx - xz) < 1e-6
+        and abs(yx * yx + yy * yy + yz * yz - 1.0) < 1e-6
+        and abs(zx * zx + zy * zy + zz * zz - 1.0) < 1e-6
+        and abs(yx * zx + yy * zy + yz * zz) < 1e-6
+        and abs(X[3, 0]) + abs(X[3, 1]) + abs(X[3, 2]) + abs(X[3, 3] - 1.0) < 1e-9
+        and math.isfinite(X[0, 3] + X[1, 3] + X[2, 3])
+    )
+    for k in range(3):
+        goal[0, k] = X[k, 3] * table[0, SCALE]
+        wx, wy, wz = table[1, 3 * k], table[1, 3 * k + 1], table[1, 3 * k + 2]
+        goal[1 + k, 0] = xx * wx + yx * wy + zx * wz
+        goal[1 + k, 1] = xy * wx + yy * wy + zy * wz
+        goal[1 + k, 2] = xz * wx + yz * wy + zz * wz
+    return good
+
+
+@jit
+def begin(table, X, q0, options_good, leaps, goal, work, q):
+    """Set goal and start; returns a BAD_ code, OUT_OF_REACH or CONVERGED (nothing is wrong)."""
+    if not options_good:
+        return BAD_OPTION
+    if X.shape[0] != 4 or X.shape[1] != 4 or not set_goal(table, X, goal):
+        return BAD_TARGET
+    if q0.shape[0] != q.shape[0]:
+        return BAD_START
+    for i in range(q.shape[0]):
+        if not math.isfinite(q0[i]):
+            return BAD_START
+        row = table[HEAD + i]
+        q[i] = q0[i]
+        q[i] = admit(q[i], row[LOWER], row[UPPER], leaps and row[KIND] != SLIDE, q.dtype.type(TWO_PI))
+        work[i, START] = q[i]
+    x, y, z = goal[0, 0] - table[0, 3], goal[0, 1] - table[0, 7], goal[0, 2] - table[0, 11]
+    return OUT_OF_REACH if math.sqrt(x * x + y * y + z * z) > table[0, REACH] else CONVERGED
+
+
+@jit
+def admit(value, lower, upper, hinge, full_turn):
+    """`value` if the limits allow it, else the same hinge angle a `full_turn` away, else the nearer limit."""
+    if lower <= value <= upper:
+        return value
+    if hinge:
+        turned = value - full_turn if value > upper else value + full_turn
+        if lower <= turned <= upper:
+            return turned
+    return min(max(value, lower), upper)
+
+
+@jit
+def fold(table, q):
+    """Bring hinges that wound up within their limits by whole turns; False if a joint cannot be."""
+    turn = q.dtype.type(TWO_PI)
+    for i in range(q.shape[0]):
+        lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
+        value = q[i]
+        if table[HEAD + i, KIND] != SLIDE:
+            if value < lower:
+                value += turn * q.dtype.type(math.ceil((lower - value) / turn))
+            elif value > upper:
+                value -= turn * q.dtype.type(math.ceil((value - upper) / turn))
+        if not lower <= value <= upper:
+            return False
+        q[i] = value
+    return True
+
+
+@jit
+def restart_angle(restart, joint):
+    """A number in [0, 1) that depends on nothing but its two arguments (splitmix64)."""
+    z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
+    z *= np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    return float(z >> np.uint64(11)) * 2.0**-53
+
+
+@jit
+def scatter(table, restart, work, q):
+    """Start number `restart` into `q`: even over the limits, or a turn about the start (a slide: a unit of length)."""
+    for i in range(q.shape[0]):
+        lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
+        half = math.pi if table[HEAD + i, KIND] != SLIDE else 1.0 / table[0, SCALE]
+        lower = max(lower, min(work[i, START] - half, upper - 2.0 * half))
+        upper = min(upper, lower + 2.0 * half)
+        q[i] = lower + (upper - lower) * restart_angle(restart, i)
+
+
+@jit
+def note(q, trail, row):
+    """Joint values into a row of `trail`, if it has that row."""
+    if row < trail.shape[0]:
+        for i in range(q.shape[0]):
+            trail[row, i] = q[i]
+
+
+@jit
+def errors(table, goal, q, work):
+    """Position [scaled] and orientation error at `q`."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+    error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    return math.sqrt(ex * ex + ey * ey + ez * ez), error_r
+
+
+@jit
+def recall(table, goal, work, q):
+    """The best joint values seen into `q`; returns their position and orientation errors."""
+    for i in range(q.shape[0]):
+        q[i] = work[i, BEST]
+    return errors(table, goal, q, work)
+
+
+@jit
+def turned_over(work, past, normal, n):
+    """Whether the Jacobian in `work` is turned over against that in `past`: the sign of det(J_past J^T), for n < 6 of
+    det(J_past^T J). By Cauchy and Binet it is the product of the two determinants for n = 6, and otherwise the inner
+    product of their minors, which changes sign only across a singular configuration if the two are close together.
+    """
+    m = min(n, 6)
+    for a in range(m):
+        for b in range(m):
+            t = 0.0
+            for i in range(max(n, 6)):
+                t += past[i, a] * work[i, b] if n >= 6 else past[a, i] * work[b, i]
+            normal[a, b] = t
+    over = False
+    for k in range(m):
+        pivot = k
+        for a in range(k + 1, m):
+            if abs(normal[a, k]) > abs(normal[pivot, k]):
+                pivot = a
+        if abs(normal[pivot, k]) < 1e-12:
+            return False
+        if pivot != k:
+            over = not over
+            for b in range(k, m):
+                normal[k, b], normal[pivot, b] = normal[pivot, b], normal[k, b]
+        if normal[k, k] < 0.0:
+            over = not over
+        for a in range(k + 1, m):
+            factor = normal[a, k] / normal[k, k]
+            for b in range(k + 1, m):
+                normal[a, b] -= factor * normal[k, b]
+    return over
+
+
+@jit
+def branch_left(table, q, near, work, past, normal):
+    """Whether the straight way from the start in `work` to `q` crosses a singular configuration.
+
+    A way on which no joint moves more than `near` is taken as short, not looked at. Where the Jacobian is singular all
+    over (a planar arm of four joints) no crossing can be seen.
+    """
+    n = q.shape[0]
+    far = 0.0
+    for i in range(n):
+        work[i, BEST] = q[i]
+        if table[HEAD + i, KIND] != SLIDE:
+            far = max(far, abs(q[i] - work[i, START]))
+        else:
+            far = max(far, table[0, SCALE] * abs(q[i] - work[i, START]))
+    if far <= near:
+        return False
+    pieces = math.ceil(far / _WALK)
+    left = False
+    for piece in range(pieces + 1):
+        for i in range(n):
+            for k in range(6):
+                past[i, k] = work[i, COLUMN + k]
+            q[i] = work[i, START] + (work[i, BEST] - work[i, START]) * (piece / pieces)
+        px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
+        for i in range(n):
+            work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = column(table, work, i, px, py, pz)
+        if piece > 0 and turned_over(work, past, normal, n):
+            left = True
+            break
+    for i in range(n):
+        q[i] = work[i, BEST]
+    return left

@@ -1,0 +1,30 @@
+"""Touch data -> kinematic and elastic parameters of an arm, with what they are worth.
+
+Names are imported when first used, so that `import calib` needs neither numba nor SciPy.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calib.arm import Arm
+    from calib.identification import Calibration, identify
+    from calib.loads import Loads
+
+_HOME = {
+    "Arm": "calib.arm",
+    "Calibration": "calib.identification",
+    "Loads": "calib.loads",
+    "identify": "calib.identification",
+}
+__all__ = ["Arm", "Calibration", "Loads", "identify"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'calib' has no attribute {name!r}; it has {__all__}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,222 @@
+"""The arm that touches: standard Denavit-Hartenberg rows with Hayati's beta between near-parallel axes.
+
+    arm = Arm.from_dh(dh)                    # (n, 4): theta0, d, a, alpha
+    arm = Arm.from_axes(axes, points, X_base_flange0)        # from URDF or MJCF: any serial chain at zero
+
+Four numbers a joint describe every serial chain, so a URDF's six per joint say no more; DH alone cannot take a small
+tilt of a parallel axis about y with small numbers (it answers with links of hundreds of metres), hence beta.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib import kernels
+from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, inverse, readonly
+
+NEAR_PARALLEL = np.deg2rad(5.0)  # below this, d and theta0 of common normals run away
+_EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
+_LARGEST = 50.0  # [m] a link longer than this was given in millimetres
+_NO_JACOBIAN = np.empty((0, 0, 0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arm:
+    """A serial arm; base frame to flange frame. Arrays are read-only."""
+
+    table: Array  # (n, 5) theta0 [rad], d [m], a [m], alpha [rad], beta [rad]
+    joint_types: str  # a letter a joint: r hinge, p slide
+    X_base_0: Array  # (4, 4) frame 0, whose z is the first joint's axis, in the base
+    X_n_flange: Array  # (4, 4) the flange in the last frame
+
+    @classmethod
+    def from_dh(cls, dh: ArrayLike, joint_types: str | None = None, beta: ArrayLike | None = None) -> Self:
+        """An arm from standard DH rows `dh` (n, 4): theta0 [rad], d [m], a [m], alpha [rad]; `beta` (n,) [rad] or none.
+
+        Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown joint letters, and tables that
+        are in degrees or millimetres by their size.
+        """
+        rows = np.asarray(dh, dtype=np.float64) if not isinstance(dh, Arm) else dh.table[:, :4]
+        if rows.ndim != 2 or rows.shape[0] == 0:
+            raise ConfigurationError(f"nominal: expected a DH table (n, 4) with n >= 1, got shape {rows.shape}")
+        rows = checked(rows, (len(rows), 4), "nominal")
+        turns = np.abs(rows[:, [THETA, ALPHA]])
+        if turns.max() > 4.0 * np.pi:
+            k, column = np.unravel_index(int(turns.argmax()), turns.shape)
+            name = ("theta0", "alpha")[column]
+            raise ConfigurationError(
+                f"nominal: {name} of joint {k + 1} is {rows[k, (THETA, ALPHA)[column]]:g} rad; the table looks like "
+                "degrees, radians are needed (columns theta0, d, a, alpha)"
+            )
+        lengths = np.abs(rows[:, [D, A]])
+        if lengths.max() > _LARGEST:
+            k, column = np.unravel_index(int(lengths.argmax()), lengths.shape)
+            raise ConfigurationError(
+                f"nominal: {'da'[column]} of joint {k + 1} is {lengths[k, column]:g} m; the table looks like "
+                "millimetres, metres are needed (columns theta0, d, a, alpha)"
+            )
+        types = "r" * len(rows) if joint_types is None else joint_types
+        if len(types) != len(rows) or set(types) - {"r", "p"}:
+            raise ConfigurationError(f"joint_types: {len(rows)} letters of r (hinge), p (slide), got {types!r}")
+        tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
+        return cls(
+            table=readonly(np.column_stack([rows, tilt])),
+            joint_types=types,
+            X_base_0=readonly(np.eye(4)),
+            X_n_flange=readonly(np.eye(4)),
+        )
+
+    @classmethod
+    def from_axes(
+        cls, axes: ArrayLike, points: ArrayLike, X_base_flange0: ArrayLike, joint_types: str | None = None
+    ) -> Self:
+        """An arm from its joint axes at zero: `axes` (n, 3) directions, `points` (n, 3) [m] on them, base coordinates.
+
+        `X_base_flange0` (4, 4) is the flange at zero. Near-parallel neighbours keep the given point on the later axis
+        as the origin of its frame. Raises ConfigurationError for wrong shapes and zero directions.
+        """
+        z = np.asarray(axes, dtype=np.float64)
+        z = checked(z, (len(z), 3), "axes")
+        n = len(z)
+        o = checked(points, (n, 3), "points")
+        X_flange = checked(X_base_flange0, (4, 4), "X_base_flange0")
+        types = "r" * n if joint_types is None else joint_types
+        norms = np.linalg.norm(z, axis=1)
+        if n == 0 or not np.all(norms > 1e-9):
+            raise ConfigurationError("axes: every joint axis needs a length")
+        z = z / norms[:, None]
+        X_base_0 = np.eye(4)
+        X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
+        X_base_0[:3, 3] = o[0]
+        table = np.zeros((n, ROW))
+        X = X_base_0
+        for k in range(n - 1):
+            z_next, o_next = X[:3, :3].T @ z[k + 1], X[:3, :3].T @ (o[k + 1] - X[:3, 3])
+            table[k] = _row_between(z_next, o_next)
+            X = X @ _step(table[k])
+        X = X @ _step(table[-1])
+        return cls(
+            table=readonly(table),
+            joint_types=types,
+            X_base_0=readonly(X_base_0),
+            X_n_flange=readonly(inverse(X) @ X_flange),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.table)
+
+    @property
+    def slides(self) -> np.ndarray:
+        """(n,) True where the joint is a slide."""
+        return np.array([letter == "p" for letter in self.joint_types])
+
+    @property
+    def reach(self) -> float:
+        """Length of the arm from its first joint to the flange [m], links laid end to end."""
+        return float(np.hypot(self.table[:, D], self.table[:, A]).sum() + np.linalg.norm(self.X_n_flange[:3, 3]))
+
+    @property
+    def near_parallel(self) -> tuple[int, ...]:
+        """Joints (from 0) whose axis is near-parallel to the next joint's: those that need beta."""
+        alpha, beta = self.table[:, ALPHA], self.table[:, BETA]
+        tilt = np.hypot(np.sin(alpha), np.sin(beta))
+        hinges = ~self.slides
+        return tuple(k for k in range(self.n - 1) if tilt[k] < np.sin(NEAR_PARALLEL) and hinges[k] and hinges[k + 1])
+
+    @property
+    def dh(self) -> Array:
+        """Standard DH (n, 4) of exactly this arm, beta worked in.
+
+        Rows without beta stay as they are. Where beta is not zero, the common normal of two almost parallel axes is far
+        away, so d of that joint and the next may be many metres: right, but fit for machines only.
+        """
+        table = np.array(self.table)
+        turn, shift = 0.0, 0.0  # of the new frame k - 1 about and along its z, against the old one
+        for k in range(self.n):
+            row = table[k].copy()
+            row[THETA] -= turn
+            row[D] -= shift
+            if row[BETA] == 0.0:
+                turn, shift = 0.0, 0.0
+                table[k] = row
+                continue
+            X = _step(row)
+            new = _row_between(X[:3, 2], X[:3, 3], parallel=_EXACTLY_PARALLEL, hint=row)
+            rest = inverse(_step(new)) @ X  # Rz(-turn) Tz(-shift)
+            turn, shift = float(np.arctan2(rest[0, 1], rest[0, 0])), -float(rest[2, 3])
+            table[k] = new
+        return readonly(table[:, :4])
+
+    def axes(self) -> tuple[Array, Array, Array]:
+        """Joint axes (n, 3), points on them (n, 3) [m] and the flange (4, 4) where all joints are zero, base frame."""
+        X = kernels.frames(self.table, self.slides, self.X_base_0, np.zeros((1, self.n)))[0]
+        return readonly(X[:-1, :3, 2]), readonly(X[:-1, :3, 3]), readonly(X[-1] @ self.X_n_flange)
+
+    def flange(self, q: ArrayLike) -> Array:
+        """Flange poses (M, 4, 4) in the base for joint values `q` (M, n)."""
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        return kernels.frames(self.table, self.slides, self.X_base_0, values)[:, -1] @ self.X_n_flange
+
+    def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
+        """Tip positions (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        point = np.ascontiguousarray(tcp, dtype=np.float64)
+        return kernels.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, _NO_JACOBIAN)
+
+    def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
+        """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""
+        J = np.empty((len(q), ROW * self.n + 3, 3))
+        return kernels.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, tcp, q, J), J
+
+    def with_table(self, table: Array) -> Self:
+        """The same arm with another table (n, 5)."""
+        return replace(self, table=readonly(table))
+
+
+def _step(row: Array) -> Array:
+    """The pose (4, 4) over one row at q = 0."""
+    return kernels.frames(row[None], np.array([False]), np.eye(4), np.zeros((1, 1)))[0, 1]
+
+
+def _rotation_with_z(z: Array, hint: Array) -> Array:
+    """A rotation whose z axis is `z` and whose x axis is `hint` made perpendicular to it."""
+    x = hint - (hint @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _row_between(z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None) -> Array:
+    """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame before.
+
+    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt; above, it is the foot
+    of the common normal. `hint` is a row that the sense of the common normal shall follow.
+    """
+    sine = float(np.hypot(z[0], z[1]))
+    if sine < np.sin(parallel):
+        theta = float(np.arctan2(o[1], o[0])) if np.hypot(o[0], o[1]) > 1e-9 else 0.0
+        c, s = np.cos(theta), np.sin(theta)
+        across = np.array([c * z[0] + s * z[1], c * z[1] - s * z[0]])  # z seen along x and y of the turned frame
+        # Rx(alpha) Ry(beta) e_z = (sin beta, -sin alpha cos beta, cos alpha cos beta)
+        beta = float(np.arcsin(across[0]))
+        alpha = float(np.arctan2(-across[1], z[2]))
+        return np.array([theta, o[2], np.hypot(o[0], o[1]), alpha, beta])
+    x = np.array([-z[1], z[0]]) / sine  # e_z x z
+    a = float(x @ o[:2])
+    if hint is not None:
+        flip = x @ [np.cos(hint[THETA]), np.sin(hint[THETA])] < 0.0
+    else:
+        flip = a < -1e-12
+    if flip:
+        x, a = -x, -a
+    theta = float(np.arctan2(x[1], x[0]))
+    alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))
+    # The line o + t z meets the plane through e_z and x where its part across vanishes.
+    across = np.array([-x[1], x[0]])
+    t = -float(across @ o[:2]) / float(across @ z[:2])
+    return np.array([theta, o[2] + t * z[2], a, alpha, 0.0])

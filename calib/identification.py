@@ -1,0 +1,303 @@
+"""Kinematic parameters of an arm from touches of unknown points in many orientations (paper 000, held from collapse).
+
+calibration = identify(series, nominal_dh)
+calibration.dh, calibration.tcp, calibration.tips(q)
+print(calibration.rank)                       # what touching told, what it cannot, and why
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2, t
+
+from calib.arm import Arm
+from calib.fit import Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
+from calib.kernels import ROW
+from calib.loads import BoundLoads, Loads
+from calib.paper import WARNING, paper_run
+from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
+from calib.rank import RankReport, rank_report
+from calib.touches import checked_series, first_tcp, without_repeats
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, readonly
+
+Method = Literal["map", "paper"]
+Distance = tuple[int, int, float] | tuple[int, int, float, float]
+
+_SURE_DISTANCE = 5e-5  # [m] deviation of a known distance where none is stated
+_BETA_LEVEL = 0.05  # betas that chance explains this well are dropped
+_FAR_OFF = 5e-3  # [m] touches that scatter so after the fit are not touches of this arm
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Outlier:
+    """A touch that was left out because it does not belong to its series."""
+
+    series: int  # from 0
+    touch: int  # from 0
+    distance: float  # [m] from the series' point under the identified arm
+
+    def __str__(self) -> str:
+        return f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm off its point"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """What touching says about an arm. Arrays are read-only; parameters are ordered as `names`."""
+
+    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]: standard DH of exactly the identified arm
+    beta: Array  # (n,) [rad] Hayati's angles, to be used with `arm.table`, not with `dh`
+    tcp: Array  # (3,) [m] tool point in the flange
+    compliance: Array  # (n,) [rad/(N m)] zero where not identified
+    arm: Arm  # the identified arm; arm.table (n, 5) holds the same with beta apart, all changes small
+    nominal: Arm
+    cost: float  # [m^2] eq. (7) over the touches in use
+    cost_nominal: float  # [m^2] the same for the nominal arm with the tool point of eq. (16)
+    noise: float  # [m] deviation of a touch along each axis, degrees of freedom corrected
+    points: Array  # (S, 3) [m] the touched points in the base; NaN-free: series left out have their plain mean
+    residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
+    outliers: tuple[Outlier, ...]
+    parameters: Parameters
+    values: Array  # (P,) identified
+    changes: Array  # (P,) against nominal
+    covariance: Array  # (P, P) posterior, in the units of `parameters`
+    prior: Array  # (P,) deviations of the prior that was used, stated or chosen by the data
+    degrees_of_freedom: float  # of the noise: 3 (touches - series) less what the data determined
+    identifiable: np.ndarray  # (4 n + 3,) bool: a largest set of DH and tool numbers that touching tells, the rest held
+    rank: RankReport
+    history: tuple[float, ...]  # [m^2] eq. (7) at the start and after each step
+    converged: bool
+    warnings: tuple[str, ...]
+    loads: BoundLoads | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters: theta1, d1, a1, alpha1, ..., tcp_x, ..., beta2, ..., c1, ..."""
+        return self.parameters.names
+
+    @property
+    def sigma(self) -> Array:
+        """(P,) posterior deviation of each parameter, in its unit."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def interval(self, confidence: float = 0.95) -> Array:
+        """(P, 2) bounds of each parameter at the given confidence (Student's t)."""
+        half = self.quantile(confidence) * self.sigma
+        return np.column_stack([self.values - half, self.values + half])
+
+    def quantile(self, confidence: float = 0.95) -> float:
+        """How many deviations a two-sided interval of this confidence spans on each side."""
+        if not 0.0 < confidence < 1.0:
+            raise ConfigurationError(f"confidence: between 0 and 1, got {confidence!r}")
+        return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
+
+    def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
+        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), bent as identified under `payload_mass` [kg]."""
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
+
+    def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
+        """Where the joints really stand (M, n) when the encoders read `q` (M, n)."""
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        if self.loads is None:
+            return values
+        bound = self.loads.with_payload(payload_mass, len(values))
+        return values + self.compliance * bound.at(values)(self.arm.table)
+
+
+def identify(
+    series: Sequence[ArrayLike],
+    nominal: ArrayLike | Arm,
+    *,
+    free: Iterable[str] | str | None = None,
+    prior: Mapping[str, float] | None = None,
+    noise: float | None = None,
+    distances: Iterable[Distance] = (),
+    tcp: ArrayLike | None = None,
+    loads: Loads | None = None,
+    joint_types: str | None = None,
+    robust: bool = True,
+    method: Method = "map",
+    max_iterations: int = 200,
+) -> Calibration:
+    """Identify an arm from touches: each of `series` is (m_i, n) joint values of touches of one unknown point.
+
+    nominal: DH table (n, 4) as theta0 [rad], d [m], a [m], alpha [rad] (standard), or an `Arm` (from axes, with slides).
+    free: what may change, groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2"); by default all but
+        compliance, which joins where `loads` are given. Beta comes in between near-parallel axes, and goes again where
+        chance explains it, unless it is named.
+    prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the deviations per group
+        are chosen by the evidence of the data, starting from `calib.parameters.DEFAULT_PRIOR`.
+    noise: standard deviation of a touch along each axis [m]; estimated where None.
+    distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted from 0:
+        the only thing here that tells scale.
+    tcp: first guess of the tool point (3,) [m] in the flange; by default eq. (13)-(16).
+    robust: leave out touches that do not belong (see `outliers`).
+    method: "map", or "paper" for the paper's own run, three steps on all 4 n + 3 parameters, to compare with.
+    max_iterations: bound on Levenberg-Marquardt steps.
+
+    Deterministic. Raises ConfigurationError for anything malformed: wrong joint count, no touches, numbers not finite,
+    degrees, millimetres, unknown words.
+    """
+    if method not in get_args(Method):
+        raise ConfigurationError(f"method: allowed {', '.join(get_args(Method))}, got {method!r}")
+    if noise is not None and not (np.isfinite(noise) and noise > 0.0):
+        raise ConfigurationError(f"noise: must be positive and finite [m], got {noise!r}")
+    arm = nominal if isinstance(nominal, Arm) else Arm.from_dh(nominal, joint_types)
+    touches = checked_series(series, arm)
+    kept, warnings = without_repeats(touches)
+    used = [touches[i][places] for i, places in enumerate(kept) if len(places)]
+    if sum(len(q) - 1 for q in used) < 2:
+        raise ConfigurationError(
+            "series: no point was touched in enough different poses; at least three different touches are needed, got "
+            + ", ".join(str(len(places)) for places in kept)
+        )
+    guess = first_tcp(arm, used) if tcp is None else checked(tcp, (3,), "tcp")
+    bound = None if loads is None else loads.bind(arm, [len(q) for q in touches])
+    q = np.ascontiguousarray(np.vstack(used))
+    live = [i for i, places in enumerate(kept) if len(places)]
+    offsets = np.cumsum([0, *(len(each) for each in touches)])
+    rows = np.concatenate([offsets[i] + kept[i] for i in live])
+    data = Data(
+        q=q,
+        starts=np.cumsum([0, *(len(each) for each in used[:-1])]),
+        distances=_checked_distances(distances, live, len(touches)),
+        load=None if bound is None else bound.at(q, rows),
+        weights=np.ones(len(q)),
+    )
+    mean = np.concatenate([arm.table.ravel(), guess, np.zeros(arm.n)])
+    if method == "paper":
+        parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
+        fit = paper_run(Problem(arm, data, parameters, mean))
+        warnings.append(WARNING)
+    else:
+        fit, data, parameters = _map_fit(arm, data, mean, free, prior, noise, robust, max_iterations, loads is not None)
+    return _assemble(arm, touches, kept, live, data, parameters, mean, fit, bound, warnings)
+
+
+def _map_fit(
+    arm: Arm,
+    data: Data,
+    mean: Array,
+    free: Iterable[str] | str | None,
+    prior: Mapping[str, float] | None,
+    noise: float | None,
+    robust: bool,
+    iterations: int,
+    elastic: bool,
+) -> tuple[Fit, Data, Parameters]:
+    """The fit, its data with outliers at weight 0, and the parameters that were free in it."""
+    words = [free] if isinstance(free, str) else list(free or (*DEFAULT_FREE, *(["compliance"] if elastic else [])))
+    parameters = select(arm, words)
+    if not elastic and "compliance" in parameters.groups:
+        raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
+    solver = solve_robustly if robust else lambda *given, **options: (solve(*given, **options), given[0].data)
+
+    def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
+        problem = Problem(arm, on, chosen, mean)
+        deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
+        return solver(problem, deviations, noise=noise, adapt=prior is None, iterations=iterations)
+
+    prior_deviations(parameters, prior)  # refuses unknown words before anything runs
+    fit, used = run(parameters, data)
+    betas = np.array([i for i, group in enumerate(parameters.groups) if group == "beta"], dtype=int)
+    named = free is not None and any(word.startswith("beta") for word in words)
+    if len(betas) and not named and not np.any(mean[parameters.index[betas]]):
+        found = fit.full[parameters.index[betas]]
+        chance = found @ np.linalg.solve(fit.covariance[np.ix_(betas, betas)], found)
+        if chance < chi2.isf(_BETA_LEVEL, len(betas)):
+            parameters = parameters.only(np.setdiff1d(np.arange(len(parameters.names)), betas))
+            fit, used = run(parameters, data)
+    return fit, used, parameters
+
+
+def _words(parameters: Parameters) -> set[str]:
+    return {*parameters.names, *parameters.groups, *DEFAULT_PRIOR}
+
+
+def _checked_distances(
+    distances: Iterable[Distance], live: list[int], count: int
+) -> tuple[tuple[int, int, float, float], ...]:
+    """Distances between series that are in use, by their place among those, each with a deviation."""
+    out = []
+    for given in distances:
+        i, j, length, *rest = given
+        deviation = rest[0] if rest else _SURE_DISTANCE
+        if not (0 <= i < count and 0 <= j < count and i != j):
+            raise ConfigurationError(f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}")
+        if not (np.isfinite(length) and length > 0.0 and np.isfinite(deviation) and deviation > 0.0):
+            raise ConfigurationError(
+                f"distances: length and deviation must be positive and finite [m], got {length!r} and {deviation!r}"
+            )
+        if i in live and j in live:
+            out.append((live.index(i), live.index(j), float(length), float(deviation)))
+    return tuple(out)
+
+
+def _assemble(
+    arm: Arm,
+    touches: list[Array],
+    kept: list[np.ndarray],
+    live: list[int],
+    data: Data,
+    parameters: Parameters,
+    mean: Array,
+    fit: Fit,
+    bound: BoundLoads | None,
+    warnings: list[str],
+) -> Calibration:
+    n, size = arm.n, ROW * arm.n
+    identified = arm.with_table(fit.full[:size].reshape(n, ROW))
+    tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
+    dh_numbers = select(arm, ("theta", "d", "a", "alpha", "tcp"))
+    rank = rank_report(arm, fit.full, data, dh_numbers, fit.noise)
+    every = np.vstack(touches)
+    bent = every if bound is None else every + compliance * bound.at(every)(identified.table)
+    tips = identified.tips(bent, tcp)
+    offsets = np.cumsum([0, *(len(q) for q in touches)])
+    points, residuals, outliers = np.empty((len(touches), 3)), [], []
+    weight = {i: data.weights[data.series == s] > 0.0 for s, i in enumerate(live)}
+    for i, q in enumerate(touches):
+        mine = tips[offsets[i] : offsets[i] + len(q)]
+        places = kept[i][weight[i]] if i in live and weight[i].any() else np.arange(len(q))
+        points[i] = mine[places].mean(axis=0)
+        residuals.append(readonly(np.linalg.norm(mine - points[i], axis=1)))
+        if i in live:
+            left_out = kept[i][~weight[i]]
+            outliers += [Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out]
+    warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
+    if fit.noise > _FAR_OFF:
+        warnings.append(
+            f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not of this arm, or its "
+            "table, joint signs or zeros are wrong"
+        )
+    tips_nominal = tips_of(arm, mean, data)[0]
+    return Calibration(
+        dh=identified.dh,
+        beta=readonly(identified.table[:, -1]),
+        tcp=readonly(tcp),
+        compliance=readonly(compliance),
+        arm=identified,
+        nominal=arm,
+        cost=fit.cost,
+        cost_nominal=pair_cost(centred(tips_nominal, data), data),
+        noise=fit.noise,
+        points=readonly(points),
+        residuals=tuple(residuals),
+        outliers=tuple(outliers),
+        parameters=parameters,
+        values=readonly(fit.full[parameters.index]),
+        changes=readonly((fit.full - mean)[parameters.index]),
+        covariance=readonly(fit.covariance),
+        prior=readonly(fit.deviations),
+        degrees_of_freedom=max(data.degrees - fit.effective, 1.0),
+        identifiable=rank.identifiable,
+        rank=rank,
+        history=fit.history,
+        converged=fit.converged,
+        warnings=tuple(warnings),
+        loads=bound,
+    )

@@ -1,0 +1,188 @@
+"""Compiled loops of the calibration: tip positions with all first derivatives, joint torques of hanging loads.
+
+A joint's row in `table` is (theta0, d, a, alpha, beta): its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta),
+a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel axes.
+Angles in rad, lengths in m, all vectors in base axes. Derivatives are analytic: a turn about an axis through o moves
+the tip p by axis x (p - o), a shift by its direction.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5
+
+
+@njit(cache=True)
+def _frame_step(R, o, row, q, slide, axes):
+    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) takes z and o before, x and y of the turns after."""
+    theta = row[THETA] + (0.0 if slide else q)
+    d = row[D] + (q if slide else 0.0)
+    c, s = math.cos(theta), math.sin(theta)
+    ca, sa = math.cos(row[ALPHA]), math.sin(row[ALPHA])
+    cb, sb = math.cos(row[BETA]), math.sin(row[BETA])
+    for i in range(3):
+        x, y, z = R[i, 0], R[i, 1], R[i, 2]
+        axes[0, i], axes[1, i] = z, o[i]
+        x, y = c * x + s * y, c * y - s * x
+        o[i] += d * z + row[A] * x
+        y, z = ca * y + sa * z, ca * z - sa * y
+        axes[2, i], axes[3, i] = x, y
+        R[i, 0], R[i, 1], R[i, 2] = cb * x - sb * z, y, cb * z + sb * x
+
+
+@njit(cache=True)
+def _cross_into(out, a, b, c):
+    """out = a x (b - c)."""
+    x, y, z = b[0] - c[0], b[1] - c[1], b[2] - c[2]
+    out[0] = a[1] * z - a[2] * y
+    out[1] = a[2] * x - a[0] * z
+    out[2] = a[0] * y - a[1] * x
+
+
+@njit(cache=True)
+def tips(table, slides, X_base, X_flange, tcp, q, J):
+    """Tip positions (M, 3) for joint values q (M, n).
+
+    J is (M, 5 n + 3, 3), or (0, 0, 0) for none: derivatives by the table, row by row, then by the tool point.
+    """
+    touches, n = q.shape
+    p = np.empty((touches, 3))
+    R = np.empty((3, 3))
+    o = np.empty(3)
+    axes = np.empty((n, 4, 3))
+    after = np.empty((n, 3))
+    offset = X_flange[:3, 3] + tcp[0] * X_flange[:3, 0] + tcp[1] * X_flange[:3, 1] + tcp[2] * X_flange[:3, 2]
+    for m in range(touches):
+        R[:, :] = X_base[:3, :3]
+        o[:] = X_base[:3, 3]
+        for k in range(n):
+            _frame_step(R, o, table[k], q[m, k], slides[k], axes[k])
+            after[k] = o
+        for i in range(3):
+            p[m, i] = o[i] + R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
+        if J.shape[0] == 0:
+            continue
+        for k in range(n):
+            _cross_into(J[m, ROW * k + THETA], axes[k, 0], p[m], axes[k, 1])
+            J[m, ROW * k + D] = axes[k, 0]
+            J[m, ROW * k + A] = axes[k, 2]
+            _cross_into(J[m, ROW * k + ALPHA], axes[k, 2], p[m], after[k])
+            _cross_into(J[m, ROW * k + BETA], axes[k, 3], p[m], after[k])
+        for j in range(3):
+            for i in range(3):
+                J[m, ROW * n + j, i] = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
+    return p
+
+
+@njit(cache=True)
+def frames(table, slides, X_base, q):
+    """Frames 0..n of each pose, X (M, n + 1, 4, 4): frame k carries the axis of joint k + 1 as its z."""
+    touches, n = q.shape
+    X = np.zeros((touches, n + 1, 4, 4))
+    R = np.empty((3, 3))
+    o = np.empty(3)
+    axes = np.empty((4, 3))
+    for m in range(touches):
+        R[:, :] = X_base[:3, :3]
+        o[:] = X_base[:3, 3]
+        for k in range(n + 1):
+            X[m, k, :3, :3] = R
+            X[m, k, :3, 3] = o
+            X[m, k, 3, 3] = 1.0
+            if k < n:
+                _frame_step(R, o, table[k], q[m, k], slides[k], axes)
+    return X
+
+
+@njit(cache=True)
+def joint_loads(X, slides, forces, points, extra_forces, extra_points):
+    """Load (M, n) that hanging bodies put on each joint along its axis: [N m] of hinges, [N] of slides.
+
+    X (M, n + 1, 4, 4) as of `frames`; `forces` (n, B, 3) [N] in base axes act at `points` (n, B, 3) [m], fixed in frame
+    k + 1; `extra_forces` (M, E, 3) act at `extra_points` (M, E, 3), fixed in frame n.
+    """
+    touches, n = X.shape[0], X.shape[1] - 1
+    tau = np.zeros((touches, n))
+    moment = np.empty(3)
+    for m in range(touches):
+        force, about = np.zeros(3), np.zeros(3)  # resultant of what hangs beyond, and its moment about the base
+        for k in range(n, 0, -1):
+            own = forces.shape[1]
+            count = own + (extra_forces.shape[1] if k == n else 0)
+            for b in range(count):
+                f = forces[k - 1, b] if b < own else extra_forces[m, b - own]
+                local = points[k - 1, b] if b < own else extra_points[m, b - own]
+                place = X[m, k, :3, :3] @ local + X[m, k, :3, 3]
+                _cross_into(moment, place, f, np.zeros(3))
+                force += f
+                about += moment
+            z, o = X[m, k - 1, :3, 2], X[m, k - 1, :3, 3]
+            if slides[k - 1]:
+                tau[m, k - 1] = z @ force
+            else:
+                _cross_into(moment, o, force, np.zeros(3))
+                tau[m, k - 1] = z @ (about - moment)
+    return tau
+
+
+@njit(cache=True)
+def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
+    """Joint values for a tip at `goal` (3,) [m] with the flange turned as `R_goal` (3, 3), from `q` in place.
+
+    Damped least squares; with `orient` False the position alone. True where the tip is within 1e-11 m and 1e-6 rad.
+    """
+    n = len(q)
+    rows = 6 if orient else 3
+    R = np.empty((3, 3))
+    o = np.empty(3)
+    p = np.empty(3)
+    axes = np.empty((n, 4, 3))
+    J = np.zeros((rows, n))
+    e = np.zeros(rows)
+    column = np.empty(3)
+    for _ in range(iterations):
+        R[:, :] = X_base[:3, :3]
+        o[:] = X_base[:3, 3]
+        for k in range(n):
+            _frame_step(R, o, table[k], q[k], slides[k], axes[k])
+        F = R @ np.ascontiguousarray(X_flange[:3, :3])
+        for i in range(3):
+            p[i] = o[i]
+            for j in range(3):
+                p[i] += R[i, j] * X_flange[j, 3] + F[i, j] * tcp[j]
+        e[:3] = goal - p
+        if orient:
+            e[3:] = 0.0
+            for j in range(3):
+                e[3] += 0.5 * (F[1, j] * R_goal[2, j] - F[2, j] * R_goal[1, j])
+                e[4] += 0.5 * (F[2, j] * R_goal[0, j] - F[0, j] * R_goal[2, j])
+                e[5] += 0.5 * (F[0, j] * R_goal[1, j] - F[1, j] * R_goal[0, j])
+        turn = 0.0
+        trace = 3.0
+        if orient:
+            turn = math.sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2)
+            trace = np.sum(F * R_goal)
+        if math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2) < 1e-11 and turn < 1e-6 and trace > 0.0:
+            return True
+        if trace < 0.0 and turn > 0.0:  # more than a right angle off: the sine says too little
+            for i in range(3):
+                e[3 + i] /= turn
+        for k in range(n):
+            z = axes[k, 0]
+            if slides[k]:
+                J[:3, k] = z
+                if orient:
+                    J[3:, k] = 0.0
+            else:
+                _cross_into(column, z, p, axes[k, 1])
+                J[:3, k] = column
+                if orient:
+                    J[3:, k] = z
+        H = J.T @ J
+        damping = 1e-4 * min(1.0, e @ e) + 1e-14
+        for k in range(n):
+            H[k, k] += damping
+        q += np.linalg.solve(H, J.T @ e)
+    return False

@@ -1,0 +1,134 @@
+"""What hangs on the joints: the arm's own weight, its buoyancy in water, and the load in the tool.
+
+A joint of compliance c [rad/(N m)] stands at q + c tau (Yukhimets, Gubankov 2020): the touches of one point under
+different moments tell c, up to joints whose moment does not change.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib import kernels
+from calib.arm import Arm
+from calib.kernels import ROW, A, D
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import GRAVITY, Array, checked
+
+_EVEN = 10.0  # [kg/m] of a link whose mass nobody gave: only its share in the moments matters, c takes the factor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loads:
+    """Weights and buoyancy on an arm. Frame k moves with joint k (standard DH).
+
+    Without `link_masses` the arm's mass is taken as spread evenly along its links, 10 kg/m: compliances are then per
+    assumed newton metre, and still take out the sag.
+    """
+
+    link_masses: ArrayLike | None = None  # (n,) [kg]
+    link_centers: ArrayLike | None = None  # (n, 3) [m] centre of mass of link k in frame k; default its middle
+    link_volumes: ArrayLike = 0.0  # (n,) or one [m^3] displaced
+    link_buoyancy_centers: ArrayLike | None = None  # (n, 3) [m] in frame k; default the centre of mass
+    payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0  # [kg] one for all, one a series, or a list of (m_i,) per touch
+    payload_center: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m] in the flange
+    payload_volume: float = 0.0  # [m^3] displaced wherever there is a payload
+    water_density: float = 0.0  # [kg/m^3] 0 in air
+    gravity: ArrayLike = (0.0, 0.0, -GRAVITY)  # (3,) [m/s^2] in the arm's base frame
+
+    def bind(self, arm: Arm, counts: Sequence[int]) -> "BoundLoads":
+        """The loads of `arm` over series of `counts` touches. Raises ConfigurationError for wrong shapes or signs."""
+        n = arm.n
+        gravity = checked(self.gravity, (3,), "loads.gravity")
+        middles, lengths = _middles(arm)
+        if self.link_masses is None:
+            masses = _EVEN * lengths
+        else:
+            masses = checked(self.link_masses, (n,), "loads.link_masses")
+        centers = middles if self.link_centers is None else checked(self.link_centers, (n, 3), "loads.link_centers")
+        volumes = np.broadcast_to(np.asarray(self.link_volumes, dtype=np.float64), (n,))
+        buoyant = self.link_buoyancy_centers
+        cob = centers if buoyant is None else checked(buoyant, (n, 3), "loads.link_buoyancy_centers")
+        if not (np.all(masses >= 0.0) and np.all(volumes >= 0.0) and self.water_density >= 0.0):
+            raise ConfigurationError("loads: masses, volumes and the water's density must not be negative")
+        forces = np.stack([masses[:, None] * gravity, -self.water_density * volumes[:, None] * gravity], axis=1)
+        return BoundLoads(
+            arm=arm,
+            forces=np.ascontiguousarray(forces),
+            points=np.ascontiguousarray(np.stack([centers, cob], axis=1)),
+            payload=self._payload(counts),
+            center=checked(self.payload_center, (3,), "loads.payload_center"),
+            displaced=self.water_density * self.payload_volume,
+            gravity=gravity,
+        )
+
+    def _payload(self, counts: Sequence[int]) -> Array:
+        """[kg] (M,) of every touch."""
+        total = int(np.sum(counts))
+        given = self.payload_mass
+        if np.ndim(given) == 0 if not isinstance(given, (list, tuple)) else False:
+            masses = np.full(total, float(np.asarray(given)))
+        else:
+            items = list(given)  # pyright: ignore[reportArgumentType]
+            if len(items) != len(counts):
+                raise ConfigurationError(f"loads.payload_mass: {len(counts)} series, got {len(items)} masses")
+            parts = []
+            for i, (item, count) in enumerate(zip(items, counts, strict=True)):
+                part = np.asarray(item, dtype=np.float64)
+                if part.shape not in {(), (count,)}:
+                    raise ConfigurationError(
+                        f"loads.payload_mass of series {i + 1}: one mass or ({count},), got shape {part.shape}"
+                    )
+                parts.append(np.broadcast_to(part, (count,)))
+            masses = np.concatenate(parts)
+        if not np.all(np.isfinite(masses) & (masses >= 0.0)):
+            raise ConfigurationError("loads.payload_mass: every mass must be finite and not negative")
+        return masses
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BoundLoads:
+    """Loads of an arm at given touches."""
+
+    arm: Arm
+    forces: Array  # (n, 2, 3) [N] weight and buoyancy of each link
+    points: Array  # (n, 2, 3) [m] where they act, in the link's frame
+    payload: Array  # (M,) [kg]
+    center: Array  # (3,) [m] of the payload, in the flange
+    displaced: float  # [kg] of water in the payload's place
+    gravity: Array  # (3,) [m/s^2]
+
+    def with_payload(self, mass: float, count: int) -> "BoundLoads":
+        """The same arm with a payload of `mass` [kg] in each of `count` poses."""
+        return replace(self, payload=np.full(count, float(mass)))
+
+    def at(self, q: Array, places: np.ndarray | slice = slice(None)) -> Callable[[Array], Array]:
+        """A function of the table (n, 5) that gives the joint loads (M, n) [N m] at the touches `q` (M, n)."""
+        payload = self.payload[places]
+        net = np.where(payload > 0.0, payload - self.displaced, 0.0)
+        extra = np.ascontiguousarray(net[:, None, None] * self.gravity)
+        X = self.arm.X_n_flange
+        point = np.ascontiguousarray(np.broadcast_to(X[:3, :3] @ self.center + X[:3, 3], (len(q), 1, 3)))
+        slides, X_base_0 = self.arm.slides, self.arm.X_base_0
+
+        def load(table: Array) -> Array:
+            X = kernels.frames(table, slides, X_base_0, q)
+            return kernels.joint_loads(X, slides, self.forces, self.points, extra, point)
+
+        return load
+
+
+def _middles(arm: Arm) -> tuple[Array, Array]:
+    """Middle of each link in its own frame (n, 3) [m] and its length (n,) [m], from one frame's origin to the next."""
+    middles = np.empty((arm.n, 3))
+    X = kernels.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
+    for k in range(arm.n):
+        start, end = X[k, :3, 3], X[k + 1, :3, 3]
+        middles[k] = 0.5 * X[k + 1, :3, :3].T @ (start - end)
+    return middles, np.hypot(arm.table[:, A], arm.table[:, D])
+
+
+def compliance_columns(n: int) -> slice:
+    """Where the compliances sit in the full vector."""
+    return slice(ROW * n + 3, ROW * n + 3 + n)

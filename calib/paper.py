@@ -1,0 +1,55 @@
+"""The paper's own run: Levenberg-Marquardt (17) on all 4 n + 3 parameters, no prior, three steps.
+
+Criterion (7) falls to zero with the arm shrunk to a point, so the run is right only because it stops early. It is here
+to compare with. Parameters in mm and degrees as the paper prints them; it does not give mu, eta or delta: mu starts at
+`MU`, falls tenfold on success and rises tenfold on failure (as printed, 0 < eta < 1, it would rise on success).
+"""
+
+import numpy as np
+
+from calib.fit import Fit, Problem
+from sim.interfaces.spatial import Array
+
+STEPS = 3
+MU = 1e3  # [mm^2]
+ETA = 10.0
+WARNING = (
+    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; three steps stop short of "
+    "that by luck. The scale and 8 or 10 other directions mean nothing here; use method 'map'"
+)
+_WIDE = 100.0  # units: as good as no prior, for the covariance only
+
+
+def paper_run(problem: Problem) -> Fit:
+    """Three steps of (17) on the pairs of (9), in mm and degrees."""
+    units = np.array([np.deg2rad(1.0) if unit == "rad" else 1e-3 for unit in problem.parameters.units])
+    data = problem.data
+    counts = np.diff([*data.starts, len(data.q)])
+    pairs = np.sqrt(np.repeat(counts, counts)).astype(np.float64)  # m sum |x - c|^2 = sum over pairs, G'G alike
+    full, mu = problem.mean.copy(), MU
+    residuals, rows = _pair_rows(problem, full, pairs, units)
+    history = [float(residuals @ residuals) * 1e-6]
+    for _ in range(STEPS):
+        while True:
+            step = -np.linalg.solve(rows.T @ rows + mu * np.eye(len(units)), rows.T @ residuals)
+            trial = full.copy()
+            trial[problem.index] += step * units
+            new_residuals, new_rows = _pair_rows(problem, trial, pairs, units)
+            if new_residuals @ new_residuals < residuals @ residuals:
+                full, residuals, rows, mu = trial, new_residuals, new_rows, mu / ETA
+                break
+            mu *= ETA
+            if mu > MU * 1e12:
+                break
+        history.append(float(residuals @ residuals) * 1e-6)
+    square = history[-1] / max(float(counts.mean()), 1.0)
+    noise = max(np.sqrt(square / max(data.degrees - len(units), 1.0)), 1e-9)
+    return problem.summary(full, noise, units * _WIDE, history, False)
+
+
+def _pair_rows(problem: Problem, full: Array, pairs: Array, units: Array) -> tuple[Array, Array]:
+    """Residuals [mm] and derivatives by parameters in mm and degrees, weighted so that their squares sum to (7)."""
+    residuals, J = problem.centred(full)
+    weighted = (residuals * pairs[:, None]).ravel() * 1e3
+    rows = (J * pairs[:, None, None]).transpose(0, 2, 1).reshape(len(weighted), -1) * units * 1e3
+    return weighted, rows

@@ -1,0 +1,122 @@
+"""What may be identified: names, groups and units of the parameters, masks in words, priors.
+
+The full vector of an arm with n joints holds its table (n, 5) row by row, the tool point (3) and the compliances (n).
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from calib.arm import Arm
+from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
+UNITS = {
+    "theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)",
+}  # fmt: skip
+
+# Standard deviations about the nominal arm where the caller states none: a machined arm of about a metre (UR10e as
+# delivered, tables of paper 000: 0.5 mm, 0.2 deg; Panda: 1 mm, 0.3 deg); the tool point is as good as unknown;
+# 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
+DEFAULT_PRIOR = {
+    "theta": np.deg2rad(0.2), "d": 1e-3, "a": 1e-3, "alpha": np.deg2rad(0.2), "beta": np.deg2rad(0.2), "tcp": 0.1,
+    "compliance": 1e-4,
+}  # fmt: skip
+DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Parameters:
+    """The free parameters of a fit, in the order DH row by row, tool point, betas, compliances."""
+
+    names: tuple[str, ...]  # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
+    groups: tuple[str, ...]  # the group of each, one of GROUPS
+    index: np.ndarray  # (P,) place of each in the full vector
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each."""
+        return tuple(UNITS[group] for group in self.groups)
+
+    def where(self, *names: str) -> np.ndarray:
+        """Places (in this selection) of those of `names` that are in it."""
+        return np.array([self.names.index(name) for name in names if name in self.names], dtype=int)
+
+    def only(self, keep: Iterable[int]) -> "Parameters":
+        """The selection of the places `keep`."""
+        places = list(keep)
+        return Parameters(
+            names=tuple(self.names[i] for i in places),
+            groups=tuple(self.groups[i] for i in places),
+            index=self.index[places],
+        )
+
+
+def all_parameters(arm: Arm) -> Parameters:
+    """Every parameter of `arm`: 4 n of its DH table, 3 of the tool point, beta of near-parallel joints, n compliances."""
+    names, groups, index = [], [], []
+    for k in range(arm.n):
+        for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):
+            names.append(f"{group}{k + 1}")
+            groups.append(group)
+            index.append(ROW * k + column)
+    for j, axis in enumerate("xyz"):
+        names.append(f"tcp_{axis}")
+        groups.append("tcp")
+        index.append(ROW * arm.n + j)
+    for k in arm.near_parallel:
+        names.append(f"beta{k + 1}")
+        groups.append("beta")
+        index.append(ROW * k + BETA)
+    for k in range(arm.n):
+        names.append(f"c{k + 1}")
+        groups.append("compliance")
+        index.append(ROW * arm.n + 3 + k)
+    return Parameters(names=tuple(names), groups=tuple(groups), index=np.array(index))
+
+
+def select(arm: Arm, words: Iterable[str] | str) -> Parameters:
+    """The parameters of `arm` named by `words`: groups ("a", "alpha", "tcp", ...) or single ones ("a2", "tcp_z").
+
+    Raises ConfigurationError for a word that names nothing.
+    """
+    every = all_parameters(arm)
+    asked = [words] if isinstance(words, str) else list(words)
+    for word in asked:
+        if word not in GROUPS and word not in every.names:
+            raise ConfigurationError(
+                f"free: {word!r} is no parameter of this arm; allowed: groups {', '.join(GROUPS)}, or single ones such "
+                f"as {every.names[0]}, {every.names[4 * arm.n]}"
+                + (f", beta{arm.near_parallel[0] + 1}" if arm.near_parallel else " (no beta: no near-parallel axes)")
+            )
+    chosen = [
+        i for i, (name, group) in enumerate(zip(every.names, every.groups, strict=True)) if {name, group} & {*asked}
+    ]
+    if not chosen:
+        raise ConfigurationError(f"free: nothing left to identify, got {asked}")
+    return every.only(chosen)
+
+
+def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) -> Array:
+    """Standard deviation (P,) of each parameter about its nominal value, in its unit.
+
+    `prior` maps groups or single names to deviations; a name goes before its group, and what is not named keeps
+    `DEFAULT_PRIOR`. Raises ConfigurationError for unknown words and for deviations that are not positive and finite.
+    """
+    stated = dict(prior or {})
+    for word, value in stated.items():
+        if word not in GROUPS and word not in parameters.names:
+            raise ConfigurationError(
+                f"prior: {word!r} is not identified here; allowed: {', '.join((*GROUPS, *parameters.names))}"
+            )
+        if not (np.isfinite(value) and value > 0.0):
+            raise ConfigurationError(f"prior: the deviation of {word} must be positive and finite, got {value!r}")
+    return np.array(
+        [
+            stated.get(name, stated.get(group, DEFAULT_PRIOR[group]))
+            for name, group in zip(parameters.names, parameters.groups, strict=True)
+        ]
+    )

@@ -1,0 +1,222 @@
+"""What touching tells and what it cannot: rank of the problem at the solution, in words.
+
+Columns are scaled to errors of like size (0.1 deg, and the length that such a turn moves over a sixth of the arm), so
+that singular values compare; below `THRESHOLD` of the largest a direction is not seen. On a UR10e with 63 touches, seen
+directions lie above 0.04, the pair hidden by a straight pin at 5e-4, exact gauges at 1e-6 and less.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+
+from calib.arm import Arm
+from calib.fit import Data, centred_rows
+from calib.kernels import ROW
+from calib.parameters import Parameters
+from sim.interfaces.spatial import Array
+
+THRESHOLD = 3e-3
+_ANGLE = np.deg2rad(0.1)  # [rad] the error that a column is scaled to
+_SHARE = 6.0  # of the arm's length over which that turn makes the like error in metres
+_EXPLAINS = 0.3  # a direction less new than this is the same as those already named
+_TOUCHED, _MIXED = 0.02, 0.98  # share of a parameter in hidden directions: below known, above unknowable
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HiddenGroup:
+    """Directions that touching does not see, with their reason."""
+
+    names: tuple[str, ...]
+    count: int
+    reason: str
+    handle: str  # what would make them known, or why nothing is lost
+
+    def __str__(self) -> str:
+        return f"{self.count} in ({', '.join(self.names)}): {self.reason}; {self.handle}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RankReport:
+    """Rank of the columns of `parameters` at a solution."""
+
+    parameters: Parameters
+    rank: int
+    singular_values: Array  # (P,) of the scaled columns [m], falling
+    scales: Array  # (P,) the error of each parameter that counts as one
+    directions: Array  # (rank, P) seen combinations of scaled parameters, orthonormal, best seen first
+    hidden_directions: Array  # (P - rank, P)
+    hidden: tuple[HiddenGroup, ...]
+    identifiable: np.ndarray  # (P,) bool: as many parameters as the rank, which are known if the others are held
+    status: tuple[str, ...]  # of each parameter: "known", "in combination" or "unknowable"
+    touches: int
+
+    @property
+    def total(self) -> int:
+        """Number of parameters looked at."""
+        return len(self.parameters.names)
+
+    @property
+    def condition(self) -> float:
+        """Largest over smallest singular value of the seen directions."""
+        return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else np.inf
+
+    @property
+    def observability(self) -> float:
+        """O1 of Borm and Menq (1991): geometric mean of the seen singular values over the root of the touches [m]."""
+        if not self.rank:
+            return 0.0
+        return float(np.exp(np.mean(np.log(self.singular_values[: self.rank]))) / np.sqrt(self.touches))
+
+    def combination(self, i: int, terms: int = 4) -> str:
+        """The i-th seen direction in words: its largest terms, in shares of the like errors."""
+        weights = self.directions[i]
+        largest = np.argsort(-np.abs(weights))[:terms]
+        return " ".join(f"{weights[j]:+.2f} {self.parameters.names[j]}" for j in largest if abs(weights[j]) > 0.05)
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.rank} of {self.total} directions are seen (condition {self.condition:.3g}, O1 {self.observability:.3g} m)"
+        ]
+        lines += [f"not seen: {group}" for group in self.hidden]
+        for word in ("known", "in combination", "unknowable"):
+            named = [name for name, status in zip(self.parameters.names, self.status, strict=True) if status == word]
+            if named:
+                lines.append(f"{word}: {', '.join(named)}")
+        return "\n".join(lines)
+
+
+def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise: float) -> RankReport:
+    """Rank of `parameters` of `arm` (with its loads) at the full vector `full`, for the touches that count.
+
+    A known distance counts as a row, in shares of the `noise` [m] of a touch.
+    """
+    scales = _like_errors(arm, full, data, parameters)
+    rows = centred_rows(arm, full, data, parameters, noise) * scales
+    _, values, Vt = np.linalg.svd(rows, full_matrices=True)
+    values = np.concatenate([values, np.zeros(len(Vt) - len(values))])
+    floor = THRESHOLD * values[0]
+    rank = int(np.sum(values > floor))
+    seen, hidden = Vt[:rank], Vt[rank:]
+    share = np.sum(hidden**2, axis=0)
+    return RankReport(
+        parameters=parameters,
+        rank=rank,
+        singular_values=values,
+        scales=scales,
+        directions=seen,
+        hidden_directions=hidden,
+        hidden=_reasons(arm, rows, floor, parameters, len(hidden)),
+        identifiable=_chosen(arm, seen, parameters),
+        status=tuple("known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination" for s in share),
+        touches=int(np.sum(data.weights > 0.0)),
+    )
+
+
+def _like_errors(arm: Arm, full: Array, data: Data, parameters: Parameters) -> Array:
+    length = _ANGLE * arm.reach / _SHARE
+    sizes = {"theta": _ANGLE, "alpha": _ANGLE, "beta": _ANGLE, "d": length, "a": length, "tcp": length}
+    if data.load is not None:
+        tau = data.load(full[: ROW * arm.n].reshape(-1, ROW))
+        sizes["compliance"] = _ANGLE / max(float(np.sqrt(np.mean(tau**2))), 1e-9)
+    return np.array([sizes.get(group, 0.0) for group in parameters.groups])
+
+
+def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
+    """As many parameters as the rank, independent of each other; where there is a choice, those that one would keep."""
+    # One would rather hold the base, the last frame (the tool point says it), the first links of a parallel run, and
+    # the longest link (scale) at nominal.
+    n = arm.n
+    preference = np.ones(len(parameters.names))
+    held = {f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "theta1", "d1"}
+    held |= {f"d{k + 1}" for k in arm.near_parallel} | {f"a{n - 1}", f"d{n - 1}"}
+    lengths = np.abs(arm.table[:, 2])
+    if lengths.max() > 0.0:
+        held.add(f"a{int(lengths.argmax()) + 1}")
+    for i, name in enumerate(parameters.names):
+        if name in held:
+            preference[i] = 0.3
+    chosen = np.zeros(len(preference), dtype=bool)
+    if len(seen):
+        chosen[qr(seen * preference, pivoting=True, mode="r")[1][: len(seen)]] = True
+    return chosen
+
+
+def _reasons(arm: Arm, rows: Array, floor: float, parameters: Parameters, missing: int) -> tuple[HiddenGroup, ...]:
+    """Split the hidden directions into groups, each the null space of a few columns that has a reason of its own."""
+    total = len(parameters.names)
+    found = np.zeros((0, total))
+    groups = []
+    for names, reason, handle in _suspects(arm, parameters):
+        places = parameters.where(*names)
+        if not len(places) or len(found) >= missing:
+            continue
+        _, values, Vt = np.linalg.svd(rows[:, places], full_matrices=True)
+        values = np.concatenate([values, np.zeros(len(places) - len(values))])
+        null = np.zeros((int(np.sum(values <= floor)), total))
+        null[:, places] = Vt[len(places) - len(null) :]
+        null -= (null @ found.T) @ found
+        _, size, new = np.linalg.svd(null, full_matrices=False)
+        new = new[size > _EXPLAINS][: missing - len(found)]
+        if len(new):
+            inside = [parameters.names[j] for j in range(total) if np.abs(new[:, j]).max() > 0.05]
+            groups.append(HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle))
+            found = np.vstack([found, new])
+    if len(found) < missing:
+        _, _, Vt = np.linalg.svd(rows, full_matrices=True)
+        null = Vt[total - missing :]
+        null = null - (null @ found.T) @ found
+        _, _, new = np.linalg.svd(null, full_matrices=False)
+        new = new[: missing - len(found)]
+        inside = [parameters.names[j] for j in np.argsort(-np.abs(new).max(axis=0)) if np.abs(new[:, j]).max() > 0.2]
+        groups.append(
+            HiddenGroup(
+                names=tuple(inside), count=len(new), reason="these poses do not tell them apart",
+                handle="touch in more varied poses or at more points",
+            )
+        )  # fmt: skip
+    return tuple(groups)
+
+
+def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, str]]:
+    n = arm.n
+    last = [f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "tcp_x", "tcp_y", "tcp_z"]
+    before = [f"theta{n - 1}", f"d{n - 1}", f"a{n - 1}", f"alpha{n - 1}"]
+    lengths = [
+        name for name, group in zip(parameters.names, parameters.groups, strict=True) if group in {"d", "a", "tcp"}
+    ]
+    suspects = [
+        (["theta1", "d1"], "base gauge: turns about and shifts along the first axis move all points alike",
+         "touching is blind to where the base frame is; nothing is lost"),
+        ([f"c{k + 1}" for k in range(n)], "no load moment that changes on these joints",
+         "load them otherwise: pull sideways, tilt the base, or hold the load off the axis"),
+        (last, "last frame against tool point: both describe the same tip",
+         "nothing is lost for this tool; the flange itself needs a tool of known length"),
+    ]  # fmt: skip
+    for run in _parallel_runs(arm):
+        names = [f"d{k + 1}" for k in run]
+        suspects.append(
+            (names, "parallel axes: only the sum of the shifts along them is seen", "nothing is lost: use the sum")
+        )
+    suspects += [
+        (lengths, "scale: coincidence is the same in an arm of any size", "one known distance between points tells it"),
+        ([*before, *last], f"straight pin: the tip lies on axis {n}, whose direction is then not seen",
+         "use a tip 50 to 100 mm off the last axis"),
+    ]  # fmt: skip
+    if any(group == "compliance" for group in parameters.groups):
+        compliant = [name for name in parameters.names if name.startswith("c")]
+        suspects.append(
+            ([*lengths, *compliant], "scale: the compliances shrink as the arm grows", "a known distance tells it")
+        )
+    return suspects
+
+
+def _parallel_runs(arm: Arm) -> list[list[int]]:
+    """Rows whose d shift along axes that are near-parallel to each other."""
+    runs: list[list[int]] = []
+    for k in arm.near_parallel:
+        if runs and runs[-1][-1] == k:
+            runs[-1].append(k + 1)
+        else:
+            runs.append([k, k + 1])
+    return runs

@@ -1,0 +1,145 @@
+"""Touching simulated: an arm with errors, a hand with noise, and points touched in many orientations."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib import kernels
+from calib.arm import Arm
+from calib.loads import Loads
+from calib.parameters import GROUPS, select
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.spatial import Array, checked, rotation_from_z
+
+HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of paper 000 over 3 x 21 touches
+_TRIES = 400  # starts and orientations tried for one touch
+_STEPS = 60  # of the inverse kinematics
+_SINGULAR = 1e-9
+
+
+def wrong_arm(arm: Arm, deviations: Mapping[str, float], rng: np.random.Generator) -> Arm:
+    """An arm whose table is off by normal errors of the given deviations by group (theta, d, a, alpha, beta) [rad], [m].
+
+    Raises ConfigurationError for other groups.
+    """
+    table = np.array(arm.table)
+    for group in deviations:
+        if group not in GROUPS[:5]:
+            raise ConfigurationError(f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}")
+    for group in GROUPS[:5]:  # a fixed order, so that a seed means one arm
+        if group in deviations and not (group == "beta" and not arm.near_parallel):
+            index = select(arm, group).index
+            table.ravel()[index] += deviations[group] * rng.standard_normal(len(index))
+    return arm.with_table(table)
+
+
+def touch(
+    arm: Arm,
+    tcp: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    points: int | ArrayLike = 3,
+    touches: int | Sequence[int] = 21,
+    noise: float = HAND_NOISE,
+    cone: float = np.deg2rad(60.0),
+    approach: ArrayLike = (0.0, 0.0, -1.0),
+    limits: ArrayLike | None = None,
+    compliance: ArrayLike | None = None,
+    loads: Loads | None = None,
+) -> list[Array]:
+    """Joint values of touches of `points` by the true `arm`: a list of (m_i, n) [rad], as `identify` takes them.
+
+    points: how many, drawn in the arm's reach, or (P, 3) [m] in the base. touches: per point. noise: of the hand, along
+    each axis [m]. Every touch turns the flange's z within `cone` [rad] of `approach` (evenly over the cap) and spins it
+    at will; the tip meets its goal exactly. limits: (n, 2) of the joints, default one turn each way for hinges, 1 m for
+    slides. compliance (n,) [rad/(N m)] bends the joints under `loads`, taken where the joints truly stand.
+
+    Raises ReachError where no pose within the limits is found.
+    """
+    tool = checked(tcp, (3,), "tcp")
+    bounds = _bounds(arm, limits)
+    axis = checked(approach, (3,), "approach")
+    goals = _points(arm, tool, bounds, axis, cone, rng, points) if np.ndim(points) == 0 else np.asarray(points, float)  # pyright: ignore[reportArgumentType]
+    counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
+    if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
+        raise ConfigurationError(f"points, touches: {len(counts)} counts for points of shape {goals.shape}")
+    series = []
+    for goal, count in zip(goals, counts, strict=True):
+        poses = []
+        for _ in range(count):
+            hand = goal + noise * rng.standard_normal(3)
+            q = _pose(arm, tool, hand, axis, cone, bounds, rng)
+            if q is None:
+                raise ReachError(f"no pose touches {np.round(goal, 3).tolist()} m within the joint limits")
+            poses.append(q)
+        series.append(np.array(poses))
+    if compliance is None:
+        return series
+    c = checked(compliance, (arm.n,), "compliance")
+    stands = np.ascontiguousarray(np.vstack(series))
+    read = stands - c * (loads or Loads()).bind(arm, counts).at(stands)(arm.table)
+    return np.split(read, np.cumsum(counts)[:-1])
+
+
+def _bounds(arm: Arm, limits: ArrayLike | None) -> Array:
+    if limits is not None:
+        return checked(limits, (arm.n, 2), "limits")
+    return np.where(arm.slides[:, None], [[0.0, 1.0]], [[-np.pi, np.pi]])
+
+
+def _pose(arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator):
+    """Joint values (n,) that put the tip on `goal` with the flange's z in the cone; None if none was found."""
+    six = arm.n >= 6
+    for _ in range(_TRIES):
+        q = rng.uniform(bounds[:, 0], bounds[:, 1])
+        R = _orientation(axis, cone, rng)
+        if not kernels.reach_pose(arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, six, _STEPS):
+            continue
+        hinges = ~arm.slides
+        q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
+        inside = np.all((q >= bounds[:, 0]) & (q <= bounds[:, 1]))
+        # An arm of fewer than six joints takes the orientation that it gets.
+        if inside and (six or arm.flange(q[None])[0, :3, 2] @ axis >= np.cos(cone) * np.linalg.norm(axis)):
+            return q
+    return None
+
+
+def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
+    """A rotation whose z is within `cone` [rad] of `axis`, evenly over the cap, its spin even."""
+    cosine = rng.uniform(np.cos(cone), 1.0)
+    around, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
+    sine = np.sqrt(max(1.0 - cosine**2, 0.0))
+    middle = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+    z = middle @ [sine * np.cos(around), sine * np.sin(around), cosine]
+    R = rotation_from_z(z, middle @ [np.cos(spin), np.sin(spin), 0.01])
+    c, s = np.cos(spin), np.sin(spin)
+    return R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _points(
+    arm: Arm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, count: int | ArrayLike
+) -> Array:
+    """Points that the arm reaches in varied orientations, well apart."""
+    wanted = int(np.asarray(count))
+    length = arm.reach + float(np.linalg.norm(tool))
+    found: list[Array] = []
+    for _ in range(_TRIES):
+        goal = arm.X_base_0[:3, 3] + length * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.4])
+        near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
+        tries = [_pose_quickly(arm, tool, goal, axis, cone, bounds, rng) for _ in range(8)]
+        if not near and sum(tries) >= 2:
+            found.append(goal)
+        if len(found) == wanted:
+            return np.array(found)
+    raise ReachError(f"no {wanted} points found that the arm can touch in varied orientations")
+
+
+def _pose_quickly(
+    arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator
+) -> bool:
+    q = rng.uniform(bounds[:, 0], bounds[:, 1])
+    R = _orientation(axis, cone, rng)
+    return bool(
+        kernels.reach_pose(arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, arm.n >= 6, _STEPS)
+    )

@@ -1,0 +1,108 @@
+"""What comes in: series of joint values, checked at the door, and the first guess of the tool point (eq. 12-16)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.arm import Arm
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_SAME = 1e-9  # [rad] or [m] touches closer than this are one touch written twice
+_TWO_TURNS = 4.0 * np.pi  # no joint of a touch goes further in radians; a joint in degrees soon does
+_FIT_BETTER = 3.0  # times closer together as degrees than as radians
+
+
+def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
+    """The series as arrays (m_i, n), every one of them finite and as wide as the arm has joints.
+
+    Raises ConfigurationError naming series, touch and joint for anything else, and for angles in degrees.
+    """
+    if isinstance(series, np.ndarray) and series.ndim == 2:
+        raise ConfigurationError("series: expected a list of arrays (m_i, n), one per touched point, got one array")
+    if len(series) == 0:
+        raise ConfigurationError("series: empty; at least one series of touches of one point is needed")
+    out = []
+    for i, values in enumerate(series):
+        try:
+            q = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigurationError(f"series {i + 1}: expected joint values (m, {arm.n}), got {error}") from error
+        if q.size == 0:
+            raise ConfigurationError(f"series {i + 1}: empty")
+        if q.ndim != 2 or q.shape[1] != arm.n:
+            raise ConfigurationError(
+                f"series {i + 1}: the arm has {arm.n} joints, so (m, {arm.n}) is needed, got shape {q.shape}"
+            )
+        bad = np.argwhere(~np.isfinite(q))
+        if len(bad):
+            j, k = bad[0]
+            raise ConfigurationError(f"series {i + 1}, touch {j + 1}: joint {k + 1} is {q[j, k]}, not a finite number")
+        out.append(q)
+    _refuse_degrees(out, arm)
+    return out
+
+
+def _refuse_degrees(series: list[Array], arm: Arm) -> None:
+    hinges = ~arm.slides
+    if not hinges.any():
+        return
+    largest = max(float(np.abs(q[:, hinges]).max()) for q in series)
+    if largest <= 0.5 * _TWO_TURNS:
+        return
+    i = int(np.argmax([np.abs(q[:, hinges]).max() for q in series]))
+    said = f"series {i + 1}: a joint angle of {largest:.4g} rad"
+    if largest > _TWO_TURNS:
+        raise ConfigurationError(f"{said}; these look like degrees, radians are needed (numpy.deg2rad)")
+    turned = [np.where(hinges, np.deg2rad(q), q) for q in series]
+    as_radians, as_degrees = (spread(arm, first_tcp(arm, each), each) for each in (series, turned))
+    if as_degrees < as_radians / _FIT_BETTER:
+        raise ConfigurationError(
+            f"{said}; the touches of a point lie {1e3 * as_degrees:.3g} mm about it if read as degrees and "
+            f"{1e3 * as_radians:.3g} mm as radians: they look like degrees, radians are needed (numpy.deg2rad)"
+        )
+
+
+def first_tcp(arm: Arm, series: Sequence[Array]) -> Array:
+    """Tool point (3,) [m] in the flange by linear least squares in each series, then their mean (eq. 13-16).
+
+    (13) reads X_f + [R_f E] Lambda = 0, so that Lambda = -(Omega^T Omega)^-1 Omega^T X_f: (15) as printed lacks the
+    minus. Directions that a series' orientations leave open are set to zero there.
+    """
+    found = []
+    for q in series:
+        if len(q) < 2:
+            continue
+        X = arm.flange(q)
+        Omega = np.concatenate([X[:, :3, :3], np.broadcast_to(np.eye(3), (len(q), 3, 3))], axis=2).reshape(-1, 6)
+        found.append(np.linalg.lstsq(Omega, -X[:, :3, 3].ravel(), rcond=1e-3)[0][:3])
+    return np.mean(found, axis=0) if found else np.zeros(3)
+
+
+def spread(arm: Arm, tcp: Array, series: Sequence[Array]) -> float:
+    """RMS distance [m] of the tips from their series' means."""
+    square, count = 0.0, 0
+    for q in series:
+        p = arm.tips(q, tcp)
+        square += float(np.sum((p - p.mean(axis=0)) ** 2))
+        count += len(q)
+    return np.sqrt(square / count)
+
+
+def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str]]:
+    """Places of the touches that say something, per series, and a line on each series that lost some.
+
+    A touch written twice counts once, for its copy carries no new hand; a single touch fixes nothing.
+    """
+    kept, lines = [], []
+    for i, q in enumerate(series):
+        rounded = np.round(q / _SAME)
+        places = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
+        if len(places) < len(q):
+            lines.append(f"series {i + 1}: {len(q) - len(places)} of {len(q)} touches repeat another exactly, left out")
+        if len(places) < 2:
+            lines.append(f"series {i + 1}: one touch of a point says nothing about the arm, left out")
+            places = places[:0]
+        kept.append(places)
+    return kept, lines

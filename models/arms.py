@@ -12,9 +12,10 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose, readonly
+from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly
 
 H = math.pi / 2
 _Rows = list[tuple[float, float, float, float]]
@@ -35,6 +36,25 @@ class Arm:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_types)
+
+    def origins(self) -> list[Array]:
+        """Poses (4, 4) at zero of each joint's frame, z its axis, in the one before, and of the tip in the last one."""
+        found = [np.eye(4)]
+        for theta, d, a, alpha in self.dh:
+            turn = exp_so3([0.0, 0.0, theta])
+            found.append(pose(turn @ exp_so3([alpha, 0.0, 0.0]), turn @ [a, 0.0, d]))
+        found[-1] = found[-1] @ self.tool
+        return found
+
+    def frames(self, q: ArrayLike) -> Array:
+        """Poses (n + 1, 4, 4) in the base at `q` (n,): of each joint's frame, moved by that joint, and of the tip."""
+        values = checked(q, (self.n,), "q")
+        *joints, tip = self.origins()
+        X, found = np.eye(4), []
+        for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
+            X = X @ origin @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+            found.append(X)
+        return np.array([*found, X @ tip])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

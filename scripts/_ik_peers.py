@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from models.arms import Arm
-from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 Solver = Callable[[Array, Array], Array]  # target (4, 4), start (n,) -> joint values (n,), NaN where it failed
 RESTARTS = 100  # for those that have none of their own
@@ -50,20 +50,10 @@ def peers(task: Task) -> dict[str, Solver]:
     return {name: solver for name, solver in made.items() if solver is not None}
 
 
-def origins(arm: Arm) -> list[Array]:
-    """Poses (4, 4) of each joint's frame, z its axis, in the one before, and of the tip in the last joint's frame."""
-    found = [np.eye(4)]
-    for theta, d, a, alpha in arm.dh:
-        turn = exp_so3([0.0, 0.0, theta])
-        found.append(pose(turn @ exp_so3([alpha, 0.0, 0.0]), turn @ [a, 0.0, d]))
-    found[-1] = found[-1] @ arm.tool
-    return found
-
-
 def urdf(task: Task) -> str:
     """The arm as URDF, from "base" to "tip"."""
     parts = ['<robot name="arm"><link name="base"/>']
-    for i, X in enumerate(origins(task.arm)):
+    for i, X in enumerate(task.arm.origins()):
         R, last = X[:3, :3], i == task.arm.n
         rpy = (
             math.atan2(R[2, 1], R[2, 2]),
@@ -85,7 +75,7 @@ def mjcf(task: Task) -> Any:
     """The arm as a compiled MuJoCo model with a site "tip"."""
     mujoco = import_module("mujoco")
     spec = mujoco.MjSpec()
-    body, frames = spec.worldbody, origins(task.arm)
+    body, frames = spec.worldbody, task.arm.origins()
     for i, X in enumerate(frames[:-1]):
         body = body.add_body(pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         kind = mujoco.mjtJoint.mjJNT_SLIDE if task.arm.joint_types[i] == "p" else mujoco.mjtJoint.mjJNT_HINGE
@@ -207,7 +197,7 @@ def _kdl(task: Task) -> Solver:
     """KDL's Levenberg-Marquardt, which knows no limits; restarted where it fails or ends beyond them."""
     kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
     chain = kdl.Chain()
-    frames, kinds = origins(task.arm), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
+    frames, kinds = task.arm.origins(), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
     for kind, X in zip(task.arm.joint_types, frames[1:], strict=True):
         chain.addSegment(kdl.Segment(kdl.Joint(kinds[kind]), _kdl_frame(kdl, X)))
     # Its own weights, 1 and 0.01 m: to set others, it needs a numpy before 2.

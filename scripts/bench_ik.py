@@ -1,373 +1,349 @@
-"""Inverse kinematics against its goals: solve rates and times a call, growth with the number of links.
+"""Inverse kinematics against its goals, a compiled baseline and the peers at hand.
 
-`./uvw run scripts/bench_ik.py` prints tables and draws `ik.png`; only ratios inside one run compare. Peers take part if
-they can be imported (pytracik; EAIK; ikdh), which means an environment of their own.
+    ./uvw run scripts/bench_ik.py                                                        # our methods and the baseline
+    ./uvw run --with-requirements scripts/bench_ik_requirements.txt scripts/bench_ik.py  # and the peers
+
+The second command lays the peers over the project's environment for this run; uv.lock and .venv stay as they are. KDL
+has no wheel: it takes part where PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a
+forward kinematics written here. In a case all solvers take turns, a few targets at a time, so that a slow moment of the
+machine hits all alike: compare times inside one run only. Exit code 0: the solve rates reach their goals.
 """
 
+import json
 import math
 import os
+import platform
+import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import partial
-from importlib import import_module
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from _ik_baseline import arguments, baseline, solve_all
+from _ik_peers import Solver, Task, peers, present
+from _ik_report import draw, tables
 from _start import parse, run_scenario
-from matplotlib.figure import Figure
-from numba import njit
 from rich.console import Console
-from rich.table import Table
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.mkps import Chain, Method, solve, solve_many
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, quat_wxyz_from_rotation
+from models import arms
+from models.arms import Arm
+from sim.interfaces.spatial import Array, readonly
 
-H = math.pi / 2
-PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
-ARMS = {  # standard DH [rad, m]; the five of the goals, then arms that nothing was tuned on
-    "PUMA": PUMA,
-    "PUMA, tool": PUMA,
-    "UR5": [
-        (0, 0.089159, 0, H),
-        (0, 0, -0.425, 0),
-        (0, 0, -0.39225, 0),
-        (0, 0.10915, 0, H),
-        (0, 0.09465, 0, -H),
-        (0, 0.0823, 0, 0),
-    ],
-    "iiwa": [
-        (0, 0.34, 0, -H),
-        (0, 0, 0, H),
-        (0, 0.4, 0, H),
-        (0, 0, 0, -H),
-        (0, 0.4, 0, -H),
-        (0, 0, 0, H),
-        (0, 0.126, 0, 0),
-    ],
-    "general 6R": [
-        (0.1, 0.3, 0.1, 1.2),
-        (0.2, 0.1, 0.4, -0.4),
-        (0.3, 0.15, 0.35, 1.0),
-        (-0.2, 0.2, 0.1, -1.3),
-        (0.4, 0.1, 0.15, 1.1),
-        (0.1, 0.12, 0.05, 0),
-    ],
-    "Panda": [
-        (0, 0.333, 0, -H),
-        (0, 0, 0, H),
-        (0, 0.316, 0.0825, H),
-        (0, 0, -0.0825, -H),
-        (0, 0.384, 0, H),
-        (0, 0, 0.088, H),
-        (0, 0.107, 0, 0),
-    ],
-    "xArm7": [
-        (0, 0.267, 0, -H),
-        (0, 0, 0, H),
-        (0, 0.293, 0.0525, H),
-        (0, 0, 0.0775, H),
-        (0, 0.3425, 0, H),
-        (0, 0, 0.076, -H),
-        (0, 0.097, 0, 0),
-    ],
-    "UR10e": [
-        (0, 0.1807, 0, H),
-        (0, 0, -0.6127, 0),
-        (0, 0, -0.57155, 0),
-        (0, 0.17415, 0, H),
-        (0, 0.11985, 0, -H),
-        (0, 0.11655, 0, 0),
-    ],
-}
-TOOL = pose(p=[0.05, 0.03, 0.2])
-HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])  # [rad] cold starts
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad]
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
-REACH = math.radians(150)  # targets come from joint values within this
-Solver = Callable[[Array, Array], Array]
+BASELINE = "compiled DLS"
+GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # the ratios' geometric means are over these
+RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
+REACH = math.radians(150.0)  # targets come from joint values within this
+NEARBY = math.radians(5.0)  # a warm start is within this of a solution
+HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])  # [rad] cold starts
+SLACK = 1.01  # of the bar: peers measure their errors in other ways
+BLOCK = 25  # targets that a solver takes at a time
+RESAMPLES = 400  # of the bootstrap
 
 
 @dataclass
 class Options:
     """Solve rates and times of inverse kinematics."""
 
-    out: Path = Path("runs/bench_ik")  # where the picture goes
-    targets: int = 200  # a case
-    rates: int = 2000  # targets a case of the solve-rate table
-    links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)  # of the growing chain
+    out: Path = Path("runs/bench_ik")
+    """Folder for bench_ik.json, bench_ik.md and bench_ik.png."""
+    arms: tuple[str, ...] = arms.available()
+    """Which arms."""
+    targets: int = 1000
+    """Targets a case where the solvers race."""
+    rates: int = 10000
+    """Targets a case of the solve rates of our own methods."""
+    limits: tuple[int, ...] = (180, 150)
+    """Joint limits [deg], the same for every hinge; slides keep their own."""
+    links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)
+    """Of the growing chain."""
+    repeats: int = 3
+    """How often hybrid and the baseline solve each target; the median counts."""
+    peers: bool = True
+    """Let the peers take part that this Python has (--no-peers)."""
     seed: int = 0
+    """Of targets and starts."""
+    quick: bool = False
+    """Few arms and targets, for a look at the tables."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def damped_least_squares(dh, tool, target, q, tol_p, tol_r, trials, A, X, axes, points):
-    """The baseline: textbook DLS on a hinge chain, lambda^2 = 0.1 |e|^2, 60 steps a start, restarts; True if solved."""
-    n = dh.shape[0]
-    e = np.empty(6)
-    for trial in range(trials):
-        for i in range(n if trial else 0):
-            q[i] = 2.0 * math.pi * (math.sin(12.9898 * (trial * n + i)) * 43758.5453 % 1.0) - math.pi
-        for _ in range(60):
-            X[:] = 0.0
-            for r in range(4):
-                X[r, r] = 1.0
-            for i in range(n + 1):
-                c, s, ca, sa = 1.0, 0.0, 1.0, 0.0
-                if i < n:
-                    axes[i], points[i] = X[:3, 2], X[:3, 3]
-                    c, s = math.cos(dh[i, 0] + q[i]), math.sin(dh[i, 0] + q[i])
-                    ca, sa = math.cos(dh[i, 3]), math.sin(dh[i, 3])
-                for r in range(3):
-                    x, y, z, p = X[r, 0], X[r, 1], X[r, 2], X[r, 3]
-                    if i < n:
-                        X[r, 0], v = c * x + s * y, c * y - s * x
-                        X[r, 1], X[r, 2] = ca * v + sa * z, ca * z - sa * v
-                        X[r, 3] = p + dh[i, 2] * X[r, 0] + dh[i, 1] * z
-                    else:
-                        for k in range(3):
-                            X[r, k] = x * tool[0, k] + y * tool[1, k] + z * tool[2, k]
-                        X[r, 3] = x * tool[0, 3] + y * tool[1, 3] + z * tool[2, 3] + p
-            for k in range(3):
-                e[k], e[3 + k] = target[k, 3] - X[k, 3], 0.0
-                a, b = (k + 1) % 3, (k + 2) % 3
-                for m in range(3):
-                    e[3 + k] += 0.5 * (X[a, m] * target[b, m] - X[b, m] * target[a, m])
-            cosine = -0.5
-            for k in range(3):
-                for m in range(3):
-                    cosine += 0.5 * X[k, m] * target[k, m]
-            sine = math.sqrt(e[3] ** 2 + e[4] ** 2 + e[5] ** 2)
-            angle = math.atan2(sine, cosine)
-            if sine > 1e-9:
-                e[3:] *= angle / sine
-            square = e[0] ** 2 + e[1] ** 2 + e[2] ** 2
-            if square <= tol_p**2 and angle <= tol_r:
-                return True
-            A[:] = 0.0
-            for k in range(6):
-                A[k, k] = 0.1 * (square + angle * angle) + 1e-12
-                A[k, 6] = e[k]
-            for i in range(n):
-                for k in range(3):
-                    a, b = (k + 1) % 3, (k + 2) % 3
-                    A[6, k] = axes[i, a] * (X[b, 3] - points[i, b]) - axes[i, b] * (X[a, 3] - points[i, a])
-                    A[6, 3 + k] = axes[i, k]
-                for k in range(6):
-                    for m in range(6):
-                        A[k, m] += A[6, k] * A[6, m]
-            for k in range(6):
-                for r in range(k + 1, 6):
-                    f = A[r, k] / A[k, k]
-                    for m in range(k, 7):
-                        A[r, m] -= f * A[k, m]
-            for k in range(5, -1, -1):
-                for m in range(k + 1, 6):
-                    A[k, 6] -= A[k, m] * A[m, 6]
-                A[k, 6] /= A[k, k]
-            for i in range(n):
-                for k in range(3):
-                    a, b = (k + 1) % 3, (k + 2) % 3
-                    linear = axes[i, a] * (X[b, 3] - points[i, b]) - axes[i, b] * (X[a, 3] - points[i, a])
-                    q[i] += linear * A[k, 6] + axes[i, k] * A[3 + k, 6]
-    return False
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """Targets that an arm can reach within its limits, and a start for each."""
+
+    arm: Arm
+    degrees: int
+    warm: bool
+    bar: str
+    limits: Array  # (n, 2)
+    targets: Array  # (N, 4, 4)
+    starts: Array  # (N, n)
+
+    @property
+    def task(self) -> Task:
+        return Task(arm=self.arm, limits=self.limits, bar=BARS[self.bar])
+
+    @property
+    def chain(self) -> Chain:
+        return Chain.from_dh(self.arm.dh, self.arm.joint_types, limits=self.limits, tool=self.arm.tool)
+
+    def told(self) -> dict[str, Any]:
+        """What names this case in the results."""
+        start = "warm" if self.warm else "cold"
+        return {"arm": self.arm.title, "limits_deg": self.degrees, "start": start, "bar": self.bar}
 
 
-def baseline(dh: Array, tool: Array, bar: tuple[float, float]) -> Solver:
-    """`damped_least_squares` behind the same kind of call as `solve`."""
-    n = len(dh)
-    scratch = np.empty((7, 7)), np.empty((4, 4)), np.empty((n, 3)), np.empty((n, 3))
+@dataclass(slots=True)
+class Results:
+    """All that is measured, as it goes into bench_ik.json."""
 
-    def call(target: Array, q0: Array) -> Array:
-        q = q0.copy()
-        damped_least_squares(dh, tool, target, q, *bar, 100, *scratch)
-        return q
+    machine: dict[str, Any]
+    rates: list[dict[str, Any]] = field(default_factory=list)  # our methods, many targets
+    race: list[dict[str, Any]] = field(default_factory=list)  # every solver, every case
+    ratios: list[dict[str, Any]] = field(default_factory=list)  # geometric means over arms, to hybrid
+    kernel: list[dict[str, Any]] = field(default_factory=list)  # without Python
+    growth: dict[str, Any] = field(default_factory=dict)  # by the number of links
 
-    return call
+
+def dh_forward(arm: Arm, q: Array) -> Array:
+    """Tip poses (N, 4, 4) at joint values (N, n): the product of textbook DH matrices."""
+    X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for (theta, d, a, alpha), kind, value in zip(arm.dh, arm.joint_types, q.T, strict=True):
+        turn, lift = (theta + 0.0 * value, d + value) if kind == "p" else (theta + value, d + 0.0 * value)
+        c, s, ca, sa, zero = np.cos(turn), np.sin(turn), math.cos(alpha), math.sin(alpha), 0.0 * value
+        rows = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [zero, zero + sa, zero + ca, lift]]
+        step = np.concatenate(
+            [np.moveaxis(np.array(rows), 2, 0), np.broadcast_to([0, 0, 0, 1.0], (len(q), 1, 4))], axis=1
+        )
+        X = X @ step
+    return X @ arm.tool
+
+
+def reached(case: Case, q: Array) -> np.ndarray:
+    """Which joint values (N, n) bring the tip within the bar and keep the limits; those with NaN do not."""
+    X, bar = dh_forward(case.arm, q), BARS[case.bar]
+    D = np.swapaxes(X[:, :3, :3], 1, 2) @ case.targets[:, :3, :3]
+    twice = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1)
+    angle = np.arctan2(np.linalg.norm(twice, axis=1), np.trace(D, axis1=1, axis2=2) - 1.0)
+    distance = np.linalg.norm(X[:, :3, 3] - case.targets[:, :3, 3], axis=1)
+    kept = np.all((q >= case.limits[:, 0] - 1e-9) & (q <= case.limits[:, 1] + 1e-9), axis=1)
+    return (distance <= SLACK * bar[0]) & (angle <= SLACK * bar[1]) & kept
+
+
+def cases(options: Options, name: str, count: int) -> Iterator[Case]:
+    """Every limit, start and bar of an arm, all with the same joint values to be found."""
+    arm = arms.load(name)
+    rng = np.random.default_rng([options.seed, arms.available().index(name)])
+    slides = np.array([kind == "p" for kind in arm.joint_types])
+    bounds = np.where(slides[:, None], arm.limits, [-REACH, REACH])
+    q = rng.uniform(*bounds.T, size=(count, arm.n))
+    reach = np.where(slides, 0.05 * np.diff(bounds)[:, 0], NEARBY)
+    near = np.clip(q + rng.uniform(-reach, reach, q.shape), *bounds.T)
+    home = np.where(slides, bounds.mean(axis=1), HOME[: arm.n])
+    targets = dh_forward(arm, q)
+    for degrees in options.limits:
+        limits = np.where(slides[:, None], arm.limits, np.radians([-degrees, degrees]))
+        for warm in (False, True):
+            for bar in BARS:
+                yield Case(
+                    arm=arm, degrees=degrees, warm=warm, bar=bar, limits=readonly(limits),
+                    targets=targets, starts=near if warm else np.tile(home, (count, 1)),
+                )  # fmt: skip
 
 
 def own(chain: Chain, method: Method, bar: tuple[float, float], target: Array, q0: Array) -> Array:
     return solve(chain, target, q0, *bar, method=method).q
 
 
-def urdf(dh: Array, tool: Array) -> str:
-    """The hinge chain as TRAC-IK wants it; the tool without rotation."""
-    parts, xyz, rpy = ['<robot name="arm"><link name="link0"/>'], np.zeros(3), np.zeros(3)
-    for i, (theta, d, a, alpha) in enumerate([*dh, (0.0, 0.0, 0.0, 0.0)]):
-        kind = "revolute" if i < len(dh) else "fixed"
-        parts.append(
-            f'<link name="link{i + 1}"/><joint name="joint{i + 1}" type="{kind}"><parent link="link{i}"/>'
-            f'<child link="link{i + 1}"/><origin xyz="{xyz[0]} {xyz[1]} {xyz[2]}" rpy="{rpy[0]} {rpy[1]} {rpy[2]}"/>'
-            f'<axis xyz="0 0 1"/><limit lower="{-math.pi}" upper="{math.pi}" effort="1" velocity="1"/></joint>'
-        )
-        xyz, rpy = np.array([a * math.cos(theta), a * math.sin(theta), d]), np.array([alpha, 0.0, theta])
-        if i == len(dh) - 1:
-            xyz += exp_so3([0.0, 0.0, theta]) @ exp_so3([alpha, 0.0, 0.0]) @ tool[:3, 3]
-    return "".join(parts) + "</robot>"
+def rate(case: Case, method: Method) -> dict[str, Any]:
+    """Share of the targets that one of our methods reaches."""
+    found = solve_many(case.chain, case.targets, case.starts, *BARS[case.bar], method=method)
+    good = reached(case, found.q)
+    return case.told() | {"method": method, "rate": float(np.mean(good)), "said": float(np.mean(found.converged))}
 
 
-def peers(dh: Array, tool: Array, bar: tuple[float, float]) -> dict[str, Solver]:
-    """The peers that this Python has and that take this arm; a failed search gives NaN."""
-    found: dict[str, Solver] = {}
-    n = len(dh)
-    to_flange = np.linalg.inv(tool)
-    if n == 6 and find_spec("eaik"):
-        robot = import_module("eaik.IK_DH").DhRobot(dh[:, 3], dh[:, 2], dh[:, 1])
-
-        def analytic(target: Array, q0: Array) -> Array:
-            all_branches = robot.IK(target @ to_flange)
-            answers = np.asarray(all_branches.Q)
-            if answers.size:
-                answers = answers[~np.asarray(all_branches.is_LS, dtype=bool)]  # least squares: not quite there
-            if answers.size == 0:
-                return np.full(n, np.nan)
-            turns = (answers - dh[:, 0] - q0 + math.pi) % (2.0 * math.pi) - math.pi
-            return q0 + turns[int(np.argmin(np.abs(turns).max(axis=1)))]
-
-        if robot.hasKnownDecomposition():
-            found["EAIK"] = analytic
-    if n == 6 and find_spec("ikdh"):
-        ikdh = import_module("ikdh")
-        table = ikdh.DHTable(*(list(dh[:, k]) for k in (2, 1, 3, 0)))
-        solver = ikdh.Solver(table)
-
-        def seeded(target: Array, q0: Array) -> Array:
-            answers = solver.solve_from_seed(target @ to_flange, np.degrees(q0))
-            return np.radians(answers[0]) if answers else np.full(n, np.nan)
-
-        found["ikdh_seed"] = seeded
-    if find_spec("pytracik"):
-        trac = import_module("pytracik")
-        chain = trac.TRAC_IK("link0", f"link{n + 1}", urdf(dh, tool), 0.005, bar[0], trac.SolveType.Speed)
-
-        def timed(target: Array, q0: Array) -> Array:
-            w, x, y, z = quat_wxyz_from_rotation(target[:3, :3])
-            answer = trac.ik(chain, q0, *target[:3, 3], x, y, z, w)
-            return answer[1:] if answer[0] >= 0.0 else np.full(n, np.nan)  # it leads with how many it found
-
-        found["TRAC-IK 5 ms"] = timed
-    return found
+def race(case: Case, options: Options) -> dict[str, tuple[float, Array]]:
+    """For every solver the share of targets reached, and the time of each call (N,) [us]."""
+    chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
+    solvers: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
+    solvers[BASELINE] = baseline(case.task)
+    if options.peers:
+        solvers |= peers(case.task)
+    lanes = list(solvers) + ["hybrid", BASELINE] * (options.repeats - 1)
+    times = {name: [np.empty(count) for _ in range(lanes.count(name))] for name in solvers}
+    answers = {name: np.empty((count, case.arm.n)) for name in solvers}
+    clock = time.perf_counter_ns
+    for solver in solvers.values():
+        solver(case.targets[0], case.starts[0].copy())
+    for first in range(0, count, BLOCK):
+        turn = first // BLOCK % len(lanes)
+        took = dict.fromkeys(solvers, 0)
+        for name in lanes[turn:] + lanes[:turn]:
+            solver, lane, answer = solvers[name], times[name][took[name]], answers[name]
+            took[name] += 1
+            for i in range(first, min(first + BLOCK, count)):
+                target, start = case.targets[i], case.starts[i].copy()
+                begin = clock()
+                answer[i] = solver(target, start)
+                lane[i] = 1e-3 * (clock() - begin)
+    return {name: (float(np.mean(reached(case, answers[name]))), np.median(times[name], axis=0)) for name in solvers}
 
 
-def case(name: str, warm: bool, count: int, degrees: float | None, seed: int) -> tuple[Chain, Array, Array, Array]:
-    """A chain, `count` targets that it can reach, a start for each, and the tool."""
-    rng = np.random.default_rng(seed)
-    dh, tool = np.array(ARMS[name], dtype=float), TOOL if "tool" in name else np.eye(4)
-    n = len(dh)
-    limits = None if degrees is None else np.tile([-math.radians(degrees), math.radians(degrees)], (n, 1))
-    chain = Chain.from_dh(dh, limits=limits, tool=tool)
-    q = rng.uniform(-REACH, REACH, (count, n))
-    near = np.clip(q + rng.uniform(-math.radians(5), math.radians(5), q.shape), -REACH, REACH)
-    return chain, np.array([chain.forward(v) for v in q]), near if warm else np.tile(HOME[:n], (count, 1)), tool
+def spread(values: Array) -> list[float]:
+    """Bounds of the middle 95 %."""
+    return [float(v) for v in np.quantile(values, [0.025, 0.975])]
 
 
-def judged(
-    chain: Chain, solver: Solver, targets: Array, starts: Array, bar: tuple[float, float]
-) -> tuple[float, Array]:
-    """Rate of answers within the bar, by forward kinematics, and the time of each call [us], a first one apart."""
-    solved, times = 0, np.empty(len(targets))
-    solver(targets[0], starts[0])
-    for i, (target, start) in enumerate(zip(targets, starts, strict=True)):
-        begin = time.perf_counter_ns()
-        q = solver(target, start)
-        times[i] = (time.perf_counter_ns() - begin) * 1e-3
-        if np.all(np.isfinite(q)):
-            X = chain.forward(q)
-            turn = float(np.linalg.norm(log_so3(X[:3, :3].T @ target[:3, :3])))
-            solved += bool(np.linalg.norm(X[:3, 3] - target[:3, 3]) <= 1.01 * bar[0] and turn <= 1.01 * bar[1])
-    return solved / len(targets), times
+def race_all(options: Options, results: Results, progress: Progress) -> None:
+    """Every case of every arm; then ratios to hybrid, with intervals, over the goals' arms and over all."""
+    rng = np.random.default_rng(options.seed)
+    logs: dict[tuple[str, ...], dict[str, tuple[float, Array]]] = {}  # log ratio, and resampled ones, by case and arm
+    bar = progress.add_task("race", total=len(options.arms) * len(options.limits) * 2 * len(BARS))
+    for name in options.arms:
+        for case in cases(options, name, options.targets):
+            found = race(case, options)
+            picks = rng.integers(len(case.targets), size=(RESAMPLES, len(case.targets)))
+            hybrid = found["hybrid"][1]
+            base = np.median(hybrid[picks], axis=1)
+            for method, (share, times) in found.items():
+                resampled = np.median(times[picks], axis=1) / base
+                ratio = float(np.median(times) / np.median(hybrid))
+                row = {"method": method, "rate": share, "median_us": float(np.median(times))}
+                row |= {"p95_us": float(np.quantile(times, 0.95)), "ratio": ratio, "ratio_95": spread(resampled)}
+                results.race.append(case.told() | row)
+                key = (str(case.degrees), "warm" if case.warm else "cold", case.bar, method)
+                logs.setdefault(key, {})[name] = math.log(ratio), np.log(resampled)
+            progress.advance(bar)
+    for (degrees, start, accuracy, method), by_arm in logs.items():
+        for scope, wanted in (("goal arms", GOAL_ARMS), ("all arms", options.arms)):
+            chosen = [by_arm[name] for name in wanted if name in by_arm]
+            if chosen:
+                row = {"scope": scope, "limits_deg": int(degrees), "start": start, "bar": accuracy, "method": method}
+                row |= {"arms": len(chosen), "ratio": math.exp(float(np.mean([log for log, _ in chosen])))}
+                row["ratio_95"] = spread(np.exp(np.mean([logs for _, logs in chosen], axis=0)))
+                results.ratios.append(row)
 
 
-def compare(options: Options) -> Table:
-    """Our methods, the baseline and the peers, without limits, bar A: rate and median time over the five arms."""
-    rows: dict[str, dict[bool, list[tuple[float, float]]]] = {}
-    for name in list(ARMS)[:5]:
-        for warm in (False, True):
-            chain, targets, starts, tool = case(name, warm, options.targets, None, options.seed)
-            dh = np.array(ARMS[name], dtype=float)
-            solvers: dict[str, Solver] = {method: partial(own, chain, method, BARS["A"]) for method in METHODS}
-            solvers |= {"compiled DLS": baseline(dh, tool, BARS["A"])} | peers(dh, tool, BARS["A"])
-            for method, solver in solvers.items():
-                rate, times = judged(chain, solver, targets, starts, BARS["A"])
-                rows.setdefault(method, {False: [], True: []})[warm].append((rate, float(np.median(times))))
-    table = Table(title="Five arms, no limits, bar A: worst rate, geometric mean of medians a Python call")
-    for column in ("method", "arms", "cold %", "cold [us]", "warm %", "warm [us]"):
-        table.add_column(column, justify="right")
-    for method, by_start in rows.items():
-        cells = []
-        for warm in (False, True):
-            rates, medians = zip(*by_start[warm], strict=True)
-            cells += [f"{100 * min(rates):.1f}", f"{math.exp(np.mean(np.log(medians))):.1f}"]
-        table.add_row(method, str(len(by_start[False])), *cells)
-    return table
+def kernel(case: Case, rounds: int) -> dict[str, Any]:
+    """Mean time a target [us] without Python between targets, in turns: hybrid, the baseline, their ratio.
+
+    Medians of the rounds, and the middle 95 % of the ratio's median by bootstrap.
+    """
+    chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
+    dh, slides, limits, tool, J, A, X = arguments(case.task)
+    pairs = []
+    for _ in range(rounds + 1):
+        begin = time.perf_counter()
+        solve_many(chain, case.targets, case.starts, *bar, threads=1)
+        middle = time.perf_counter()
+        solve_all(dh, slides, limits, tool, case.targets, case.starts.copy(), *bar, J, A, X)
+        pairs.append((middle - begin, time.perf_counter() - middle))
+    ours, theirs = 1e6 / count * np.array(pairs[1:]).T  # the first round warms up
+    picks = np.random.default_rng(0).integers(rounds, size=(RESAMPLES, rounds))
+    return case.told() | {
+        "hybrid_us": float(np.median(ours)), "baseline_us": float(np.median(theirs)),
+        "hybrid_best_us": float(ours.min()), "baseline_best_us": float(theirs.min()),
+        "ratio": float(np.median(theirs / ours)), "ratio_95": spread(np.median((theirs / ours)[picks], axis=1)),
+    }  # fmt: skip
 
 
-def rates(options: Options) -> tuple[Table, bool]:
-    """Solve rates of the default method, every arm, bar, limit and start; whether all reach the goal of 99.9 %."""
-    table = Table(title="hybrid: solve rate %, targets within 150 deg, the worse of bars A and B")
-    table.add_column("arm", no_wrap=True)
-    cases = [(degrees, warm) for degrees in (None, 180.0, 150.0) for warm in (False, True)]
-    for degrees, warm in cases:
-        table.add_column(
-            f"{'no limit' if degrees is None else f'{degrees:.0f} deg'}\n{'warm' if warm else 'cold'}", justify="right"
-        )
-    good = True
-    for name in ARMS:
-        found = []
-        for degrees, warm in cases:
-            chain, targets, starts, _ = case(name, warm, options.rates, degrees, options.seed)
-            found.append(min(float(np.mean(solve_many(chain, targets, starts, *b).converged)) for b in BARS.values()))
-        good &= min(found) >= 0.999
-        table.add_row(name, *(f"{100 * rate:.2f}" for rate in found))
-    return table, good
+def snake(links: int) -> Arm:
+    """A chain of 3 m, its axes crossing by turns."""
+    alpha = np.where(np.arange(links) % 2, 0.5 * math.pi, -0.5 * math.pi)
+    rows = np.column_stack([np.zeros(links), np.zeros(links), np.full(links, 3.0 / links), alpha])
+    limits = np.tile([-math.pi, math.pi], (links, 1))
+    return Arm(title=f"{links} links", dh=readonly(rows), joint_types="r" * links, limits=limits, source="made up")
 
 
-def growth(options: Options) -> dict[str, list[float]]:
-    """Median time [us] of a solve, bar A, by the number of links of a 3 m chain bent at random."""
-    found: dict[str, list[float]] = {}
-    for n in options.links:
-        rng = np.random.default_rng(options.seed)
-        dh = np.column_stack([np.zeros(n), np.zeros(n), np.full(n, 3.0 / n), np.where(np.arange(n) % 2, H, -H)])
-        chain, bend = Chain.from_dh(dh), min(1.0, 2.4 / math.sqrt(n))
-        targets = np.array([chain.forward(rng.uniform(-bend, bend, n)) for _ in range(20)])
-        starts = np.tile(rng.uniform(-0.1, 0.1, n), (20, 1))
-        solvers: dict[str, Solver] = {method: partial(own, chain, method, BARS["A"]) for method in METHODS[:2]}
-        solvers["compiled DLS"] = baseline(dh, np.eye(4), BARS["A"])
-        for method, solver in solvers.items():
-            times = judged(chain, solver, targets, starts, BARS["A"])[1]
-            found.setdefault(method, []).append(float(np.median(times)))
-    return found
-
-
-def draw(links: tuple[int, ...], times: dict[str, list[float]], path: Path) -> None:
-    figure = Figure(figsize=(6, 4), layout="constrained")
-    axes = figure.subplots()
+def growth(options: Options, progress: Progress) -> dict[str, Any]:
+    """Median time [us] of a solve at bar A by the number of links, the chain bent at random; fitted exponents."""
+    times: dict[str, list[float]] = {}
+    shares: dict[str, list[float]] = {}
+    for n in progress.track(options.links, description="growth"):
+        rng, arm = np.random.default_rng([options.seed, n]), snake(n)
+        bend = min(1.0, 2.4 / math.sqrt(n))
+        targets = dh_forward(arm, rng.uniform(-bend, bend, (min(options.targets, 50), n)))
+        case = Case(
+            arm=arm, degrees=180, warm=False, bar="A", limits=arm.limits, targets=targets,
+            starts=rng.uniform(-0.1, 0.1, (len(targets), n)),
+        )  # fmt: skip
+        for method, (share, each) in race(case, Options(peers=False, repeats=options.repeats)).items():
+            times.setdefault(method, []).append(float(np.median(each)))
+            shares.setdefault(method, []).append(share)
+    found: dict[str, Any] = {"links": list(options.links), "median_us": times, "rate": shares, "exponent": {}}
+    long = [i for i, n in enumerate(options.links) if n >= 24]
     for method, values in times.items():
-        axes.loglog(links, values, marker="o", label=method)
-    axes.set(xlabel="links", ylabel="median time of a solve [us]", title="Growth with the number of links, bar A")
-    axes.grid(alpha=0.3)
-    axes.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+        if len(long) > 1:
+            slope = np.polyfit(np.log([options.links[i] for i in long]), np.log([values[i] for i in long]), 1)[0]
+            found["exponent"][method] = float(slope)
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """Where this was measured, and with what."""
+    packages = {}
+    for name in ("numpy", "numba", "mujoco", "pytracik", "eaik", "ikdh", "optik-py", "pin", "mink", "pin-pink",
+                 "roboticstoolbox-python"):  # fmt: skip
+        try:
+            packages[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    return {
+        "processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "load_at_start": load,
+        "python": platform.python_version(), "packages": packages,
+    }  # fmt: skip
 
 
 def main() -> int:
     options = parse(Options)
-    console = Console()
-    console.print("The solvers are compiled on first use (about 20 s)")
-    table, good = rates(options)
-    console.print(table)
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core for the times
-    console.print(compare(options))
-    times = growth(options)
-    table = Table("links", *times, title="Growth with the number of links: median time of a solve [us]")
-    for i, n in enumerate(options.links):
-        table.add_row(str(n), *(f"{values[i]:.1f}" for values in times.values()))
-    console.print(table)
-    draw(options.links, times, options.out / "ik.png")
-    console.print(f"picture: {options.out / 'ik.png'}")
-    return 0 if good else 1
+    if options.quick:
+        options.arms, options.targets, options.rates = ("puma560", "stanford", "iiwa7"), 25, 250
+        options.limits, options.links, options.repeats = (180,), (6, 24, 60), 1
+    for name in options.arms:
+        arms.load(name)
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    results = Results(machine())
+    columns = TextColumn("{task.description:<8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("rates", total=len(options.arms) * len(options.limits) * 4 * len(METHODS))
+        for name in options.arms:
+            for case in cases(options, name, options.rates):
+                for method in METHODS:
+                    results.rates.append(rate(case, method))
+                    progress.advance(bar)
+        race_all(options, results, progress)
+        for name in progress.track(options.arms, description="kernel"):
+            for case in cases(options, name, options.targets):
+                if case.bar == "A" and case.degrees == options.limits[0]:
+                    results.kernel.append(kernel(case, 5 * options.repeats))
+        results.growth = growth(options, progress)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "bench_ik.json").write_text(json.dumps(vars_of(results), indent=1))
+    missing = [] if not options.peers else [name for name, here in present().items() if not here]
+    shown = tables(vars_of(results), options.limits[0])
+    text = []
+    for table in shown:
+        console.print(table.rich())
+        text.append(table.markdown())
+    if missing:
+        console.print(f"not in this Python: {', '.join(missing)}")
+    (options.out / "bench_ik.md").write_text("\n\n".join(text) + "\n")
+    draw(vars_of(results), options.limits[0], options.out / "bench_ik.png")
+    console.print(f"written to {options.out}/", highlight=False)
+    worst = {m: min(row["rate"] for row in results.rates if row["method"] == m) for m in RATE_GOALS}
+    return 0 if all(worst[m] >= goal for m, goal in RATE_GOALS.items()) else 1
+
+
+def vars_of(results: Results) -> dict[str, Any]:
+    return {name: getattr(results, name) for name in Results.__slots__}
 
 
 if __name__ == "__main__":

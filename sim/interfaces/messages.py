@@ -64,6 +64,15 @@ class DvlMeasurement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressureMeasurement:
+    """Pressure gauge."""
+
+    time: float  # [s]
+    pressure: float  # [Pa] absolute
+    depth: float  # [m] of the gauge below the surface, as it makes of the pressure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
     """Position of the hull against the scene, from vision; `time` is when the picture was taken, not its arrival."""
 
@@ -81,7 +90,15 @@ class DepthImage:
     X_BC: Array  # (4, 4) camera in hull
 
 
-Measurement = EncoderMeasurement | TorqueMeasurement | ImuMeasurement | DvlMeasurement | VisionMeasurement | DepthImage
+Measurement = (
+    EncoderMeasurement
+    | TorqueMeasurement
+    | ImuMeasurement
+    | DvlMeasurement
+    | PressureMeasurement
+    | VisionMeasurement
+    | DepthImage
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

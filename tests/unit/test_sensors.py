@@ -1,16 +1,25 @@
 """Every sensor's noise, bias and quantisation against the figures stated beside it."""
 
+from dataclasses import fields, replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from sim import sensors
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
 from sim.plant import Truth
+from sim.rollout import Parts, rollout
 
 SAMPLES = 20_000  # one sigma of a standard deviation is 0.5 %, less where axes are taken together
 R_WB = exp_so3([0.2, -0.1, 0.7])
-ALL = [sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()]
+ALL: list[Any] = [
+    sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.PressureDepth(),
+    sensors.VisionDrift(),
+]  # fmt: skip
 
 
 def truth() -> Truth:
@@ -101,7 +110,104 @@ def test_vision():
     assert (sensors.VisionDrift().period, sensors.VisionDrift().delay) == (0.1, 0.1)
 
 
-FIELDS = ("qd", "tau", "specific_force_B", "v_WB_B", "p_WB")
+def test_wandering_vision_is_a_gauss_markov_process():
+    """Its spread over runs, and over one run how long it remembers: exp(-t / T), the noise aside."""
+    sensor = sensors.VisionDrift(noise=0.0, bias=0.05, bias_time=0.5)
+    spread = biases(sensor, "p_WB") - truth().p_WB
+    assert spread.std(axis=0) == pytest.approx(0.05, rel=0.08)
+    error = sample(sensor, "p_WB", count=15_000) - truth().p_WB  # 3000 times its memory
+    assert error.std(axis=0) == pytest.approx(0.05, rel=0.08)
+    for lag in (1, 3, 5):
+        seen = np.mean(error[lag:] * error[:-lag], axis=0) / error.var(axis=0)
+        assert seen == pytest.approx(np.exp(-lag * 0.1 / 0.5), abs=0.06)
+    still, wandering = (sample(sensors.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05))
+    assert np.array_equal(still, sample(sensors.VisionDrift(), "p_WB", count=50))
+    assert np.abs(np.diff(wandering - still, axis=0)).max() < 0.05  # the same noise, and a slow drift
+
+
+def test_pressure_is_that_of_the_water_above_the_gauge():
+    quiet = sensors.PressureDepth(noise=0.0, bias=0.0, resolution=0.0, p_BS=(0.5, -0.2, 0.3))
+    depth = 3.0 - R_WB[2] @ [0.5, -0.2, 0.3]
+    assert sample(quiet, "depth", count=3) == pytest.approx(depth, abs=1e-10)
+    assert sample(quiet, "pressure", count=3) == pytest.approx(101325.0 + 1025.0 * GRAVITY * depth, abs=1e-8)
+    # In fresh water under low weather a gauge set for the sea reads shallow by both.
+    wrong = replace(quiet, water_density=1000.0, surface=99325.0)
+    shallow = (1000.0 * GRAVITY * depth - 2000.0) / (1025.0 * GRAVITY)
+    assert sample(wrong, "depth", count=3) == pytest.approx(shallow, abs=1e-10)
+    risen = truth()
+    risen.p_WB = np.array([0.0, 0.0, 4.0])
+    assert quiet.step(quiet.init(np.random.default_rng(1)), risen)[1].pressure == 101325.0
+
+
+def test_pressure_noise_bias_and_steps():
+    pressure = sample(sensors.PressureDepth(bias=0.0, resolution=0.0), "pressure")
+    true = 101325.0 + 1025.0 * GRAVITY * 3.0
+    assert pressure.std() == pytest.approx(20.0, rel=0.03)
+    assert pressure.mean() == pytest.approx(true, abs=1.0)
+    spread = [sample(sensors.PressureDepth(noise=0.0), "pressure", seed, 1)[0] - true for seed in range(2000)]
+    assert np.std(spread) == pytest.approx(100.0, rel=0.08)
+    steps = sample(sensors.PressureDepth(), "pressure", count=200) / 20.0
+    assert steps == pytest.approx(np.round(steps), abs=1e-9)
+    assert len(np.unique(steps)) > 3
+
+
+@pytest.mark.parametrize(
+    ("sensor", "field", "change", "expected"),
+    [
+        (sensors.Encoders(), "q", "bias", 0.01), (sensors.Imu(), "w_WB_B", "rate_bias", 0.01),
+        (sensors.Dvl(), "v_WB_B", "bias", 0.01),
+    ],
+)  # fmt: skip
+def test_biases_that_are_off_by_default(sensor, field, change, expected):
+    """Constant over a run, of the stated spread over runs; the noise stays what it was without them."""
+    with_bias, without = (sample(s, field, 3, 200) for s in (replace(sensor, **{change: expected}), sensor))
+    shift = with_bias - without
+    assert np.ptp(shift, axis=0).max() < 2e-5  # the encoders' steps: 1.2e-5 rad
+    assert np.abs(shift).max() > 1e-4
+    biased = replace(sensor, **{change: expected})
+    spread = np.array([sample(biased, field, seed, 1)[0] - without[0] for seed in range(1000)])
+    assert spread.std(axis=0).mean() == pytest.approx(expected, rel=0.12)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "field", "change"),
+    [
+        (sensors.Encoders(), "qd", "rate_resolution"), (sensors.JointTorqueSensors(), "tau", "resolution"),
+        (sensors.Imu(), "specific_force_B", "acceleration_resolution"), (sensors.Imu(), "w_WB_B", "rate_resolution"),
+        (sensors.Dvl(), "v_WB_B", "resolution"), (sensors.VisionDrift(), "p_WB", "resolution"),
+    ],
+)  # fmt: skip
+def test_quantisation(sensor, field, change):
+    """Whole steps, and none farther than half a step from what would be there without."""
+    fine, coarse = (sample(s, field, count=100) for s in (sensor, replace(sensor, **{change: 0.07})))
+    assert coarse / 0.07 == pytest.approx(np.round(coarse / 0.07), abs=1e-9)
+    assert np.abs(coarse - fine).max() <= 0.035 * (1.0 + 1e-9)
+    assert np.abs(coarse - fine).max() > 1e-3
+
+
+@pytest.mark.parametrize("sensor", ALL)
+def test_figures_that_cannot_be(sensor):
+    for item in fields(sensor):
+        if item.type is not float:
+            continue
+        for value in (-1e-3, np.nan, np.inf):
+            with pytest.raises(ConfigurationError, match=rf"{type(sensor).__name__} {item.name}: .*got"):
+                replace(sensor, **{item.name: value})
+    with pytest.raises(ConfigurationError, match="period: must be finite and > 0"):
+        replace(sensor, period=0.0)
+
+
+@pytest.mark.parametrize("sensor", ALL)
+@pytest.mark.parametrize("change", [{"period": 0.003}, {"delay": 0.001}])
+def test_rates_and_delays_are_whole_steps(sensor, change):
+    none: Any = None
+    parts = Parts(sensors=[replace(sensor, **change)], estimator=none, finder=None, planner=none, controller=none)
+    plant: Any = SimpleNamespace(timestep=0.002)
+    with pytest.raises(ConfigurationError, match=f"{type(sensor).__name__}.* whole multiple of the physics step 0.002"):
+        rollout(plant, parts, duration=1.0, rng=np.random.default_rng(1))
+
+
+FIELDS = ("qd", "tau", "specific_force_B", "v_WB_B", "pressure", "p_WB")
 
 
 @pytest.mark.parametrize(("sensor", "field"), list(zip(ALL, FIELDS, strict=True)))
@@ -109,11 +215,17 @@ def test_noise_is_white_and_of_its_seed(sensor, field):
     one, same, other = (sample(sensor, field, seed) for seed in (7, 7, 8))
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)
-    noise = one - one.mean(axis=0)
+    noise = (one - one.mean(axis=0)).reshape(SAMPLES, -1)
+    if isinstance(sensor, sensors.PressureDepth):
+        noise = noise + np.random.default_rng(9).uniform(
+            -10.0, 10.0, noise.shape
+        )  # its steps are as great as its noise
     for lag in (1, 2, 3, 5):
         seen = np.mean(noise[lag:] * noise[:-lag], axis=0) / noise.var(axis=0)
         assert np.abs(seen).max() < 5.0 / np.sqrt(SAMPLES)
-    assert np.abs(np.corrcoef(noise.T) - np.eye(noise.shape[1])).max() < 5.0 / np.sqrt(SAMPLES)
+    assert np.abs(np.corrcoef(noise.T).reshape(noise.shape[1], -1) - np.eye(noise.shape[1])).max() < 5.0 / np.sqrt(
+        SAMPLES
+    )
 
 
 @pytest.mark.parametrize("sensor", ALL)

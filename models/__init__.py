@@ -42,7 +42,7 @@ _ALIASES = {"bluerov2_heavy": "bluerov2_heavy_benzon2022"}  # the set that was i
 class Description:
     """What a named model is."""
 
-    name: str
+    name: str  # never an alias
     source: str
     floating: bool  # it has a free hull; else its base is fixed to the world
     dof: int  # degrees of freedom, those of the hull included
@@ -72,7 +72,7 @@ def describe(name: str) -> Description:
     floating = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY) >= 0
     driven = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
     return Description(
-        name=name,
+        name=_ALIASES.get(name, name),
         source=_entry(name).source,
         floating=floating,
         dof=model.nv,

@@ -24,6 +24,8 @@ MAX_STRIPS: Final = 2  # segments with strip drag a body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations a segment
 LARGEST: Final = 1e15  # of any coefficient, SI: beyond every body, and far from overflow
 LONGEST: Final = 1e5  # [m] of any shape
+SHORTEST: Final = 1e-6  # [m]
+THINNEST: Final = 1e-6  # of any shape, to its longest extent
 
 _STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stations
 _UPPER: Final = np.triu_indices(6)
@@ -323,8 +325,9 @@ def sphere(
     Added mass half the displaced (Lamb, Hydrodynamics, art. 92); drag coefficient at Reynolds 1e4 to 1e5 (Hoerner 3-8).
     Drag acts at the body origin, so keep `center` near it or use strips.
     """
-    radius, center = float(_lengths([radius], (1,), "radius [m]")[0]), checked(center, (3,), "center [m]")
+    radius, center = float(_lengths([radius], (1,), "radius [m]")[0]), _bounded(center, (3,), "center [m]", LONGEST)
     water_density = _positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
     volume = 4.0 / 3.0 * np.pi * radius**3
     local = np.diag([0.5 * water_density * volume] * 3 + [0.0] * 3)
     drag = 0.5 * water_density * drag_coefficient * np.pi * radius**2
@@ -349,8 +352,9 @@ def ellipsoid(
     the drag coefficient is on the frontal area of each axis. Drag acts at the body origin.
     """
     a, b, c = axes = _lengths(semi_axes, (3,), "semi_axes [m]")
-    center = checked(center, (3,), "center [m]")
+    center = _bounded(center, (3,), "center [m]", LONGEST)
     water_density = _positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
     volume = 4.0 / 3.0 * np.pi * a * b * c
     area = np.pi * np.array([b * c, a * c, a * b])
     return BodyHydrodynamics(
@@ -374,8 +378,9 @@ def box(
     length goes to 0), in rotation as the ellipsoid in the box, scaled by the volumes. Drag on the frontal areas
     (cube, Hoerner 3-17), in rotation the same coefficient on the local speed of each face; it acts at the body origin.
     """
-    edges, center = _lengths(size, (3,), "size [m]"), checked(center, (3,), "center [m]")
+    edges, center = _lengths(size, (3,), "size [m]"), _bounded(center, (3,), "center [m]", LONGEST)
     water_density = _positive(water_density, "water_density [kg/m^3]")
+    drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] of the square of equal frontal area
@@ -412,9 +417,11 @@ def cylinder(
     """
     radius = float(_lengths([radius], (1,), "radius [m]")[0])
     water_density = _positive(water_density, "water_density [kg/m^3]")
+    normal_coefficient = _not_negative(normal_coefficient, "normal_coefficient")
+    friction_coefficient = _not_negative(friction_coefficient, "friction_coefficient")
     strip = StripDrag(
-        start=checked(start, (3,), "start [m]"),
-        end=checked(end, (3,), "end [m]"),
+        start=_bounded(start, (3,), "start [m]", LONGEST),
+        end=_bounded(end, (3,), "end [m]", LONGEST),
         normal=0.5 * water_density * normal_coefficient * 2.0 * radius,
         tangential=0.5 * water_density * friction_coefficient * 2.0 * np.pi * radius,
         stations=stations,
@@ -479,6 +486,10 @@ def _lengths(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     array = _bounded(values, shape, name, LONGEST)
     if np.any(array <= 0.0):
         raise ConfigurationError(f"{name}: must be positive, got {array.tolist()}")
+    if array.min() < max(SHORTEST, THINNEST * array.max()):
+        raise ConfigurationError(
+            f"{name}: must be at least {SHORTEST:g} and {THINNEST:g} of the longest, got {array.tolist()}"
+        )
     return array
 
 

@@ -103,6 +103,73 @@ def test_attach_names_what_is_wrong():
         water.attach(spec, {"ball": body})
 
 
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: water.sphere(0.0), r"radius \[m\]: must be positive, got \[0.0\]"),
+        (lambda: water.sphere(0.1, drag_coefficient=-1.0), "drag_coefficient: must not be negative, got -1.0"),
+        (lambda: water.sphere(0.1, water_density=0.0), r"water_density .* must be positive, got 0.0"),
+        (lambda: water.sphere(0.1, center=[0.0, NAN, 0.0]), r"center \[m\]: every number must be finite"),
+        (lambda: water.ellipsoid([1.0, 1e-8, 1.0]), "semi_axes .* at least 1e-06 and 1e-06 of the longest"),
+        (lambda: water.box([1.0, 1.0]), r"size \[m\]: expected shape \(3,\), got \(2,\)"),
+        (lambda: water.box([1.0, 1.0, 1e9]), r"size \[m\]: must not exceed 100000"),
+        (lambda: water.cylinder(0.1, [0, 0, 0], [0, 0, 0]), "strip: start .* and end .* coincide"),
+        (lambda: water.cylinder(0.1, [0, 0, 0], [1, 0, 0], normal_coefficient=NAN), "normal_coefficient: every"),
+    ],
+)
+def test_shapes_are_checked(make, says):
+    with pytest.raises(ConfigurationError, match=says):
+        make()
+
+
+def test_density_stays_until_another_is_given():
+    spec, body = ball(), water.sphere(0.1)
+    water.attach(spec, {"ball": body}, 1000.0)
+    water.attach(spec, {"rock": body})
+    assert water.density_of(spec) == 1000.0
+    water.attach(spec, {}, 1010.0)
+    assert hydrodynamics.compile(spec).body_user[1, water.LAYOUT.body_density] == 1010.0
+
+
+def test_bodies_of_different_waters_are_refused():
+    scene = mujoco.MjSpec()
+    for name, density in (("sea", 1025.0), ("lake", 1000.0)):
+        child = ball()
+        water.attach(child, {"ball": water.sphere(0.1)}, density)
+        scene.attach(child, prefix=f"{name}/", frame=scene.worldbody.add_frame())
+    with pytest.raises(ConfigurationError, match=r"different density .* sea/ball 1025, lake/ball 1000"):
+        hydrodynamics.compile(scene)
+    water.attach(scene, {}, 1000.0)
+    hydrodynamics.compile(scene)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"timestep": 0.0}, "timestep 0 s; it must be positive"),
+        ({"gravity": [0.0, 0.0, NAN]}, "gravity .* must be finite"),
+        ({"wind": [1e300, 0.0, 0.0]}, r"wind \(the current\) .* must be finite and below"),
+    ],
+)
+def test_options_without_sense_are_refused(change: dict[str, Any], says):
+    spec = ball()
+    water.attach(spec, {"ball": water.sphere(0.1)})
+    for name, value in change.items():
+        setattr(spec.option, name, value)
+    with pytest.raises(HydrodynamicsError, match=says):
+        hydrodynamics.compile(spec)
+
+
+def test_volume_without_mass_is_refused_with_the_number():
+    """1 m^3 of buoyancy on 4 kg, and no added mass: 1025 * 9.81 / 4 m/s^2 make 50 m/s in 20 ms, 126 in 50 ms."""
+    spec = ball('<option timestep="0.02"/>')
+    water.attach(spec, {"ball": BodyHydrodynamics(volume=1.0)})
+    hydrodynamics.compile(spec)
+    spec.option.timestep = 0.05
+    with pytest.raises(HydrodynamicsError, match=r"bring this model to 126 m/s .* in one step, more than 100"):
+        hydrodynamics.compile(spec)
+
+
 def test_set_current_needs_water():
     with pytest.raises(ConfigurationError, match="call attach first"):
         water.set_current(ball(), [1.0, 0.0, 0.0])

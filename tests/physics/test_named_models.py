@@ -276,6 +276,7 @@ def lever(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[float, Array]:
     return 9.81 * (displaced - weighed), moment / displaced - center
 
 
+@pytest.mark.check("named models: trim", "weight is buoyancy, upright")
 @pytest.mark.parametrize("name", FLOATING)
 def test_it_is_trimmed(name, within):
     net, arm = lever(*braked(name))
@@ -284,6 +285,7 @@ def test_it_is_trimmed(name, within):
     assert arm[2] > 0.005  # stable
 
 
+@pytest.mark.check("named models left alone, 60 s", "stay where they are")
 @pytest.mark.parametrize("name", FLOATING)
 def test_left_alone_it_stays(name, within):
     model, data = braked(name)

@@ -34,6 +34,7 @@ def settled(unit: Thrusters, command: float) -> float:
     return float(unit.thrust[0])
 
 
+@pytest.mark.check("thruster: step of the command", "first-order lag, in closed form")
 def test_step_response_is_that_of_a_first_order_lag(within):
     unit, lag = one(time_constant=0.15), 0.15
     speed, thrust = [], []
@@ -50,6 +51,7 @@ def test_step_response_is_that_of_a_first_order_lag(within):
     assert thrust[-1] > 180.0
 
 
+@pytest.mark.check("thruster: dead band, forward and reverse", "nothing within the band, each its own thrust")
 def test_dead_band_and_both_directions():
     unit = one()
     assert [settled(unit, u) for u in (0.0, 0.05, -0.05)] == [0.0, 0.0, 0.0]
@@ -68,6 +70,7 @@ def test_saturation_is_told_and_kept(command, flag):
     assert abs(float(unit.speed[0])) == min(abs(command), 1.0)
 
 
+@pytest.mark.check("thruster: inflow", "Fossen, eq. 12.257")
 def test_inflow_takes_thrust_in_proportion_to_speed():
     """Fossen 12.257: T = T_nn |n| n - T_nu |n| u_a, u_a the water's speed along the thrust."""
     unit, n, ahead = one(dead_band=0.0, inflow_loss=90.0), 0.6, np.array([0.5, 0.2, 0.0])
@@ -194,6 +197,7 @@ def test_least_thrust_leaves_a_gap():
     assert nearest == pytest.approx([0.0, 4.0, 4.0, 0.0, -4.0, -4.0], rel=1e-8)
 
 
+@pytest.mark.check("T200 at 16 V", "the published table")
 def test_t200_is_the_published_table():
     """The 16 V sheet, read at its own pulse widths; half way between two of them within 3 % of full thrust's root."""
     unit = thrusters.t200(least_thrust=0.0)

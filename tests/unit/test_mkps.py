@@ -7,40 +7,12 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Branch, Chain, Method, solve, solve_many
+from models import arms
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
 
 H = np.pi / 2
-ARMS: dict[str, list[tuple[float, float, float, float]]] = {  # standard DH: theta0 [rad], d [m], a [m], alpha [rad]
-    "puma": [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)],
-    "ur5": [
-        (0, 0.0892, 0, H),
-        (0, 0, -0.425, 0),
-        (0, 0, -0.3922, 0),
-        (0, 0.1092, 0, H),
-        (0, 0.0947, 0, -H),
-        (0, 0.0823, 0, 0),
-    ],
-    "panda": [
-        (0, 0.333, 0, -H),
-        (0, 0, 0, H),
-        (0, 0.316, 0.0825, H),
-        (0, 0, -0.0825, -H),
-        (0, 0.384, 0, H),
-        (0, 0, 0.088, H),
-        (0, 0.107, 0, 0),
-    ],
-    "general 6R": [
-        (0.1, 0.3, 0.1, 1.2),
-        (0.2, 0.1, 0.4, -0.4),
-        (0.3, 0.15, 0.35, 1),
-        (-0.2, 0.2, 0.1, -1.3),
-        (0.4, 0.1, 0.15, 1.1),
-        (0.1, 0.12, 0.05, 0),
-    ],
-    "stanford": [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0.263, 0, 0)],
-}
-TYPES = {"stanford": "rrprrr"}
+ARMS = {name: arms.load(name) for name in arms.available()}
 HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 
@@ -99,12 +71,12 @@ def arm_case(
     name: str, degrees: float, count: int, rng: np.random.Generator
 ) -> tuple[Chain, Array, list[Array], Array]:
     """A known arm with even limits, joint values within them, their poses, and a home."""
-    dh, n = np.array(ARMS[name]), len(ARMS[name])
-    types = TYPES.get(name, "r" * n)
+    arm, n = ARMS[name], ARMS[name].n
+    dh, types, tool = arm.dh, arm.joint_types, arm.tool
     limits = np.array([(0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees)) for kind in types])
     q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
-    chain = Chain.from_dh(dh, types, limits=limits)
-    return chain, q, [dh_forward(dh, types, values) for values in q], np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+    chain = Chain.from_dh(dh, types, limits=limits, tool=tool)
+    return chain, q, [dh_forward(dh, types, values, tool) for values in q], np.clip(HOME[:n], limits[:, 0], limits[:, 1])
 
 
 @pytest.fixture(params=[0, 1, "fresh"])
@@ -202,9 +174,9 @@ def test_solve_rate(name: str, degrees: float) -> None:
 
 @pytest.mark.parametrize(("method", "least"), [("jacobian_free", 0.98), ("plain", 0.9)])
 def test_solve_rate_of_the_other_methods(method: Method, least: float) -> None:
-    """PUMA without limits, cold. Measured: jacobian_free 100 %, plain 97 %, as facts/ik.md says of the dissertation."""
-    dh = np.array(ARMS["puma"])
-    chain, q, _, home = arm_case("puma", 150.0, 200, np.random.default_rng(7))
+    """PUMA without limits, cold. Measured: jacobian_free 100 %, plain 97 %."""
+    dh = ARMS["puma560"].dh
+    chain, q, _, home = arm_case("puma560", 150.0, 200, np.random.default_rng(7))
     free = Chain.from_dh(dh)
     solved = [solve(free, chain.forward(values), home, method=method).converged for values in q]
     assert np.mean(solved) >= least
@@ -224,7 +196,7 @@ def test_keep_follows_the_branch(name: str) -> None:
 
 def test_keep_says_when_the_branch_is_lost() -> None:
     """The elbow-up pose is asked for from elbow down: `free` may take it, `keep` must not cross over unsaid."""
-    chain = Chain.from_dh(ARMS["puma"])
+    chain = Chain.from_dh(ARMS["puma560"].dh)
     elbow_down, elbow_up = np.array([0.3, -0.4, 0.6, 0.2, 0.9, 0.1]), np.array([0.3, 0.4, 2.6, 0.2, 0.9, 0.1])
     crossed = 0
     for blend in np.linspace(0.0, 1.0, 21):
@@ -239,7 +211,7 @@ def test_keep_says_when_the_branch_is_lost() -> None:
 
 def test_tracking_through_a_wrist_singularity() -> None:
     """500 Hz steps of a joint path that takes the wrist of a PUMA through zero (paper 003, chapter 4)."""
-    chain = Chain.from_dh(ARMS["puma"])
+    chain = Chain.from_dh(ARMS["puma560"].dh)
     q = np.array([0.2, 0.5, 0.7, 0.4, 0.35, 0.1])
     for s in np.linspace(0.0, 1.0, 501):
         wanted = np.array([0.2 + 0.2 * s, 0.5, 0.7, 0.4, 0.35 - 0.7 * s, 0.1])
@@ -251,7 +223,7 @@ def test_tracking_through_a_wrist_singularity() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
-    chain, _, targets, home = arm_case("general 6R", 150.0, 12, np.random.default_rng(5))
+    chain, _, targets, home = arm_case("general6r", 150.0, 12, np.random.default_rng(5))
 
     def answer(i: int) -> bytes:
         return solve(chain, targets[i], home, method=method, max_iterations=500).q.tobytes()
@@ -265,7 +237,7 @@ def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
 @pytest.mark.parametrize("branch", ["free", "keep"])
 @pytest.mark.parametrize("method", METHODS)
 def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> None:
-    chain, q, targets, home = arm_case("puma", 150.0, 150, np.random.default_rng(6))
+    chain, q, targets, home = arm_case("puma560", 150.0, 150, np.random.default_rng(6))
     starts = home if branch == "free" else q + 0.05
     options = {"method": method, "branch": branch, "max_iterations": 300}
     for threads in (1, 3, None):
@@ -285,7 +257,7 @@ def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> No
 
 
 def test_solve_many_names_the_bad_row() -> None:
-    chain = Chain.from_dh(ARMS["puma"])
+    chain = Chain.from_dh(ARMS["puma560"].dh)
     targets = np.tile(np.eye(4), (5, 1, 1))
     assert len(solve_many(chain, targets[:0], np.zeros(6))) == 0
     with pytest.raises(ConfigurationError, match="q0: expected shape"):
@@ -312,7 +284,7 @@ def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Br
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("far", [False, True])
 def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -> None:
-    chain, q, targets, home = arm_case("puma", 150.0, 5, np.random.default_rng(9))
+    chain, q, targets, home = arm_case("puma560", 150.0, 5, np.random.default_rng(9))
     for values, target in zip(q, targets, strict=True):
         start = home if far else values + 0.05
         wanted = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
@@ -328,8 +300,8 @@ def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -
 
 
 def test_a_pose_that_limits_forbid_is_not_claimed() -> None:
-    chain = Chain.from_dh(ARMS["puma"], limits=np.tile([-0.5, 0.5], (6, 1)))
-    target = Chain.from_dh(ARMS["puma"]).forward([2.5, 0.3, 0.2, 0.1, 0.4, 0.2])
+    chain = Chain.from_dh(ARMS["puma560"].dh, limits=np.tile([-0.5, 0.5], (6, 1)))
+    target = Chain.from_dh(ARMS["puma560"].dh).forward([2.5, 0.3, 0.2, 0.1, 0.4, 0.2])
     result = solve(chain, target, np.zeros(6))
     assert not result.converged
     assert "nearest" in result.cause
@@ -504,9 +476,9 @@ def test_bad_models_are_refused(body: str, site: str, exclude: tuple[str, ...], 
 def test_bad_calls_are_refused(change: dict[str, object], names: str) -> None:
     arguments: dict[str, object] = {"X_base_tip": np.eye(4), "q0": np.zeros(6)} | change
     with pytest.raises(ConfigurationError, match=names):
-        solve(Chain.from_dh(ARMS["puma"]), **arguments)  # pyright: ignore[reportArgumentType]
+        solve(Chain.from_dh(ARMS["puma560"].dh), **arguments)  # pyright: ignore[reportArgumentType]
 
 
 def test_forward_refuses_bad_joint_values() -> None:
     with pytest.raises(ConfigurationError, match="q"):
-        Chain.from_dh(ARMS["puma"]).forward(np.zeros(5))
+        Chain.from_dh(ARMS["puma560"].dh).forward(np.zeros(5))

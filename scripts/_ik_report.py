@@ -20,7 +20,13 @@ RATIO_GOALS = {
 KERNEL_GOALS = {"PUMA 560": {"cold": 8.0, "warm": 3.0}}  # [us]
 STARTS = ("cold", "warm")
 BLUE, ORANGE, GREEN, VERMILION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
-_COLORS = {"hybrid": BLUE, "jacobian_free": GREEN, "plain": ORANGE, "compiled DLS": VERMILION}
+_COLORS = {
+    "hybrid": BLUE,
+    "jacobian_free": GREEN,
+    "plain": ORANGE,
+    "plain, tip's axes": PURPLE,
+    "compiled DLS": VERMILION,
+}
 
 
 @dataclass(frozen=True, slots=True)

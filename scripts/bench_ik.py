@@ -37,6 +37,7 @@ from sim.interfaces.spatial import Array, readonly
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad]
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
+LITERAL = "plain, tip's axes"  # the dissertation's own aims
 BASELINE = "compiled DLS"
 GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # the ratios' geometric means are over these
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
@@ -173,6 +174,7 @@ def race(case: Case, options: Options) -> dict[str, tuple[float, Array]]:
     """For every solver the share of targets reached, and the time of each call (N,) [us]."""
     chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
     solvers: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
+    solvers[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", stage_axes="tip").q
     solvers[BASELINE] = baseline(case.task)
     if options.peers:
         solvers |= peers(case.task)

@@ -75,8 +75,8 @@ def arm_case(
     dh, types, tool = arm.dh, arm.joint_types, arm.tool
     limits = np.array([(0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees)) for kind in types])
     q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
-    chain = Chain.from_dh(dh, types, limits=limits, tool=tool)
-    return chain, q, [dh_forward(dh, types, values, tool) for values in q], np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+    chain, home = Chain.from_dh(dh, types, limits=limits, tool=tool), np.clip(HOME[:n], limits[:, 0], limits[:, 1])
+    return chain, q, [dh_forward(dh, types, values, tool) for values in q], home
 
 
 @pytest.fixture(params=[0, 1, "fresh"])

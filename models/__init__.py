@@ -32,10 +32,10 @@ _MODELS = {
         build=phoenix_smart3s.build, source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993"
     ),
     "reach_alpha_5": _Entry(
-        build=reach_alpha_5.build, source="Kolano and Davidson, arXiv 2209.13577; friction: floating-KinDyn"
+        build=reach_alpha_5.build, source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
     ),
 }
-_ALIASES = {"bluerov2_heavy": "bluerov2_heavy_benzon2022"}  # the set that was identified on the Heavy itself
+_ALIASES = {"bluerov2_heavy": "bluerov2_heavy_benzon2022"}  # the later set, and better attested
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

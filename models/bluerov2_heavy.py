@@ -1,13 +1,13 @@
 """BlueROV2 Heavy (Blue Robotics), by two published sets that differ up to tenfold in drag: choose one, and say which.
 
 von Benzon et al. 2022, An Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng.
-10(12):1898, doi 10.3390/jmse10121898, table A1. Identified in a tank. Read in two transcriptions that agree with each
-other (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script); a third (AndreasKing-Goks/0_THESIS) prints more
-digits of the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. The paper itself was not read.
+10(12):1898, doi 10.3390/jmse10121898, table A1; by its abstract validated in a test tank. Read in two transcriptions
+that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script); a third (AndreasKing-Goks/0_THESIS) prints more
+digits of the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
 
 Wu 2018, 6-DoF Modelling and Control of a Remotely Operated Vehicle, thesis, Flinders University, tables 5.1 and 5.2.
 Read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in hkolano/PitchPrediction). The thesis
-was not read; that its inertia is about the origin, which is the centre of buoyancy, is how the transcription uses it.
+itself was not read, so that its inertia is about the origin, which is the centre of buoyancy, is what the transcription says.
 
 Thrusters: eight T200 at 16 V (`models.thrusters.t200`). Their places are in table A1 of von Benzon, and give Wu's
 matrix too. The four level ones stand at 45 degrees 85 mm below the origin; the four upright ones push up in the one

@@ -1,7 +1,7 @@
 """Reach Alpha 5 (Reach Robotics), four joints and a gripper held shut, by published figures.
 
 Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf), the simulation that
-Kolano and Davidson compared with pool trials (arXiv 2209.13577). Its frames are used, since the inertias are in them:
+Kolano et al. compared with pool trials (arXiv 2209.13577). Its frames are used, since the inertias are in them:
 in the maker's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn) the centres of mass lie beside the links.
 Inertias with their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
 (usage/alpha_reach.py). All read in code, second hand: the maker's own sheet was not found.

@@ -59,8 +59,8 @@ PHOENIX_M = np.array([
     [3.325e+2, -3.067e-5, 2.683e+3, 1.358e+1, 4.913e+4, 1.357e+1],
     [-6.731e-5, -4.736e+2, -4.750e-4, 8.467e+1, 1.357e+1, 2.069e+4],
 ])  # fmt: skip
-# Thrusts 1 to 8 to the wrench on the hull. Wu's matrix is printed. Of von Benzon's set the places are: the upright four,
-# all pushing up, give moments by hand; the level four are as Wu's.
+# Thrusts 1 to 8 to the wrench on the hull. Wu's matrix is printed. Of von Benzon's set the places are: the upright
+# four, all pushing up, give moments by hand; the level four are as Wu's.
 LEVEL_ARM = 0.06 * np.array([[1, -1, 1, -1], [1, 1, -1, -1]])
 WU_B = np.array([
     [0.707, 0.707, -0.707, -0.707, 0, 0, 0, 0],

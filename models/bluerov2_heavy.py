@@ -10,8 +10,8 @@ Read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in
 itself was not read; that its inertia is about the origin, the centre of buoyancy, is as the transcription has it.
 
 Thrusters: eight T200 at 16 V (`models.thrusters.t200`). Their places are those of von Benzon's set, and give
-Wu's matrix too. The four level ones stand at 45 degrees 85 mm below the origin; the four upright ones push up in the one
-set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so there is none here.
+Wu's matrix too. The four level ones stand at 45 degrees 85 mm below the origin; the four upright ones push up in the
+one set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so there is none here.
 Both sets print a hull that floats up a little; here it is ballasted to be neutral (`models.published.ballast`).
 """
 

@@ -102,9 +102,17 @@ def solve(
     """
     if method == "hybrid" and precision == "double" and not history and axis_tolerances is None:
         q = np.empty(chain.n)
-        given = (X_base_tip, q0, position_tolerance, orientation_tolerance, max_iterations, max_restarts)
         try:
-            outcome = _quick[branch](chain._memory, *given, chain._no_trail, q)
+            outcome = _quick[branch](
+                chain._memory,
+                X_base_tip,
+                q0,
+                position_tolerance,
+                orientation_tolerance,
+                max_iterations,
+                max_restarts,
+                q,
+            )
         except (TypeError, KeyError):
             outcome = _NO_OUTCOME  # not yet compiled, or not the usual types
         code, iterations, restarts, error_p, error_r = outcome
@@ -181,13 +189,15 @@ def _solve(chain: Chain, target: Array, start: Array, options: _Options, history
     elif options.method == "jacobian_free":
         name, rest = "jacobian_free", (count, options.max_restarts, keep)
     else:
-        name = "keep" if keep else "hybrid"
+        name = ("traced_" if history else "") + ("keep" if keep else "hybrid")
         rest = (count, options.max_restarts)
     memory = chain.single() if options.single else chain._memory
     solver = entry(name, memory.dtype)
-    if options.method == "hybrid":
+    if options.method == "hybrid" and not history:
         _quick["keep" if keep else "free"] = solver
-    outcome = solver(memory, target, start, *options.tolerances(), *rest, trail, q)
+    else:
+        rest = (*rest, trail)
+    outcome = solver(memory, target, start, *options.tolerances(), *rest, q)
     code, iterations, restarts, error_p, error_r = outcome
     if code >= kernels.BAD_TARGET:
         _refuse(code, target, start, "")

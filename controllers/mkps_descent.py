@@ -3,8 +3,6 @@
 Arrays are those of `mkps_kinematics`.
 """
 
-import math
-
 import numpy as np
 
 from controllers.mkps_kinematics import (
@@ -30,16 +28,18 @@ from controllers.mkps_kinematics import (
     admit,
     begin,
     branch_left,
+    chord_squared,
     column,
     errors,
     fold,
+    hand_over,
     jit,
     note,
     partition,
     recall,
-    rotation_error,
     scatter,
     trace,
+    turn_left,
 )
 from controllers.mkps_sweeps import sweep
 
@@ -185,15 +185,16 @@ def take_step(table, cap, largest, mode, work, q):
 
 
 @jit
-def descend(table, goal, tol_p, tol_r, limit, cap, mode, best2, work, q, trail, row):
-    """Levenberg-Marquardt from `q` until the tolerances hold, the error stalls or `limit` steps are spent.
+def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail, row):
+    """Levenberg-Marquardt from `q` until the squared errors are within `near_p` and `near_r`, their sum stalls, or
+    `limit` steps are spent.
 
     `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
     their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`. A stall is a
     squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps. `trail` takes the joint values
     from its row `row` on, one a step, as far as it has rows.
 
-    Returns (code, steps, least squared error, position error, orientation error); `q` is where the last two were
+    Returns (code, steps, least squared error, squared position error, squared chord); `q` is where the last two were
     measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
     """
     real = q.dtype.type
@@ -205,23 +206,23 @@ def descend(table, goal, tol_p, tol_r, limit, cap, mode, best2, work, q, trail, 
     while True:
         note(q, trail, row + steps)
         px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-        wx, wy, wz, error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
         ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
         p2 = ex * ex + ey * ey + ez * ez
-        error2 = p2 + error_r * error_r
-        if p2 <= tol_p * tol_p and error_r <= tol_r:
+        error2 = p2 + chord2
+        if p2 <= near_p and chord2 <= near_r:
             code = CONVERGED if limited or fold(table, q) else STALLED
-            return code, steps, best2, math.sqrt(p2), error_r
+            return code, steps, best2, p2, chord2
         if limited and error2 < best2:
             best2 = error2
             for i in range(q.shape[0]):
                 work[i, BEST] = q[i]
         if steps % STALL_WINDOW == 0:
             if not error2 < real(STALL_FACTOR) * mark:
-                return STALLED, steps, best2, math.sqrt(p2), error_r
+                return STALLED, steps, best2, p2, chord2
             mark = error2
         if steps >= limit:
-            return EXHAUSTED, steps, best2, math.sqrt(p2), error_r
+            return EXHAUSTED, steps, best2, p2, chord2
         damping = real(DAMPING) * error2 + floor
         largest = damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
         take_step(table, cap, largest, mode, work, q)
@@ -229,10 +230,10 @@ def descend(table, goal, tol_p, tol_r, limit, cap, mode, best2, work, q, trail, 
 
 
 @jit
-def settle(table, goal, tol_p, tol_r, best2, work, q, trail, row):
+def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
     """From the best joint values seen to the bottom of their valley, within the limits: every step goes down.
 
-    Returns (code, steps, position error, orientation error).
+    Returns (code, steps, squared position error, squared chord).
     """
     real = q.dtype.type
     n = q.shape[0]
@@ -244,12 +245,12 @@ def settle(table, goal, tol_p, tol_r, best2, work, q, trail, row):
     while steps < SETTLE_STEPS and quiet < 4 and share < real(1e6):
         note(q, trail, row + steps)
         px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-        wx, wy, wz, error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
         ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
         p2 = ex * ex + ey * ey + ez * ez
-        error2 = p2 + error_r * error_r
-        if p2 <= tol_p * tol_p and error_r <= tol_r:
-            return CONVERGED, steps, math.sqrt(p2), error_r
+        error2 = p2 + chord2
+        if p2 <= near_p and chord2 <= near_r:
+            return CONVERGED, steps, p2, chord2
         if error2 < best2:
             quiet = quiet + 1 if error2 > (real(1.0) - real(SETTLE_GAIN)) * best2 else 0
             best2 = error2
@@ -261,14 +262,14 @@ def settle(table, goal, tol_p, tol_r, best2, work, q, trail, row):
             for i in range(n):
                 q[i] = work[i, BEST]
             px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-            wx, wy, wz, error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+            wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
             ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
         damping = share * best2 + real(4.0) * np.finfo(q.dtype).eps
         largest = damped_step(table, q, True, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
         take_step(table, SHORT_STEP, largest, ALONG, work, q)
         steps += 1
-    error_p, error_r = recall(table, goal, work, q)
-    return STALLED, steps, error_p, error_r
+    p2, chord2 = recall(table, goal, work, q)
+    return STALLED, steps, p2, chord2
 
 
 @jit
@@ -284,19 +285,19 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    scale, near_p, near_r = table[0, SCALE], real(tol_p) * table[0, SCALE], real(tol_r)
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
     steps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = WITHIN if restart % 2 == 0 else THROUGH
         if restart == 0 and table[1, SWEEPS] > 0.0:
-            error_p, error_r = errors(table, goal, q, work)
-            if error_p * error_p + error_r * error_r > real(FAR):
+            p2, chord2 = errors(table, goal, q, work)
+            if p2 + chord2 > real(FAR):
                 note(q, trail, steps)
                 sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
                 steps += 1
-        code, spent, best2, error_p, error_r = descend(
+        code, spent, best2, p2, chord2 = descend(
             table, goal, near_p, near_r, limit - steps, LONG_STEP, mode, best2, work, q, trail, steps
         )
         steps += spent
@@ -305,13 +306,11 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
         restart += 1
         scatter(table, restart, work, q)
     if code != CONVERGED:
-        code, spent, error_p, error_r = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
         steps += spent
-    for i in range(q.shape[0]):
-        out[i] = q[i]
-    return code, steps, restart, float(error_p / scale), float(error_r)
+    return hand_over(table, q, p2, chord2, code, steps, restart, out)
 
 
 @jit
@@ -323,18 +322,16 @@ def solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    scale, near_p, near_r = table[0, SCALE], real(tol_p) * table[0, SCALE], real(tol_r)
-    code, steps, best2, error_p, error_r = descend(
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    code, steps, best2, p2, chord2 = descend(
         table, goal, near_p, near_r, limit, SHORT_STEP, ALONG, real(np.inf), work, q, trail, 0
     )
     if code != CONVERGED:
         stopped = EXHAUSTED if code == EXHAUSTED else STALLED
-        code, spent, error_p, error_r = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
         steps += spent
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else stopped
     if code == CONVERGED and branch_left(table, q, SHORT_STEP, work, past, normal):
         code = BRANCH_LOST
-    for i in range(q.shape[0]):
-        out[i] = q[i]
-    return code, steps, 0, float(error_p / scale), float(error_r)
+    return hand_over(table, q, p2, chord2, code, steps, 0, out)

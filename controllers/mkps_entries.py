@@ -5,6 +5,7 @@ shorter than the switch to another thread. The entry for many targets releases i
 """
 
 import hashlib
+import math
 from pathlib import Path
 from typing import Any
 
@@ -49,12 +50,24 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
         forward(table, q, work, X, J)
 
     @_holding
-    def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        _ = stamp
+        trail = memory[:0].reshape(0, 1)
+        return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        _ = stamp
+        trail = memory[:0].reshape(0, 1)
+        return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def traced_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
         _ = stamp
         return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
 
     @_holding
-    def keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    def traced_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
         _ = stamp
         return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
 
@@ -78,8 +91,8 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
             for i in range(q.shape[0]):
                 q[i] = trail[row, i]
             lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
-            error_p, out[row, 1], out[row, 2], _ = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
-            out[row, 0] = error_p / table[0, SCALE]
+            p2, out[row, 1], out[row, 2], _ = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
+            out[row, 0] = math.sqrt(p2) / table[0, SCALE]
 
     @_releasing
     def many(
@@ -105,8 +118,10 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     stages = (_REAL, _REAL, _COUNT, _FLAG, _FLAG)
     return {
         "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
-        "hybrid": (hybrid, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
-        "keep": (keep, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
+        "hybrid": (hybrid, (*_ONE, _COUNT, _COUNT, _VECTOR)),
+        "keep": (keep, (*_ONE, _COUNT, _COUNT, _VECTOR)),
+        "traced_hybrid": (traced_hybrid, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
+        "traced_keep": (traced_keep, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
         "jacobian_free": (jacobian_free, (*_ONE, _COUNT, _COUNT, _FLAG, _TABLE, _VECTOR)),
         "plain": (plain, (*_ONE, *stages, _TABLE, _VECTOR)),
         "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),

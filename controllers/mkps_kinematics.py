@@ -37,7 +37,7 @@ ALONG, WITHIN, THROUGH = 0, 1, 2
 TWO_PI = 2.0 * math.pi
 _WALK = 0.1  # [rad] longest step of a joint between two looks at the branch
 # Not cached: numba would not see that a function of another file has changed. What Python calls is (`mkps_entries`).
-jit = njit(nogil=True, error_model="numpy")
+jit = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 def cosine_and_sine(angle):
@@ -178,8 +178,11 @@ def forward(table, q, work, X, J):
 
 
 @jit
-def rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """Rotation vector [rad] from the tip axes to the goal axes, and its length by atan2."""
+def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """The turn that is left from the tip axes to the goal axes: its axis times its chord, 2 sin(angle/2), and chord^2.
+
+    Near the goal that is the rotation vector; farther away it is cheaper, and shorter.
+    """
     real = goal.dtype.type
     half, one = real(0.5), real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
@@ -190,16 +193,11 @@ def rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
     wz = half * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
     sine2 = wx * wx + wy * wy + wz * wz
     cosine = half * (xx * tx + xy * ty + xz * tz + yx * ux + yy * uy + yz * uz + zx * vx + zy * vy + zz * vz - one)
-    if cosine > half and sine2 < real(1e-3):
-        # asin(s)/s to 4e-10 relative, which spares the two slow functions in the last, fast iterations
-        factor = one + sine2 * (real(1.0 / 6.0) + sine2 * (real(3.0 / 40.0) + sine2 * real(15.0 / 336.0)))
-        return wx * factor, wy * factor, wz * factor, math.sqrt(sine2) * factor
-    sine = math.sqrt(sine2)
-    angle = math.atan2(sine, cosine)
-    if sine > real(1e-6):
-        factor = angle / sine
-        return wx * factor, wy * factor, wz * factor, angle
-    # Half a turn: the skew part vanishes, but R + 1 = 2 a a^T; take its longest column.
+    if cosine > real(-0.99):
+        factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
+        factor = math.sqrt(factor2)
+        return wx * factor, wy * factor, wz * factor, sine2 * factor2
+    # Near half a turn the skew part vanishes, but R + 1 = 2 a a^T, nearly; take its longest column.
     rx = one + xx * tx + yx * ux + zx * vx
     ry = one + xy * ty + yy * uy + zy * vy
     rz = one + xz * tz + yz * uz + zz * vz
@@ -209,8 +207,24 @@ def rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
         ax, ay, az = tx * xy + ux * yy + vx * zy, ry, tz * xy + uz * yy + vz * zy
     else:
         ax, ay, az = tx * xz + ux * yz + vx * zz, ty * xz + uy * yz + vy * zz, rz
-    factor = angle / math.sqrt(ax * ax + ay * ay + az * az)
-    return ax * factor, ay * factor, az * factor, angle
+    if ax * wx + ay * wy + az * wz < sine2 - sine2:
+        ax, ay, az = -ax, -ay, -az
+    chord2 = real(2.0) - real(2.0) * cosine
+    factor = math.sqrt(chord2 / (ax * ax + ay * ay + az * az))
+    return ax * factor, ay * factor, az * factor, chord2
+
+
+@jit
+def angle_of(chord2):
+    """Angle [rad] with the chord^2 `chord2`, by atan2."""
+    return 2.0 * math.atan2(math.sqrt(chord2), math.sqrt(max(4.0 - chord2, 0.0)))
+
+
+@jit
+def chord_squared(angle):
+    """Square of the chord of `angle` [rad], for comparisons with that of `turn_left`."""
+    chord = 2.0 * math.sin(0.5 * min(angle, math.pi))
+    return chord * chord
 
 
 @jit
@@ -321,16 +335,15 @@ def note(q, trail, row):
 
 @jit
 def errors(table, goal, q, work):
-    """Position [scaled] and orientation error at `q`."""
+    """Squares of the position error [scaled] and of the chord of the orientation error at `q`."""
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-    error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
-    return math.sqrt(ex * ex + ey * ey + ez * ez), error_r
+    return ex * ex + ey * ey + ez * ez, turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
 
 
 @jit
 def recall(table, goal, work, q):
-    """The best joint values seen into `q`; returns their position and orientation errors."""
+    """The best joint values seen into `q`; returns their `errors`."""
     for i in range(q.shape[0]):
         q[i] = work[i, BEST]
     return errors(table, goal, q, work)
@@ -368,6 +381,14 @@ def turned_over(work, past, normal, n):
             for b in range(k + 1, m):
                 normal[a, b] -= factor * normal[k, b]
     return over
+
+
+@jit
+def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
+    """`q` into `out`; returns (code, iterations, restarts, position error [m], orientation error [rad])."""
+    for i in range(q.shape[0]):
+        out[i] = q[i]
+    return code, iterations, restarts, math.sqrt(p2) / float(table[0, SCALE]), angle_of(float(chord2))
 
 
 @jit

@@ -28,12 +28,14 @@ from controllers.mkps_kinematics import (
     UPPER,
     begin,
     branch_left,
+    chord_squared,
+    hand_over,
     jit,
     note,
     partition,
     recall,
-    rotation_error,
     trace,
+    turn_left,
 )
 from controllers.mkps_sweeps import SHORT_WAY, turn
 
@@ -41,7 +43,7 @@ STAGE_SWEEPS = 10  # longest run of one stage
 
 
 @jit
-def place(table, goal, tol_p, q, work):
+def place(table, goal, near_p, q, work):
     """One sweep of the position stage, base to tip: formulas (2) to (4) of paper 003; returns F_R^2, scaled.
 
     The target is carried instead of the links: turning all that lies beyond a joint by d is turning the target by -d.
@@ -50,7 +52,7 @@ def place(table, goal, tol_p, q, work):
     px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
     for i in range(q.shape[0]):
-        if rx * rx + ry * ry + rz * rz <= tol_p * tol_p:
+        if rx * rx + ry * ry + rz * rz <= near_p:
             break
         row = table[HEAD + i]
         kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
@@ -143,7 +145,7 @@ def stage_axes(table, tip_axes, q, work):
 
 @jit
 def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
-    """F_R [scaled], F_alpha1 and F_alpha2 [rad] of formula (6), and the whole rotation error [rad]."""
+    """F_R^2 [scaled], F_alpha1 and F_alpha2 [rad] of formula (6), and the squared chord of the whole rotation error."""
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
     ax, ay, az = in_frame(lx, ly, lz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
@@ -154,10 +156,10 @@ def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
     mx, my, mz = in_frame(lx, ly, lz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
     nx, ny, nz = in_frame(ux, uy, uz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
     return (
-        math.sqrt(rx * rx + ry * ry + rz * rz),
+        rx * rx + ry * ry + rz * rz,
         angle_between(ax, ay, az, mx, my, mz),
         angle_between(bx, by, bz, nx, ny, nz),
-        rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3],
+        turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3],
     )
 
 
@@ -174,7 +176,7 @@ def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    scale, near_p, near_r = table[0, SCALE], real(tol_p) * table[0, SCALE], real(tol_r)
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
     near_1, near_2 = real(tol_1), real(tol_2)
     lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
@@ -185,23 +187,23 @@ def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes
     sweeps, best2 = 0, real(np.inf)
     while True:
         note(q, trail, sweeps)
-        error_p, angle_1, angle_2, error_r = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
-        if error_p <= near_p and (error_r <= near_r or (angle_1 <= near_1 and angle_2 <= near_2)):
+        p2, angle_1, angle_2, chord2 = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
+        if p2 <= near_p and (chord2 <= near_r or (angle_1 <= near_1 and angle_2 <= near_2)):
             code = BRANCH_LOST if keep and branch_left(table, q, SHORT_WAY, work, past, normal) else CONVERGED
             break
-        error2 = error_p * error_p + error_r * error_r
+        error2 = p2 + chord2
         if error2 < best2:
             best2 = error2
             for i in range(q.shape[0]):
                 work[i, BEST] = q[i]
         if sweeps >= limit:
-            error_p, error_r = recall(table, goal, work, q)
+            p2, chord2 = recall(table, goal, work, q)
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED
             break
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if place(table, goal, near_p, q, work) <= near_p * near_p:
+            if place(table, goal, near_p, q, work) <= near_p:
                 break
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
@@ -213,6 +215,4 @@ def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes
             sweeps += 1
             if align(table, ux, uy, uz, nx, ny, nz, near_2, q, work) <= near_2:
                 break
-    for i in range(q.shape[0]):
-        out[i] = q[i]
-    return code, sweeps, 0, float(error_p / scale), float(error_r)
+    return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

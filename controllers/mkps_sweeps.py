@@ -32,14 +32,16 @@ from controllers.mkps_kinematics import (
     admit,
     begin,
     branch_left,
+    chord_squared,
     fold,
+    hand_over,
     jit,
     note,
     partition,
     recall,
-    rotation_error,
     scatter,
     trace,
+    turn_left,
 )
 
 AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 8  # columns of Anderson's memory `past`, DEPTH each for the last two
@@ -68,11 +70,11 @@ def sweep(table, goal, weight, mode, q, work):
     This joins the three stages of paper 003, formulas (2), (4) and (5), into one. Joints above the moving one keep
     their axes and points, so only the tip point and the tool axes are carried: O(n). `mode` as in `descend`.
 
-    Returns the squared position error and the orientation error before the sweep.
+    Returns the squared position error and chord before the sweep.
     """
     nothing, full_turn = q.dtype.type(64.0) * np.finfo(q.dtype).eps, q.dtype.type(TWO_PI)
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-    error_r = rotation_error(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
     gx, gy, gz = goal[0, 0], goal[0, 1], goal[0, 2]
     rx, ry, rz = gx - px, gy - py, gz - pz
     p2 = rx * rx + ry * ry + rz * rz
@@ -131,7 +133,7 @@ def sweep(table, goal, weight, mode, q, work):
         xx, xy, xz = turn(xx, xy, xz, ex, ey, ez, c, s)
         yx, yy, yz = turn(yx, yy, yz, ex, ey, ez, c, s)
         zx, zy, zz = xy * yz - xz * yy, xz * yx - xx * yz, xx * yy - xy * yx
-    return p2, error_r
+    return p2, chord2
 
 
 @jit
@@ -180,7 +182,7 @@ def mix(count, past, normal, q):
 
 
 @jit
-def accelerate(table, goal, tol_p, tol_r, limit, mode, best2, normal, work, past, q, trail, row):
+def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, past, q, trail, row):
     """Combined sweeps as a fixed-point map g(q) under Anderson acceleration. Arguments and returns as `descend`.
 
     A mixed step that raises the objective, which plain sweeps never do, is taken back and the memory dropped.
@@ -195,22 +197,21 @@ def accelerate(table, goal, tol_p, tol_r, limit, mode, best2, normal, work, past
         note(q, trail, row + sweeps)
         for i in range(n):
             past[i, AT] = q[i]
-        p2, error_r = sweep(table, goal, real(SWEEP_WEIGHT), mode, q, work)
-        error2 = p2 + error_r * error_r
-        if p2 <= tol_p * tol_p and error_r <= tol_r:
+        p2, chord2 = sweep(table, goal, real(SWEEP_WEIGHT), mode, q, work)
+        error2 = p2 + chord2
+        if p2 <= near_p and chord2 <= near_r:
             for i in range(n):
                 q[i] = past[i, AT]
             code = CONVERGED if mode != THROUGH or fold(table, q) else STALLED
-            return code, sweeps, best2, math.sqrt(p2), error_r
+            return code, sweeps, best2, p2, chord2
         if mode != THROUGH and error2 < best2:
             best2 = error2
             for i in range(n):
                 work[i, BEST] = past[i, AT]
         if sweeps >= limit:
-            return EXHAUSTED, sweeps, best2, math.sqrt(p2), error_r
+            return EXHAUSTED, sweeps, best2, p2, chord2
         sweeps += 1
-        chord = math.sin(real(0.5) * error_r)
-        objective = p2 + real(SWEEP_WEIGHT) * real(8.0) * chord * chord
+        objective = p2 + real(2.0 * SWEEP_WEIGHT) * chord2
         if objective > reference * rounding + np.finfo(q.dtype).tiny:
             for i in range(n):
                 q[i] = past[i, SWEPT]
@@ -218,7 +219,7 @@ def accelerate(table, goal, tol_p, tol_r, limit, mode, best2, normal, work, past
             continue
         if sweeps % SWEEP_WINDOW == 1:
             if not objective < real(SWEEP_FACTOR) * mark:
-                return STALLED, sweeps, best2, math.sqrt(p2), error_r
+                return STALLED, sweeps, best2, p2, chord2
             mark = objective
         reference = objective
         for i in range(n):
@@ -246,13 +247,13 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    scale, near_p, near_r = table[0, SCALE], real(tol_p) * table[0, SCALE], real(tol_r)
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
     sweeps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
-        code, spent, best2, error_p, error_r = accelerate(
+        code, spent, best2, p2, chord2 = accelerate(
             table, goal, near_p, near_r, limit - sweeps, mode, best2, normal, work, past, q, trail, sweeps
         )
         sweeps += spent
@@ -261,10 +262,8 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
         restart += 1
         scatter(table, restart, work, q)
     if code != CONVERGED:
-        error_p, error_r = recall(table, goal, work, q)
+        p2, chord2 = recall(table, goal, work, q)
         code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if sweeps >= limit else STALLED
     elif keep and branch_left(table, q, SHORT_WAY, work, past, normal):
         code = BRANCH_LOST
-    for i in range(q.shape[0]):
-        out[i] = q[i]
-    return code, sweeps, restart, float(error_p / scale), float(error_r)
+    return hand_over(table, q, p2, chord2, code, sweeps, restart, out)

@@ -187,7 +187,7 @@ class Tracker:
             axis_tolerance = self._tolerances[1] * 0.5**0.5
             outcome = self._entry(*given, axis_tolerance, axis_tolerance, _STEPS, True, False, chain._no_trail, q)
         else:
-            outcome = self._entry(*given, _STEPS, 0, chain._no_trail, q)
+            outcome = self._entry(*given, _STEPS, 0, q)
         code, _, _, error_p, error_r = outcome
         if code == kernels.BAD_TARGET:
             raise not_a_pose("X_base_tip", target)

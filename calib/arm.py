@@ -21,7 +21,6 @@ from sim.interfaces.spatial import Array, checked, inverse, readonly
 NEAR_PARALLEL = np.deg2rad(5.0)  # below this, d and theta0 of common normals run away
 _EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
 _LARGEST = 50.0  # [m] a link longer than this was given in millimetres
-_NO_JACOBIAN = np.empty((0, 0, 0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +166,7 @@ class Arm:
         """Tip positions (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
-        return kernels.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, _NO_JACOBIAN)
+        return kernels.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, kernels.NO_JACOBIAN)
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
         """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
+from calib import kernels
 from calib.arm import Arm
-from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
+from calib.kernels import ROW, THETA, D
 from calib.parameters import Parameters
-from sim.interfaces.spatial import Array, exp_so3
+from sim.interfaces.spatial import Array
 
 NOISE_FLOOR = 1e-6  # [m] no encoder sees less, and a noise of zero would leave the prior no say
 _SETTLED = 1e-5  # a step shorter than this share of the posterior deviations ends the iteration
@@ -26,6 +26,7 @@ _PSEUDO = 2.0  # parameters' worth of belief in the default deviation when the d
 _ROUNDS = 12  # of the evidence
 _CAUCHY = 2.4  # [deviations] where a touch counts half
 _CAUCHY_ROUNDS = 3
+_MEDIAN = 1.5382  # of the length of a vector of three unit normals
 _REJECTIONS = 10
 Load = Callable[[Array], Array]  # table (n, 5) -> load (M, n) on each joint [N m]
 
@@ -58,7 +59,6 @@ class Fit:
 
     full: Array  # (5 n + 3 + n,) table, tool point, compliances
     residuals: Array  # (M, 3) [m] tips about their series' mean
-    rows: Array  # (R, P) derivatives of the scaled residuals by the free parameters, over the noise
     noise: float  # [m] deviation of a touch, each axis
     deviations: Array  # (P,) of the prior
     covariance: Array  # (P, P)
@@ -83,17 +83,21 @@ def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
     return p, np.concatenate([J, J[:, moved] * tau[:, :, None]], axis=1)
 
 
+def linearised(arm: Arm, full: Array, data: Data, parameters: Parameters) -> tuple[Array, Array, Array, Array, Array]:
+    """`kernels.centred_rows` of the touches at `full`: residuals, weighted ones, rows, means, their derivatives [m]."""
+    p, J = tips_of(arm, full, data)
+    return kernels.centred_rows(p, J, data.weights, data.starts, parameters.index)
+
+
 def centred(values: Array, data: Data) -> Array:
-    """`values` (M, ...) less their weighted mean in each series."""
-    w = data.weights.reshape(-1, *[1] * (values.ndim - 1))
-    total = np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300).reshape(-1, *[1] * (values.ndim - 1))
-    return values - (np.add.reduceat(w * values, data.starts) / total)[data.series]
+    """`values` (M, 3) less their weighted mean in each series."""
+    return values - means(values, data)[data.series]
 
 
 def means(values: Array, data: Data) -> Array:
-    w = data.weights.reshape(-1, *[1] * (values.ndim - 1))
-    total = np.add.reduceat(data.weights, data.starts).reshape(-1, *[1] * (values.ndim - 1))
-    return np.add.reduceat(w * values, data.starts) / total
+    """Weighted mean (S, 3) of each series."""
+    total = np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
+    return np.add.reduceat(data.weights[:, None] * values, data.starts) / total[:, None]
 
 
 def pair_cost(residuals: Array, data: Data) -> float:
@@ -103,21 +107,18 @@ def pair_cost(residuals: Array, data: Data) -> float:
     return float(np.add.reduceat(counts, data.starts) @ square)
 
 
-def centred_rows(arm: Arm, full: Array, data: Data, parameters: Parameters, noise: float) -> Array:
-    """Derivatives (3 M + D, P) [m] of the centred tips, and of the distances in shares of `noise`, by `parameters`."""
-    p, J = tips_of(arm, full, data)
-    J = J[:, parameters.index, :]
-    rows = (centred(J, data) * np.sqrt(data.weights)[:, None, None]).transpose(0, 2, 1).reshape(3 * len(J), -1)
-    if not data.distances:
-        return rows
-    return np.vstack([rows, noise * _distance_rows(means(p, data), means(J, data), data)[1]])
+def _distances(data: Data, noise: float) -> list[tuple[int, int, float, float]]:
+    """The known distances, each with the deviation that it has from the mean tips: a mean of m touches is itself off by
+    noise / sqrt(m). Where distances share a point, that they share its error is left out."""
+    share = noise**2 / np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
+    return [(i, j, length, float(np.sqrt(sd**2 + share[i] + share[j]))) for i, j, length, sd in data.distances]
 
 
-def _distance_rows(c: Array, C: Array, data: Data) -> tuple[Array, Array]:
+def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, Array]:
     """Known distances between points `c` (S, 3) [m] with derivatives `C` (S, P, 3): errors (D,), their derivatives
     (D, P), both in shares of the distances' deviations."""
     errors, rows = [], []
-    for i, j, length, deviation in data.distances:
+    for i, j, length, deviation in _distances(data, noise):
         gap = c[i] - c[j]
         found = float(np.linalg.norm(gap))
         errors.append((found - length) / deviation)
@@ -131,113 +132,96 @@ class Problem:
     def __init__(self, arm: Arm, data: Data, parameters: Parameters, mean: Array) -> None:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
         self.index = parameters.index
+        self._slides = arm.slides
         self._length = 1.0
         self._length = self.scale(mean)[0]  # [m]
 
     def scale(self, full: Array) -> tuple[float, Array]:
         """Size of the arm against that of `mean`, and its derivative (P,).
 
-        The criterion rewards a smaller arm, for all its spreads shrink with it. Seen as a likelihood of the joint values,
+        The criterion rewards a smaller arm, for all its spreads shrink with it. Seen as a likelihood of joint values,
         the tip's density carries the volume of dp/dq, which shrinks as fast: residuals are therefore counted in shares
         of the arm, and touching stays silent about size.
         """
-        n, size = self.arm.n, ROW * self.arm.n
-        table, tcp = full[:size].reshape(n, ROW), full[size : size + 3]
-        offset = self.arm.X_n_flange[:3, :3] @ tcp + self.arm.X_n_flange[:3, 3]
-        row = table[-1]
-        R = exp_so3([row[ALPHA], 0.0, 0.0]) @ exp_so3([0.0, row[BETA], 0.0])
-        tip = R @ offset + [row[A], 0.0, row[D]]  # in the last joint's frame; its own angle turns it only
-        square = float(np.sum(table[:-1, A] ** 2) + np.sum(table[1:-1, D] ** 2) + tip @ tip)
-        gradient = np.zeros(len(full))
-        gradient[A : size - ROW : ROW] = table[:-1, A]
-        gradient[ROW + D : size - ROW : ROW] = table[1:-1, D]
-        last = size - ROW
-        gradient[last + A], gradient[last + D] = tip[0], tip[2]
-        gradient[last + ALPHA] = tip @ np.cross([1.0, 0.0, 0.0], R @ offset)
-        gradient[size : size + 3] = tip @ R @ self.arm.X_n_flange[:3, :3]
-        length = np.sqrt(square)
-        return length / self._length, (gradient / (length * self._length))[self.index]
+        table, tcp = self._split(full)[:2]
+        length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp)
+        padded = np.concatenate([gradient, np.zeros(self.arm.n)])
+        return length / self._length, padded[self.index] / self._length
 
-    def centred(self, full: Array) -> tuple[Array, Array]:
-        """Tips about their series' means (M, 3) [m] and their derivatives (M, P, 3)."""
-        p, J = tips_of(self.arm, full, self.data)
-        return centred(p, self.data), centred(J[:, self.index, :], self.data)
-
-    def linearise(self, full: Array, noise: float) -> tuple[Array, Array, Array]:
-        """Centred tips (M, 3) [m]; scaled residuals (R,) and their derivatives (R, P)."""
-        data = self.data
-        p, J = tips_of(self.arm, full, data)
-        J = J[:, self.index, :]
-        residuals = centred(p, data)
-        size, size_gradient = self.scale(full)
-        weight = np.sqrt(data.weights)[:, None] / (noise * size)
-        r = (residuals * weight).ravel()
-        rows = (centred(J, data) * weight[:, :, None]).transpose(0, 2, 1).reshape(len(r), -1)
-        rows -= np.outer(r, size_gradient / size)
-        if data.distances:
-            errors, error_rows = _distance_rows(means(p, data), means(J, data), data)
-            r, rows = np.concatenate([r, errors]), np.vstack([rows, error_rows])
-        return residuals, r, rows
-
-    def value(self, full: Array, noise: float, deviations: Array) -> float:
-        """Twice the negative log posterior, constants left out."""
-        data = self.data
+    def _split(self, full: Array) -> tuple[Array, Array, Array]:
         size = ROW * self.arm.n
-        table, tcp, compliance = full[:size].reshape(-1, ROW), full[size : size + 3], full[size + 3 :]
+        return full[:size].reshape(-1, ROW), full[size : size + 3], full[size + 3 :]
+
+    def equations(self, full: Array, noise: float) -> tuple[Array, Array, Array, float]:
+        """Residuals (M, 3) [m]; J^T J (P, P), J^T r (P,) and r^T r of all scaled residuals, the prior's apart."""
+        data = self.data
+        residuals, r, rows, c, C = linearised(self.arm, full, data, self.parameters)
+        size, gradient = self.scale(full)
+        # Of r / (noise size): the rows gain -r (grad size / size)^T.
+        toward, square, lean = rows.T @ r, float(r @ r), gradient / size
+        over = 1.0 / (noise * size) ** 2
+        crossed = np.outer(toward, lean)
+        H = over * (rows.T @ rows - crossed - crossed.T + square * np.outer(lean, lean))
+        g, value = over * (toward - square * lean), over * square
+        if data.distances:
+            errors, rows = distance_rows(c, C, data, noise)
+            H, g, value = H + rows.T @ rows, g + rows.T @ errors, value + float(errors @ errors)
+        return residuals, H, g, value
+
+    def value(self, full: Array, noise: float, deviations: Array) -> tuple[float, Array]:
+        """Twice the negative log posterior, constants left out, and the residuals (M, 3) [m]."""
+        data = self.data
+        table, tcp, compliance = self._split(full)
         q = data.q if data.load is None else data.q + compliance * data.load(table)
-        p = self.arm.with_table(table).tips(q, tcp)
+        p = kernels.tips(table, self._slides, self.arm.X_base_0, self.arm.X_n_flange, tcp, q, kernels.NO_JACOBIAN)
         residuals = centred(p, data)
         total = float(data.weights @ np.einsum("mi,mi->m", residuals, residuals)) / (noise * self.scale(full)[0]) ** 2
         if data.distances:
             c = means(p, data)
-            total += sum(((np.linalg.norm(c[i] - c[j]) - length) / sd) ** 2 for i, j, length, sd in data.distances)
+            total += sum(((np.linalg.norm(c[i] - c[j]) - k) / sd) ** 2 for i, j, k, sd in _distances(data, noise))
         away = (full - self.mean)[self.index] / deviations
-        return total + float(away @ away)
+        return total + float(away @ away), residuals
 
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
     ) -> tuple[Array, bool]:
         """Levenberg-Marquardt (eq. 17, mu raised on failure) in columns scaled by the prior; appends to `history`."""
-        mu, value = 1e-6, self.value(full, noise, deviations)
+        mu, (value, residuals) = 1e-6, self.value(full, noise, deviations)
+        if not history:
+            history.append(pair_cost(residuals, self.data))
         for _ in range(iterations):
-            residuals, r, rows = self.linearise(full, noise)
-            if not history:
-                history.append(pair_cost(residuals, self.data))
-            scaled = rows * deviations
-            away = (full - self.mean)[self.index] / deviations
-            H = scaled.T @ scaled + np.eye(len(away))
-            gradient = scaled.T @ r + away
+            _, H, g, _ = self.equations(full, noise)
+            H = H * np.outer(deviations, deviations) + np.eye(len(g))
+            gradient = g * deviations + (full - self.mean)[self.index] / deviations
             while True:
-                step = -cho_solve(cho_factor(H + mu * np.diag(np.diag(H))), gradient)
+                step = -np.linalg.solve(H + mu * np.diag(np.diag(H)), gradient)
                 trial = full.copy()
                 trial[self.index] += step * deviations
-                new = self.value(trial, noise, deviations)
+                new, residuals = self.value(trial, noise, deviations)
+                length = float(step @ H @ step)
                 if new <= value:
                     full, mu = trial, max(mu / 10.0, 1e-9)
                     break
                 # At the floor of rounding no step can fall any more.
-                if float(step @ H @ step) < _SETTLED**2 or mu > 1e8:
+                if length < _SETTLED**2 or mu > 1e8:
                     return full, True
                 mu *= 10.0
-            history.append(pair_cost(self.linearise(full, noise)[0], self.data))
+            history.append(pair_cost(residuals, self.data))
             value = new
-            if float(step @ H @ step) < _SETTLED**2:
+            if length < _SETTLED**2:
                 return full, True
         return full, False
 
     def summary(self, full: Array, noise: float, deviations: Array, history: list[float], converged: bool) -> Fit:
         """The solution `full` with its covariance and evidence at the given noise and prior."""
-        residuals, r, rows = self.linearise(full, noise)
-        scaled = rows * deviations
-        H = scaled.T @ scaled + np.eye(len(deviations))
-        inverse = cho_solve(cho_factor(H), np.eye(len(H)))
+        residuals, H, _, value = self.equations(full, noise)
+        H = H * np.outer(deviations, deviations) + np.eye(len(deviations))
+        inverse = np.linalg.inv(H)
         away = (full - self.mean)[self.index] / deviations
-        sign_logdet = float(np.linalg.slogdet(H)[1])
-        log_evidence = -0.5 * (float(r @ r) + float(away @ away) + sign_logdet) - self.data.degrees * np.log(noise)
+        logdet = float(np.linalg.slogdet(H)[1])
         return Fit(
             full=full,
             residuals=residuals,
-            rows=rows,
             noise=noise,
             deviations=deviations,
             covariance=inverse * np.outer(deviations, deviations),
@@ -245,7 +229,7 @@ class Problem:
             cost=pair_cost(residuals, self.data),
             history=tuple(history),
             converged=converged,
-            log_evidence=log_evidence,
+            log_evidence=-0.5 * (value + float(away @ away) + logdet) - self.data.degrees * np.log(noise),
         )
 
 
@@ -337,7 +321,7 @@ def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
     kept = counted & (data.weights > 0.0)
     median = float(np.median(np.linalg.norm(fit.residuals[kept], axis=1)))
     lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * kept.sum()), 0.1)
-    return max(median / np.sqrt(chi2.median(3) * lost), NOISE_FLOOR)
+    return max(median / (_MEDIAN * np.sqrt(lost)), NOISE_FLOOR)
 
 
 def _strange(fit: Fit, data: Data, counted: np.ndarray, limit: float, noise: float | None) -> np.ndarray:

@@ -21,8 +21,9 @@ from calib.paper import WARNING, paper_run
 from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
+from calib.verification import kabsch
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly
+from sim.interfaces.spatial import Array, checked, readonly, transform_points
 
 Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
@@ -42,6 +43,17 @@ class Outlier:
 
     def __str__(self) -> str:
         return f"series {self.series + 1}, touch {self.touch + 1}: {1e3 * self.distance:.3g} mm off its point"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Combination:
+    """A combination of parameters that touching sees: their changes over `scales`, weighted."""
+
+    text: str  # its largest terms
+    weights: Array  # (P,) of the changes over their like errors, unit length
+    value: float  # in like errors (see `RankReport.scales`)
+    sigma: float
+    interval: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,7 +79,8 @@ class Calibration:
     prior: Array  # (P,) deviations of the prior that was used, stated or chosen by the data
     degrees_of_freedom: float  # of the noise: 3 (touches - series) less what the data determined
     identifiable: np.ndarray  # (4 n + 3,) bool: a largest set of DH and tool numbers that touching tells, the rest held
-    rank: RankReport
+    rank: RankReport  # of the 4 n + 3 DH and tool numbers
+    rank_free: RankReport  # of `parameters`: betas and compliances too, fixed ones not
     history: tuple[float, ...]  # [m^2] eq. (7) at the start and after each step
     converged: bool
     warnings: tuple[str, ...]
@@ -93,6 +106,36 @@ class Calibration:
         if not 0.0 < confidence < 1.0:
             raise ConfigurationError(f"confidence: between 0 and 1, got {confidence!r}")
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
+
+    def combinations(self, confidence: float = 0.95) -> tuple[Combination, ...]:
+        """The combinations of the free parameters that touching sees, best seen first, with intervals."""
+        report, quantile = self.rank_free, self.quantile(confidence)
+        out = []
+        for i, weights in enumerate(report.directions):
+            scaled = weights / report.scales
+            value, sigma = float(scaled @ self.changes), float(np.sqrt(scaled @ self.covariance @ scaled))
+            bounds = (value - quantile * sigma, value + quantile * sigma)
+            text = report.combination(i)
+            out.append(Combination(text=text, weights=weights, value=value, sigma=sigma, interval=bounds))
+        return tuple(out)
+
+    def scale(self, q: ArrayLike) -> tuple[float, float]:
+        """Size of the flange's moves among the poses `q` (N, n) against the nominal arm's, and its deviation.
+
+        1.001 means that the real arm moves a metre and a millimetre where the nominal one moves a metre.
+        """
+        values = checked_series([q], self.arm)[0]
+        n, origin = self.arm.n, np.zeros(3)
+        about = self.nominal.tips(values, origin)
+        about = about - about.mean(axis=0)
+        p, J = self.arm.tips_and_jacobian(np.ascontiguousarray(values), origin)
+        J[:, ROW * n :] = 0.0
+        full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[:, self.parameters.index]
+        total = float(np.sum(about**2))
+        # Turning the cloud is across it everywhere, so this is the similarity's scale to first order.
+        gradient = np.einsum("mi,mpi->p", about, full) / total
+        aligned = transform_points(kabsch(p, about), p)
+        return float(np.sum(about * aligned)) / total, float(np.sqrt(gradient @ self.covariance @ gradient))
 
     def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
         """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), bent as identified under `payload_mass` [kg]."""
@@ -254,6 +297,8 @@ def _assemble(
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
     dh_numbers = select(arm, ("theta", "d", "a", "alpha", "tcp"))
     rank = rank_report(arm, fit.full, data, dh_numbers, fit.noise)
+    same = parameters.names == dh_numbers.names
+    rank_free = rank if same else rank_report(arm, fit.full, data, parameters, fit.noise)
     every = np.vstack(touches)
     bent = every if bound is None else every + compliance * bound.at(every)(identified.table)
     tips = identified.tips(bent, tcp)
@@ -296,6 +341,7 @@ def _assemble(
         degrees_of_freedom=max(data.degrees - fit.effective, 1.0),
         identifiable=rank.identifiable,
         rank=rank,
+        rank_free=rank_free,
         history=fit.history,
         converged=fit.converged,
         warnings=tuple(warnings),

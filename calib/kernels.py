@@ -1,7 +1,7 @@
 """Compiled loops of the calibration: tip positions with all first derivatives, joint torques of hanging loads.
 
-A joint's row in `table` is (theta0, d, a, alpha, beta): its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta),
-a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel axes.
+A joint's row in `table` is (theta0, d, a, alpha, beta): its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
+Ry(beta), a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel axes.
 Angles in rad, lengths in m, all vectors in base axes. Derivatives are analytic: a turn about an axis through o moves
 the tip p by axis x (p - o), a shift by its direction.
 """
@@ -12,11 +12,12 @@ import numpy as np
 from numba import njit
 
 THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5
+NO_JACOBIAN = np.empty((0, 0, 0))
 
 
 @njit(cache=True)
 def _frame_step(R, o, row, q, slide, axes):
-    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) takes z and o before, x and y of the turns after."""
+    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) takes z, o before and x, y after."""
     theta = row[THETA] + (0.0 if slide else q)
     d = row[D] + (q if slide else 0.0)
     c, s = math.cos(theta), math.sin(theta)
@@ -77,6 +78,83 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
 
 
 @njit(cache=True)
+def arm_size(table, X_flange, tcp):
+    """Root of the summed squares of all lengths that touching sees [m], and its derivative by the table and tool point.
+
+    The last link and the tool count as one, from the last joint to the tip; the first joint's d moves the base only.
+    """
+    n = table.shape[0]
+    gradient = np.zeros(ROW * n + 3)
+    offset = np.empty(3)
+    for i in range(3):
+        offset[i] = X_flange[i, 3] + X_flange[i, 0] * tcp[0] + X_flange[i, 1] * tcp[1] + X_flange[i, 2] * tcp[2]
+    row = table[n - 1]
+    ca, sa, cb, sb = math.cos(row[ALPHA]), math.sin(row[ALPHA]), math.cos(row[BETA]), math.sin(row[BETA])
+    R = np.array([[cb, 0.0, sb], [sa * sb, ca, -sa * cb], [-ca * sb, sa, ca * cb]])  # Rx(alpha) Ry(beta)
+    tip = np.empty(3)
+    for i in range(3):
+        tip[i] = R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
+    last = ROW * (n - 1)
+    y, z = tip[1], tip[2]
+    tip[0] += row[A]
+    tip[2] += row[D]
+    square = tip[0] ** 2 + tip[1] ** 2 + tip[2] ** 2
+    gradient[last + A], gradient[last + D] = tip[0], tip[2]
+    gradient[last + ALPHA] = tip[2] * y - tip[1] * z
+    for j in range(3):
+        for i in range(3):
+            column = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
+            gradient[ROW * n + j] += tip[i] * column
+    for k in range(n - 1):
+        square += table[k, A] ** 2
+        gradient[ROW * k + A] = table[k, A]
+        if k > 0:
+            square += table[k, D] ** 2
+            gradient[ROW * k + D] = table[k, D]
+    length = math.sqrt(square)
+    return length, gradient / max(length, 1e-300)
+
+
+@njit(cache=True)
+def centred_rows(p, J, weights, starts, index):
+    """Tips and derivatives about their weighted means in each series.
+
+    p (M, 3), J (M, F, 3), weights (M,), starts (S,), index (P,) of the columns that are free. Returns residuals (M, 3),
+    the same and the derivatives times the root of the weights (3 M,) and (3 M, P), means (S, 3) and their derivatives
+    (S, P, 3).
+    """
+    touches, series, free = p.shape[0], starts.shape[0], index.shape[0]
+    residuals = np.empty((touches, 3))
+    r = np.empty(3 * touches)
+    rows = np.empty((3 * touches, free))
+    c = np.zeros((series, 3))
+    C = np.zeros((series, free, 3))
+    for s in range(series):
+        end = starts[s + 1] if s + 1 < series else touches
+        total = 0.0
+        for m in range(starts[s], end):
+            w = weights[m]
+            total += w
+            if w > 0.0:
+                for i in range(3):
+                    c[s, i] += w * p[m, i]
+                for f in range(free):
+                    for i in range(3):
+                        C[s, f, i] += w * J[m, index[f], i]
+        if total > 0.0:
+            c[s] /= total
+            C[s] /= total
+        for m in range(starts[s], end):
+            root = math.sqrt(weights[m])
+            for i in range(3):
+                residuals[m, i] = p[m, i] - c[s, i]
+                r[3 * m + i] = root * residuals[m, i]
+                for f in range(free):
+                    rows[3 * m + i, f] = root * (J[m, index[f], i] - C[s, f, i])
+    return residuals, r, rows, c, C
+
+
+@njit(cache=True)
 def frames(table, slides, X_base, q):
     """Frames 0..n of each pose, X (M, n + 1, 4, 4): frame k carries the axis of joint k + 1 as its z."""
     touches, n = q.shape
@@ -105,25 +183,26 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """
     touches, n = X.shape[0], X.shape[1] - 1
     tau = np.zeros((touches, n))
-    moment = np.empty(3)
+    moment, place, zero = np.empty(3), np.empty(3), np.zeros(3)
+    force, about = np.empty(3), np.empty(3)  # resultant of what hangs beyond, and its moment about the base
     for m in range(touches):
-        force, about = np.zeros(3), np.zeros(3)  # resultant of what hangs beyond, and its moment about the base
+        force[:], about[:] = 0.0, 0.0
         for k in range(n, 0, -1):
             own = forces.shape[1]
             count = own + (extra_forces.shape[1] if k == n else 0)
             for b in range(count):
                 f = forces[k - 1, b] if b < own else extra_forces[m, b - own]
                 local = points[k - 1, b] if b < own else extra_points[m, b - own]
-                place = X[m, k, :3, :3] @ local + X[m, k, :3, 3]
-                _cross_into(moment, place, f, np.zeros(3))
+                for i in range(3):
+                    place[i] = X[m, k, i, 3]
+                    for j in range(3):
+                        place[i] += X[m, k, i, j] * local[j]
+                _cross_into(moment, place, f, zero)
                 force += f
                 about += moment
-            z, o = X[m, k - 1, :3, 2], X[m, k - 1, :3, 3]
-            if slides[k - 1]:
-                tau[m, k - 1] = z @ force
-            else:
-                _cross_into(moment, o, force, np.zeros(3))
-                tau[m, k - 1] = z @ (about - moment)
+            _cross_into(moment, X[m, k - 1, :3, 3], force, zero)
+            for i in range(3):
+                tau[m, k - 1] += X[m, k - 1, i, 2] * (force[i] if slides[k - 1] else about[i] - moment[i])
     return tau
 
 

@@ -7,7 +7,7 @@ to compare with. Parameters in mm and degrees as the paper prints them; it does 
 
 import numpy as np
 
-from calib.fit import Fit, Problem
+from calib.fit import Fit, Problem, linearised
 from sim.interfaces.spatial import Array
 
 STEPS = 3
@@ -49,7 +49,6 @@ def paper_run(problem: Problem) -> Fit:
 
 def _pair_rows(problem: Problem, full: Array, pairs: Array, units: Array) -> tuple[Array, Array]:
     """Residuals [mm] and derivatives by parameters in mm and degrees, weighted so that their squares sum to (7)."""
-    residuals, J = problem.centred(full)
-    weighted = (residuals * pairs[:, None]).ravel() * 1e3
-    rows = (J * pairs[:, None, None]).transpose(0, 2, 1).reshape(len(weighted), -1) * units * 1e3
-    return weighted, rows
+    _, r, rows, _, _ = linearised(problem.arm, full, problem.data, problem.parameters)
+    weight = 1e3 * np.repeat(pairs, 3)
+    return r * weight, rows * weight[:, None] * units

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from calib.arm import Arm
-from calib.fit import Data, centred_rows
+from calib.fit import Data, distance_rows, linearised
 from calib.kernels import ROW
 from calib.parameters import Parameters
 from sim.interfaces.spatial import Array
@@ -92,9 +92,11 @@ def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise
     A known distance counts as a row, in shares of the `noise` [m] of a touch.
     """
     scales = _like_errors(arm, full, data, parameters)
-    rows = centred_rows(arm, full, data, parameters, noise) * scales
-    _, values, Vt = np.linalg.svd(rows, full_matrices=True)
-    values = np.concatenate([values, np.zeros(len(Vt) - len(values))])
+    _, _, rows, c, C = linearised(arm, full, data, parameters)
+    if data.distances:
+        rows = np.vstack([rows, noise * distance_rows(c, C, data, noise)[1]])
+    rows = _triangle(rows * scales)
+    _, values, Vt = np.linalg.svd(rows)
     floor = THRESHOLD * values[0]
     rank = int(np.sum(values > floor))
     seen, hidden = Vt[:rank], Vt[rank:]
@@ -111,6 +113,14 @@ def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise
         status=tuple("known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination" for s in share),
         touches=int(np.sum(data.weights > 0.0)),
     )
+
+
+def _triangle(rows: Array) -> Array:
+    """A square matrix (P, P) with the singular values and right vectors of `rows` (R, P)."""
+    R = np.zeros((rows.shape[1], rows.shape[1]))
+    small = np.linalg.qr(rows, mode="r")
+    R[: len(small)] = small
+    return R
 
 
 def _like_errors(arm: Arm, full: Array, data: Data, parameters: Parameters) -> Array:
@@ -151,8 +161,7 @@ def _reasons(arm: Arm, rows: Array, floor: float, parameters: Parameters, missin
         places = parameters.where(*names)
         if not len(places) or len(found) >= missing:
             continue
-        _, values, Vt = np.linalg.svd(rows[:, places], full_matrices=True)
-        values = np.concatenate([values, np.zeros(len(places) - len(values))])
+        _, values, Vt = np.linalg.svd(rows[:, places], full_matrices=False)
         null = np.zeros((int(np.sum(values <= floor)), total))
         null[:, places] = Vt[len(places) - len(null) :]
         null -= (null @ found.T) @ found
@@ -163,7 +172,7 @@ def _reasons(arm: Arm, rows: Array, floor: float, parameters: Parameters, missin
             groups.append(HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle))
             found = np.vstack([found, new])
     if len(found) < missing:
-        _, _, Vt = np.linalg.svd(rows, full_matrices=True)
+        _, _, Vt = np.linalg.svd(rows)
         null = Vt[total - missing :]
         null = null - (null @ found.T) @ found
         _, _, new = np.linalg.svd(null, full_matrices=False)

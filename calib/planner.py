@@ -1,0 +1,165 @@
+"""Which touches would tell most: greedy choice out of candidates, then exchanges, on the information they would add.
+
+A touch of point i at pose q sees J dTheta - dc_i: the points' own three numbers are unknown too and are carried along.
+"D" maximises the determinant of the information of all parameters under the prior (Fedorov 1972; for arms Borm, Menq
+1991), "V" minimises the mean variance of what the arm is for: relative flange moves between given poses.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calib.arm import Arm
+from calib.identification import Calibration
+from calib.kernels import ROW
+from calib.parameters import DEFAULT_FREE, prior_deviations, select
+from calib.simulation import HAND_NOISE
+from calib.touches import checked_series
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked
+
+Criterion = Literal["D", "V"]
+_ANYWHERE = 1.0  # [m] prior deviation of a point
+_SWEEPS = 3  # of exchanges
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """Touches to make."""
+
+    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates, most telling first
+    series: tuple[Array, ...]  # (m_i, n) the same, per point; empty where a point is not used
+    merit: tuple[float, ...]  # after each choice: log determinant of the information (D), or RMS [m] expected (V)
+    deviations: Array  # (P,) expected posterior deviation of each parameter
+    names: tuple[str, ...]
+
+
+def plan(
+    arm: Calibration | Arm | ArrayLike,
+    candidates: Sequence[ArrayLike],
+    count: int,
+    *,
+    tcp: ArrayLike | None = None,
+    done: Sequence[ArrayLike] | None = None,
+    targets: ArrayLike | None = None,
+    criterion: Criterion = "D",
+    free: Iterable[str] | str = DEFAULT_FREE,
+    prior: Mapping[str, float] | None = None,
+    noise: float | None = None,
+) -> Plan:
+    """Choose `count` touches out of `candidates`, a list of (K_i, n) joint values [rad] per point.
+
+    arm: a calibration so far (its tool point and noise are used), an `Arm` or a DH table, then with `tcp` (3,) [m].
+    done: touches already made, of the same points in the same order. targets: (N, n) poses whose flange positions,
+    relative to each other, criterion "V" is about. Raises ConfigurationError where there are too few candidates.
+    """
+    if criterion not in get_args(Criterion):
+        raise ConfigurationError(f"criterion: allowed {', '.join(get_args(Criterion))}, got {criterion!r}")
+    if isinstance(arm, Calibration):
+        model, tool, hand = arm.arm, arm.tcp, arm.noise
+    else:
+        model, tool, hand = (arm if isinstance(arm, Arm) else Arm.from_dh(arm)), np.zeros(3), HAND_NOISE
+    tool = tool if tcp is None else checked(tcp, (3,), "tcp")
+    sigma = hand if noise is None else noise
+    poses = checked_series(candidates, model)
+    total = sum(len(q) for q in poses)
+    if not 0 < count <= total:
+        raise ConfigurationError(f"count: between 1 and the {total} candidates, got {count}")
+    parameters = select(model, free)
+    deviations = prior_deviations(parameters, prior)
+    rows = _rows(model, tool, poses, parameters.index, deviations, sigma)
+    owner = np.concatenate([np.full(len(q), i) for i, q in enumerate(poses)])
+    size = rows.shape[2]
+    C = np.eye(size)  # covariance in units of the prior
+    for i, q in enumerate(checked_series(done, model) if done is not None else []):
+        for row in _rows(model, tool, [q], parameters.index, deviations, sigma, len(poses), i):
+            C = _updated(C, row, 1.0)
+    W = _aim(model, targets, parameters.index, deviations, size) if criterion == "V" else None
+    chosen, merit = [], []
+    free_to_take = np.ones(total, dtype=bool)
+    for _ in range(count):
+        best = _best(rows, C, W, free_to_take)
+        C = _updated(C, rows[best], 1.0)
+        free_to_take[best] = False
+        chosen.append(best)
+        merit.append(_merit(C, W))
+    for _ in range(_SWEEPS):
+        swapped = False
+        for place in range(count):
+            before, now = _merit(C, W), chosen[place]
+            without = _updated(C, rows[now], -1.0)
+            free_to_take[now] = True
+            best = _best(rows, without, W, free_to_take)
+            trial = _updated(without, rows[best], 1.0)
+            better = _merit(trial, W) - before
+            if best != now and (better > 1e-9 if W is None else better < -1e-12):
+                C, chosen[place], swapped = trial, best, True
+            free_to_take[chosen[place]] = False
+        if not swapped:
+            break
+    offsets = np.cumsum([0, *(len(q) for q in poses)])
+    pairs = tuple((int(owner[k]), int(k - offsets[owner[k]])) for k in chosen)
+    return Plan(
+        chosen=pairs,
+        series=tuple(q[sorted(row for i, row in pairs if i == s)] for s, q in enumerate(poses)),
+        merit=(*merit[:-1], _merit(C, W)),
+        deviations=np.sqrt(np.diag(C)[: len(deviations)]) * deviations,
+        names=parameters.names,
+    )
+
+
+def _rows(
+    arm: Arm, tcp: Array, poses: list[Array], index: np.ndarray, deviations: Array, noise: float,
+    points: int | None = None, first: int = 0,
+) -> Array:  # fmt: skip
+    """(K, 3, P + 3 S) derivatives of each touch by parameters and points, over noise, in units of their priors."""
+    points = len(poses) if points is None else points
+    blocks = []
+    for s, q in enumerate(poses):
+        J = arm.tips_and_jacobian(np.ascontiguousarray(q), np.ascontiguousarray(tcp))[1]
+        J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
+        block = np.zeros((len(q), 3, len(index) + 3 * points))
+        block[:, :, : len(index)] = J.transpose(0, 2, 1) * deviations
+        start = len(index) + 3 * (s + first)
+        block[:, :, start : start + 3] = -_ANYWHERE * np.eye(3)
+        blocks.append(block / noise)
+    return np.concatenate(blocks)
+
+
+def _aim(arm: Arm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
+    """W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of the flange, relative to its mean."""
+    if targets is None:
+        raise ConfigurationError('targets: criterion "V" needs the poses whose accuracy counts')
+    q = checked_series([targets], arm)[0]
+    J = arm.tips_and_jacobian(q, np.zeros(3))[1]
+    J[:, ROW * arm.n :, :] = 0.0  # the flange does not hang on the tool point
+    J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
+    J = (J - J.mean(axis=0)).transpose(0, 2, 1).reshape(3 * len(q), -1) * deviations
+    W = np.zeros((size, size))
+    W[: len(index), : len(index)] = J.T @ J / len(q)
+    return W
+
+
+def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
+    """The allowed candidate that adds most."""
+    carried = rows @ C  # (K, 3, N)
+    S = np.eye(3) + carried @ rows.transpose(0, 2, 1)
+    if W is None:
+        gain = np.linalg.slogdet(S)[1]
+    else:
+        gain = np.trace(np.linalg.solve(S, carried @ W @ carried.transpose(0, 2, 1)), axis1=1, axis2=2)
+    return int(np.argmax(np.where(allowed, gain, -np.inf)))
+
+
+def _updated(C: Array, row: Array, sign: float) -> Array:
+    """Covariance with the touch `row` (3, N) added, or taken away again where `sign` is -1."""
+    carried = row @ C
+    new = C - sign * carried.T @ np.linalg.solve(np.eye(3) + sign * carried @ row.T, carried)
+    return 0.5 * (new + new.T)
+
+
+def _merit(C: Array, W: Array | None) -> float:
+    return -float(np.linalg.slogdet(C)[1]) if W is None else float(np.sqrt(np.sum(W * C)))

@@ -1,0 +1,181 @@
+"""Verification as in paper 000: clouds of flange points against a tracker, centred, aligned, and what is left.
+
+The flange keeps its orientation, so that where the reflector sits on it does not matter. What the clouds tell is how
+well relative moves are known; alignment takes out where the base and the tracker stand.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from calib import kernels
+from calib.arm import Arm
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
+
+TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage, paper 000
+Alignment = Literal["kabsch", "icp"]
+_POINTS = 13  # measured in the paper
+_PLACES = 300
+_TRIES = 6  # a point
+_STEPS = 60  # of the inverse kinematics
+_ICP_STEPS = 100
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Cloud:
+    """One model's flange points through the stages of the comparison (figures 5 to 8 of the paper)."""
+
+    raw: Array  # (N, 3) [m] in the frame of the arm's base (of the tracker, for the tracker's)
+    centred: Array  # (N, 3) [m] less their mean
+    aligned: Array  # (N, 3) [m] turned onto the tracker's centred points
+    deviations: Array  # (N,) [m] from the tracker's points
+    rms: float  # [m]
+
+
+def flange_poses(
+    controller: Arm,
+    rng: np.random.Generator,
+    count: int = _POINTS,
+    *,
+    box: float = 0.25,
+    limits: ArrayLike | None = None,
+) -> Array:
+    """Joint values (count, n) of flange points in a box, the flange turned alike, moved to in straight lines.
+
+    The box spans `box` times the arm's reach to each side of a place drawn in front of or beside the arm, the flange
+    looks down, and the arm keeps its branch, as it does in straight moves. Raises ReachError where it cannot.
+    """
+    bounds = np.full((controller.n, 2), [-np.pi, np.pi])
+    bounds = bounds if limits is None else checked(limits, (controller.n, 2), "limits")
+    R_down = np.diag([1.0, -1.0, -1.0])
+    start = controller.X_base_0[:3, 3]
+    best = 0
+    for _ in range(_PLACES):
+        turn, out, up = rng.uniform([-np.pi, 0.35, 0.05], [np.pi, 0.5, 0.3])
+        middle = start + controller.reach * np.array([out * np.cos(turn), out * np.sin(turn), up])
+        home = rng.uniform(bounds[:, 0], bounds[:, 1])
+        if not _reach(controller, middle, R_down, home, bounds):
+            continue
+        found: list[Array] = []
+        for _ in range(_TRIES * count):
+            goal = middle + box * controller.reach * rng.uniform(-1.0, 1.0, 3)
+            q = home.copy()
+            if _reach(controller, goal, R_down, q, bounds) and np.abs(q - home).max() < 0.5 * np.pi:
+                found.append(q)
+            if len(found) == count:
+                return np.array(found)
+        best = max(best, len(found))
+    raise ReachError(f"only {best} of {count} flange points found in one orientation and branch")
+
+
+def _reach(arm: Arm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
+    """Move `q` in place to the flange pose; True if it got there within the bounds."""
+    tool = np.zeros(3)
+    reached = kernels.reach_pose(
+        arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, arm.n >= 6, _STEPS
+    )
+    q[:] = np.where(arm.slides, q, (q + np.pi) % (2.0 * np.pi) - np.pi)
+    return bool(reached and np.all((q >= bounds[:, 0]) & (q <= bounds[:, 1])))
+
+
+def track(
+    truth: Arm, q: ArrayLike, rng: np.random.Generator, *, noise: float = TRACKER_NOISE, reflector: ArrayLike = (0, 0, 0)
+) -> Array:
+    """What a tracker measures (N, 3) [m], in its own frame, of a reflector at `reflector` (3,) [m] in the flange."""
+    points = truth.tips(q, checked(reflector, (3,), "reflector"))
+    R_TB = exp_so3(rng.uniform(-1.0, 1.0, 3) * np.array([0.2, 0.2, np.pi]))
+    return points @ R_TB.T + rng.uniform(-3.0, 3.0, 3) + noise * rng.standard_normal(points.shape)
+
+
+def kabsch(source: Array, target: Array) -> Array:
+    """The pose (4, 4) that takes `source` (N, 3) closest to the corresponding `target` (N, 3) (Kabsch 1976)."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
+    turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+    X = np.eye(4)
+    X[:3, :3] = Vt.T @ turn @ U.T
+    X[:3, 3] = b - X[:3, :3] @ a
+    return X
+
+
+def icp(source: Array, target: Array) -> Array:
+    """The same where nobody knows which point belongs to which: nearest points, Kabsch, again until they stay.
+
+    Starts from four turns about each axis of inertia's frame and keeps the best, for clouds that are only centred may
+    be turned by anything.
+    """
+    tree = cKDTree(target)
+    best, best_rms = np.eye(4), np.inf
+    for start in _starts(source, target):
+        X, before = start, None
+        for _ in range(_ICP_STEPS):
+            pairs = tree.query(transform_points(X, source))[1]
+            if before is not None and np.array_equal(pairs, before):
+                break
+            X, before = kabsch(source, target[pairs]), pairs
+        rms = float(np.sqrt(np.mean(tree.query(transform_points(X, source))[0] ** 2)))
+        # Two points on one target are no match, however close.
+        if before is not None and len(np.unique(before)) == len(source) and rms < best_rms:
+            best, best_rms = X, rms
+    return best
+
+
+def _starts(source: Array, target: Array) -> list[Array]:
+    """Poses that lay one cloud's axes of inertia on the other's, in all four ways."""
+    a, b = source.mean(axis=0), target.mean(axis=0)
+    axes = [np.linalg.svd(cloud - mean)[2].T for cloud, mean in ((source, a), (target, b))]
+    starts = []
+    for x in (1.0, -1.0):
+        for y in (1.0, -1.0):
+            R = axes[1] @ np.diag([x, y, 1.0]) @ axes[0].T
+            if np.linalg.det(R) < 0.0:
+                R = axes[1] @ np.diag([x, y, -1.0]) @ axes[0].T
+            X = np.eye(4)
+            X[:3, :3], X[:3, 3] = R, b - R @ a
+            starts.append(X)
+    return starts
+
+
+def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment = "kabsch") -> dict[str, Cloud]:
+    """Each of `clouds` (N, 3) [m] against the tracker's points: centred, aligned, and what is left.
+
+    "kabsch" takes point i of a cloud to be point i of the tracker; "icp" finds out. The result has the tracker's own
+    cloud too, under "tracker". Raises ConfigurationError for clouds of other sizes and unknown alignments.
+    """
+    if alignment not in get_args(Alignment):
+        raise ConfigurationError(f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}")
+    measured = np.asarray(tracker, dtype=np.float64)
+    measured = checked(measured, (len(measured), 3), "tracker")
+    if len(measured) < 3:
+        raise ConfigurationError(f"tracker: at least 3 points are needed, got {len(measured)}")
+    target = measured - measured.mean(axis=0)
+    zero = np.zeros(len(measured))
+    out = {"tracker": Cloud(raw=measured, centred=readonly(target), aligned=readonly(target), deviations=zero, rms=0.0)}
+    for name, points in clouds.items():
+        raw = checked(points, measured.shape, name)
+        centred = raw - raw.mean(axis=0)
+        aligned = transform_points((kabsch if alignment == "kabsch" else icp)(centred, target), centred)
+        gaps = (
+            np.linalg.norm(aligned - target, axis=1) if alignment == "kabsch" else cKDTree(target).query(aligned)[0]
+        )
+        out[name] = Cloud(
+            raw=raw,
+            centred=readonly(centred),
+            aligned=readonly(aligned),
+            deviations=readonly(gaps),
+            rms=float(np.sqrt(np.mean(gaps**2))),
+        )
+    return out
+
+
+def pair_distances(tips: list[Array]) -> Array:
+    """Distances [m] between the tips (m_i, 3) of all pairs of each series, series after series (figure 4)."""
+    out = []
+    for p in tips:
+        j, s = np.triu_indices(len(p), 1)
+        out.append(np.linalg.norm(p[j] - p[s], axis=1))
+    return np.concatenate(out)

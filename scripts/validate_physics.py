@@ -7,6 +7,7 @@ of one name: the error that comes nearest to its tolerance, over all seeds and c
 from _start import parse, run_scenario  # isort: skip
 
 import json
+import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,8 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from sim.interfaces.errors import ConfigurationError
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "check"
@@ -27,6 +30,8 @@ class Options:
 
     out: Path = Path("runs/validate_physics")
     """Folder for table.md and table.json."""
+    readme: bool = False
+    """Put the table into the README as well."""
 
 
 @dataclass
@@ -61,7 +66,7 @@ class Row:
         if self.worst is None:
             return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
         what, error, tolerance = self.worst
-        return [self.name, self.reference, f"{error:.1e} ({what})", f"{tolerance:.0e}"]
+        return [self.name, self.reference, f"{_short(error, 1)} ({what})", _short(tolerance, 0)]
 
 
 class Page:
@@ -85,6 +90,22 @@ class Page:
             if report.skipped:
                 row.skipped = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
             row.figures += [figures for key, figures in report.user_properties if key == "within"]  # pyright: ignore[reportAttributeAccessIssue, reportArgumentType]
+
+
+def _short(value: float, digits: int) -> str:
+    return f"{value:.{digits}e}" if value else "0"
+
+
+def put_into_readme(lines: list[str]) -> None:
+    """Replace the title and the table below it, which are the README's only table of checks."""
+    readme = ROOT / "README.md"
+    old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
+    text, count = old.subn(lambda _: "\n".join(lines), readme.read_text())
+    if count != 1:
+        raise ConfigurationError(
+            f"{readme}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
+        )
+    readme.write_text(text)
 
 
 def main() -> int:
@@ -112,7 +133,10 @@ def main() -> int:
 
     lines = ["| check | reference | largest error | tolerance | |", "|---|---|---|---|---|"]
     lines += [f"| {' | '.join([*row.columns(), row.verdict])} |" for row in rows]
-    (out / "table.md").write_text("\n".join([title, "", *lines, ""]))
+    lines = [title, "", *lines, ""]
+    (out / "table.md").write_text("\n".join(lines))
+    if options.readme:
+        put_into_readme(lines)
     figures = [
         {"check": r.name, "reference": r.reference, "cases": r.cases, "passed": r.passed, "skipped": r.skipped}
         | dict(zip(("quantity", "error", "tolerance"), r.worst or (None, None, None), strict=True))

@@ -14,7 +14,7 @@ NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 
 CHAIN = """
 <mujoco>
-  <option timestep="0.002" integrator="RK4" gravity="0 0 0"/>
+  <option timestep="0.002" integrator="RK4" gravity="0 0 0"> <flag contact="disable"/> </option>
   <worldbody>
     <body name="a"> <freejoint/> <geom type="box" size=".3 .2 .1" mass="20" pos=".1 0 .05"/>
       <body name="b" pos=".4 0 0"> <joint type="ball"/> <geom type="capsule" size=".05 .2" pos=".2 .1 0" mass="5"/>
@@ -73,6 +73,7 @@ def momentum(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return total
 
 
+@pytest.mark.check("rise of a buoyant sphere, 1 s: every integrator and solver", "(rho V - m) g t / (m + m_A)")
 @pytest.mark.parametrize("integrator", ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("solver", ["CG", "NEWTON"])
 def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within):
@@ -94,18 +95,19 @@ def test_buoyant_body_accelerates_with_its_added_mass(integrator, solver, within
     within("sideways speed [m/s]", data.qvel[[0, 1, 3, 4, 5]], 1e-12)
 
 
+@pytest.mark.check("energy of a free chain and its water, RK4 at 2 ms", "constant")
 def test_energy_of_a_free_chain_is_constant(rng, within):
     model = chain(rng)
-    data = moving(model, rng, 0.05)
+    data = moving(model, rng, 0.3)
     before, start = kinetic_energy(model, data), data.qpos.copy()
-    for _ in range(1000):
-        mujoco.mj_step(model, data)
+    mujoco.mj_step(model, data, 5000)
     mujoco.mj_forward(model, data)
-    assert np.linalg.norm(data.qpos - start) > 0.03
-    # Measured up to 1e-10 and 1e-14 over 100 seeds. Before 4.0, RK4 is second order in a free body's orientation.
-    within("relative energy after 2 s", kinetic_energy(model, data) / before - 1.0, 1e-11 if NEWER else 1e-9)
+    assert np.linalg.norm(data.qpos - start) > 0.5
+    # Measured up to 5e-14 and 4e-8 over 40 seeds. Before 4.0, RK4 is second order in a free body's orientation.
+    within("relative, after 10 s", kinetic_energy(model, data) / before - 1.0, 1e-12 if NEWER else 1e-6)
 
 
+@pytest.mark.check("momentum of a free chain and its water", "constant")
 def test_momentum_of_bodies_and_water_is_constant(rng, within):
     model = chain(rng)
     data = moving(model, rng, 0.2)
@@ -119,6 +121,7 @@ def test_momentum_of_bodies_and_water_is_constant(rng, within):
     within("relative momentum after 2 s", change, 1e-12 if NEWER else 5e-7)  # measured up to 1e-13, 5e-8
 
 
+@pytest.mark.check("work of the added Coriolis terms", "zero")
 def test_velocity_terms_are_powerless(rng, within):
     """The power of the velocity terms is what the changing inertia stores: qvel . f = -1/2 qvel . dA/dt qvel."""
     model = chain(rng)
@@ -138,6 +141,7 @@ def test_velocity_terms_are_powerless(rng, within):
     within("relative power", power / (-0.5 * rate / (60.0 * h)) - 1.0, 3e-9)  # measured up to 3e-10, of the differences
 
 
+@pytest.mark.check("tumbling ellipsoid, RK4 at 1 ms", "Kirchhoff's equations, SciPy")
 def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
     """Kirchhoff's equations P' = P x w, H' = H x w + P x v, integrated by SciPy (Lamb, Hydrodynamics, art. 124)."""
     spec = mujoco.MjSpec.from_string(
@@ -167,6 +171,7 @@ def test_free_ellipsoid_tumbles_as_kirchhoff_says(within):
     within("twist after 2 s", nu - exact, 3e-10 if NEWER else 3e-5)  # measured 3e-11, 3e-6
 
 
+@pytest.mark.check("Munk moment", "(X' - Y') u v")
 def test_munk_moment_turns_a_slender_body_broadside(within):
     """N = -(Y' - X') u v in body axes: a body that moves bow up is turned further up."""
     spec = mujoco.MjSpec.from_string(
@@ -185,6 +190,7 @@ def test_munk_moment_turns_a_slender_body_broadside(within):
     within("relative moment", data.qfrc_passive[5] / expected - 1.0, 1e-14)  # measured 1e-16
 
 
+@pytest.mark.check("chain with drag in a steady current, 1 s", "still water in a moving frame")
 def test_steady_current_is_a_moving_frame(rng, within):
     """Bodies that drift with the water move as in still water: added mass, damping and drag see the relative flow."""
     spec = mujoco.MjSpec.from_string(CHAIN)
@@ -219,6 +225,7 @@ def test_steady_current_is_a_moving_frame(rng, within):
     within("position and velocity after 1 s", difference, 3e-13)  # measured up to 3e-14
 
 
+@pytest.mark.check("body of water in an accelerating flow", "accelerates with the flow")
 def test_accelerating_flow_carries_neutral_water_along(within):
     """A body that is water itself (m = rho V) takes exactly the acceleration of the flow, whatever its added mass."""
     spec = mujoco.MjSpec.from_string(
@@ -264,6 +271,7 @@ def thrown(*, wet: bool, integrator: str = "Euler", cone: str = "pyramidal") -> 
     return hydrodynamics.compile(spec)
 
 
+@pytest.mark.check("weights of contacts, limits and servos", "those of a heavier dry body")
 def test_isotropic_added_mass_has_the_weights_of_a_heavier_body(within):
     """All that MuJoCo derives from the inertia: softness of contacts and limits, servo damping, solver scale."""
     light, heavy = thrown(wet=True), thrown(wet=False)
@@ -272,6 +280,7 @@ def test_isotropic_added_mass_has_the_weights_of_a_heavier_body(within):
     within("meaninertia", light.stat.meaninertia / heavy.stat.meaninertia - 1.0, 1e-14)
 
 
+@pytest.mark.check("crash on the floor with isotropic added mass", "a heavier dry body")
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast", "discrete"])
 @pytest.mark.parametrize("cone", ["pyramidal", "elliptic"])
 def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, within):
@@ -290,4 +299,4 @@ def test_isotropic_added_mass_is_a_heavier_body_in_contact(integrator, cone, wit
         paths.append(np.array(path))
     assert touched > 20
     # Measured up to 1e-14. "implicit" alone differentiates the velocity terms, and MuJoCo knows only the dry ones.
-    within("position [m, rad]", paths[0] - paths[1], 1e-3 if integrator == "implicit" else 1e-13)
+    within(f"position [m, rad], {integrator}", paths[0] - paths[1], 1e-3 if integrator == "implicit" else 1e-13)

@@ -14,14 +14,13 @@ from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array, pose
+from sim.reaction import wrench
+from tests.physics.random_trees import semidefinite
 
-STATES = 5
+STATES = 3
+PUSHES = ["none", "wrench", "contact"]  # on the tip: nothing, some 50 N and 50 N m, a rock that it runs into
+RADIUS = 0.05  # [m] of the balls that touch
 NOISE, FLOOR = 0.01, 0.1  # of the torque sensors: share of the reading, [N m]
-
-
-def semidefinite(rng: np.random.Generator, scale: float) -> Array:
-    L = rng.normal(size=(6, 6))
-    return scale * L @ L.T
 
 
 def random_water(rng: np.random.Generator, scale: float) -> BodyHydrodynamics:
@@ -87,6 +86,17 @@ def uuv_puma(rng: np.random.Generator) -> mujoco.MjSpec:
     return models.load("uuv_puma")
 
 
+def add_rock(spec: mujoco.MjSpec) -> None:
+    """A ball on the tip and a rock that stands where it is put; nothing else touches anything."""
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = 0, 0
+    tip = spec.site("tip")
+    body = next(b for b in spec.bodies if tip in b.sites)
+    body.add_geom(size=[RADIUS, 0, 0], pos=tip.pos, mass=0, condim=6, friction=[0.5, 0.02, 0.01])
+    spec.worldbody.add_body(name="rock", mocap=True).add_geom(size=[RADIUS, 0, 0], condim=6)
+    spec.option.tolerance, spec.option.iterations = 0.0, 200
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moving:
     """The plant in one random state of motion, and what it tells of it."""
@@ -100,7 +110,9 @@ class Moving:
     f_tip_W: Array  # (6,) wrench of the world on the tip
 
     @classmethod
-    def of(cls, spec: mujoco.MjSpec, rng: np.random.Generator, f_tip_W: Array) -> "Moving":
+    def of(cls, spec: mujoco.MjSpec, rng: np.random.Generator, push: str) -> "Moving":
+        if push == "contact":
+            add_rock(spec)
         model = hydrodynamics.compile(spec)
         vehicle, arm, data = Vehicle.of(model), ArmDynamics(model, passive=True), mujoco.MjData(model)
         model.opt.wind = rng.normal(size=3)
@@ -116,12 +128,22 @@ class Moving:
         mujoco.mj_comPos(model, data)
         dofs = [int(joint.dofadr[0]) for joint in joints]
         given = data.qfrc_applied[dofs]
-        mujoco.mj_applyFT(
-            model, data, f_tip_W[:3], f_tip_W[3:], data.site_xpos[vehicle.tip], int(model.site_bodyid[vehicle.tip]),
-            data.qfrc_applied,
-        )  # fmt: skip
+        tip, p_tip = int(model.site_bodyid[vehicle.tip]), data.site_xpos[vehicle.tip].copy()
+        f_tip_W = 50.0 * rng.normal(size=6) * np.repeat([push in ("force", "wrench"), push == "wrench"], 3)
+        lever = p_tip - data.xipos[tip]
+        data.xfrc_applied[tip] = [*f_tip_W[:3], *(f_tip_W[3:] + np.cross(lever, f_tip_W[:3]))]
+        if push == "contact":
+            away = rng.normal(size=3)
+            data.mocap_pos[0] = p_tip + 2.0 * RADIUS * away / np.linalg.norm(away) * rng.uniform(0.8, 0.99)
         mujoco.mj_forward(model, data)
-        assert data.nefc == 0
+        assert data.nefc == 0 or push == "contact"
+        assert data.ncon == (push == "contact")
+        for i in range(data.ncon):
+            frame, f = data.contact.frame[i].reshape(3, 3), np.zeros(6)
+            mujoco.mj_contactForce(model, data, i, f)
+            sign = 1.0 if model.geom_bodyid[data.contact.geom[i, 1]] == tip else -1.0
+            force, torque = sign * frame.T @ f[:3], sign * frame.T @ f[3:]
+            f_tip_W += np.concatenate([force, torque + np.cross(data.contact.pos[i] - p_tip, force)])
         stiffness = np.asarray(model.jnt_stiffness).reshape(model.njnt, -1)[[j.id for j in joints], 0]
         damping = np.asarray(model.dof_damping).reshape(model.nv, -1)[dofs, 0]
         q = np.array([data.qpos[j.qposadr[0]] for j in joints])
@@ -164,22 +186,24 @@ def vehicle_of(request: pytest.FixtureRequest):
     return request.param
 
 
-@pytest.mark.parametrize("contact", [0.0, 50.0])  # [N, N m]
-def test_torques(vehicle_of, contact, rng, within):
+@pytest.mark.check("joint torques of arms on a moving hull, pushed, in contact", "own recursive Newton-Euler")
+@pytest.mark.parametrize("push", PUSHES)
+def test_torques(vehicle_of, push, rng, within):
     worst = 0.0
     for _ in range(STATES):
-        moving = Moving.of(wet(vehicle_of(rng), rng), rng, contact * rng.normal(size=6))
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, push)
         assert np.max(np.abs(moving.data.qacc)) > 1.0
         worst = max(worst, relative(moving.inverse(moving.wrench_tip_G())[0], moving.tau))
-    within("relative torque", worst, 5e-12)  # measured up to 5e-13
+    within("relative torque", worst, 3e-11)  # measured up to 3e-12, in contact
 
 
-@pytest.mark.parametrize("contact", [0.0, 50.0])  # [N, N m]
-def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, contact, rng, within):
+@pytest.mark.check("wrench of the arm on the hull: Newton-Euler", "the hull alone moves alike under it")
+@pytest.mark.parametrize("push", PUSHES)
+def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, push, rng, within):
     worst = 0.0
     for _ in range(STATES):
         spec = wet(vehicle_of(rng), rng)
-        moving = Moving.of(spec, rng, contact * rng.normal(size=6))
+        moving = Moving.of(spec, rng, push)
         wrench_B = moving.inverse(moving.wrench_tip_G())[1]
 
         R, dof = moving.X_WB[:3, :3], moving.vehicle.hull_dof
@@ -194,20 +218,28 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, con
         alone.opt.wind = moving.model.opt.wind
         data = mujoco.MjData(alone)
         data.qpos, data.qvel = moving.data.qpos[:7], moving.data.qvel[:6]
-        # The hull's own share of what was applied: the tip's force reaches it through the arm only.
-        applied = moving.data.qfrc_applied[dof : dof + 6].copy()
-        p = moving.data.site_xpos[moving.vehicle.tip] - moving.X_WB[:3, 3]
-        applied[:3] -= moving.f_tip_W[:3]
-        applied[3:] -= R.T @ (moving.f_tip_W[3:] + np.cross(p, moving.f_tip_W[:3]))
-        data.qfrc_applied = applied + np.concatenate([R @ wrench_B[:3], wrench_B[3:]])
+        data.qfrc_applied = moving.data.qfrc_applied[dof : dof + 6] + np.concatenate([R @ wrench_B[:3], wrench_B[3:]])
         mujoco.mj_forward(alone, data)
         worst = max(worst, relative(data.qacc, moving.data.qacc[:6]))
-    within("relative acceleration of the hull", worst, 5e-13)  # measured up to 4e-14
+    within("relative acceleration of the hull", worst, 2e-12)  # measured up to 1e-13
+
+
+@pytest.mark.check("wrench of the arm on the hull: measured by sim.reaction", "own recursive Newton-Euler")
+@pytest.mark.parametrize("push", PUSHES)
+def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, within):
+    worst = 0.0
+    for _ in range(STATES):
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, push)
+        model, hull = moving.model, moving.vehicle.hull
+        carried = [i for i in range(hull + 1, model.nbody) if model.body_parentid[i] == hull]
+        measured = np.sum([wrench(model, moving.data, i, frame=hull) for i in carried], axis=0)
+        worst = max(worst, relative(measured, moving.inverse(moving.wrench_tip_G())[1]))
+    within("relative wrench", worst, 3e-13)  # measured up to 2e-14
 
 
 def test_tip_kinematics(vehicle_of, rng, within):
     for _ in range(STATES):
-        moving = Moving.of(wet(vehicle_of(rng), rng), rng, np.zeros(6))
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, "none")
         moving.inverse(np.zeros(6))  # leaves the joints' rotations behind
         X_BG, J_B = np.empty((4, 4)), np.empty((6, moving.arm.n))
         tip_kinematics(moving.arm.layout, moving.arm.numbers, moving.arm.work, X_BG, J_B)
@@ -237,7 +269,7 @@ def test_known_force_is_felt(vehicle_of, rng, within):
     """A pure force on the tip comes back from the plant's torques alone, but for the weak prior of 1 kN."""
     worst = 0.0
     for _ in range(STATES):
-        moving = Moving.of(wet(vehicle_of(rng), rng), rng, 50.0 * np.repeat([1.0, 0.0], 3) * rng.normal(size=6))
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, "force")
         f_B, _, J_B = felt(moving, np.zeros(moving.arm.n))
         sigma = FLOOR + NOISE * np.abs(moving.tau)
         information = (J_B[:3] / sigma**2) @ J_B[:3].T
@@ -249,7 +281,7 @@ def test_known_force_is_felt(vehicle_of, rng, within):
 
 def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
     for _ in range(STATES):
-        moving = Moving.of(wet(vehicle_of(rng), rng), rng, 50.0 * rng.normal(size=6))
+        moving = Moving.of(wet(vehicle_of(rng), rng), rng, "wrench")
         bias = 0.3 * rng.normal(size=moving.arm.n)
         f_B, tau_e, J_B = felt(moving, bias)
         expected, covariance = force_estimate.tip_force(tau_e - bias, J_B[:3], FLOOR + NOISE * np.abs(moving.tau))
@@ -260,7 +292,7 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
 
 def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, within):
     """With filters shorter than the step it is the least squares again; it knows neither spin-up nor current."""
-    moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, 50.0 * rng.normal(size=6))
+    moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, "wrench")
     arm, n, R = moving.arm, moving.arm.n, moving.X_WB[:3, :3]
     (nu_B, a_B), qd, qdd = moving.hull_motion(), moving.data.qvel[moving.dofs], moving.data.qacc[moving.dofs]
     lag, qd_slow, J_B = 0.01, qd - 0.01 * qdd, np.empty((6, n))

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from scipy.special import ellipk
 
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
@@ -32,6 +33,7 @@ VEHICLE = """
 """
 
 
+@pytest.mark.check("terminal velocity of a light sphere", "sqrt(2 (rho V - m) g / (rho C_d A))")
 def test_terminal_velocity(within):
     """A light sphere rises at sqrt(2 (rho V - m) g / (rho C_d pi r^2))."""
     spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
@@ -72,6 +74,50 @@ def test_righting_acceleration(within):
     within("relative pitch acceleration", data.qacc[4] / expected - 1.0, 1e-11)  # rounding of the angle
 
 
+@pytest.mark.check("righting period from 60 degrees, RK4", "4 K(k) sqrt((I + I_A) / (m g h))")
+def test_righting_period(within):
+    """From 60 degrees, at rest, a trimmed body swings as a pendulum of inertia I + I_A: T = 4 K(k) / omega_0."""
+    h, pitch = 0.05, np.pi / 3.0
+    spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".5 .2 .2" mass="80"'))
+    body = water.ellipsoid([0.5, 0.2, 0.2], drag_coefficient=0.0, water_density=RHO)
+    water.attach(spec, {"hull": body}, RHO)
+    water.trim(spec, "hull", metacentric_height=h)
+    model = hydrodynamics.compile(spec)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    rate = np.sqrt(80.0 * 9.81 * h / (model.body_inertia[1, 1] + body.added_mass[4, 4]))
+    period = 4.0 * ellipk(np.sin(pitch / 2.0) ** 2) / rate
+    model.opt.timestep = period / 1000.0
+    data = mujoco.MjData(model)
+    data.qpos[3:] = [np.cos(pitch / 2), 0.0, np.sin(pitch / 2), 0.0]
+    begin, lowest = data.qpos.copy(), 1.0
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+        lowest = min(lowest, float(data.qpos[5]))
+    assert lowest < -0.49
+    # At rest again, so a period that is wrong by dT shows as a rate of rate^2 sin(60 deg) dT.
+    within("relative period", data.qvel[4] / (rate**2 * np.sin(pitch) * period), 1e-10)  # measured 1e-11
+    within("pose [m, -]", data.qpos - begin, 3e-12)  # measured 3e-13
+
+
+@pytest.mark.check("drift to the speed of the current, RK4", "u_0 / (1 + k u_0 t / (m + m_A)) of slip")
+def test_drift_to_the_speed_of_the_current(within):
+    """Drag alone: the slip u of a neutral sphere decays as u_0 / (1 + k u_0 t / (m + m_A))."""
+    radius = 0.1
+    displaced = RHO * 4.0 / 3.0 * np.pi * radius**3
+    spec = mujoco.MjSpec.from_string(FREE.format(geom=f'size="{radius}" mass="{displaced}"'))
+    water.attach(spec, {"hull": water.sphere(radius, water_density=RHO)}, RHO)
+    water.set_current(spec, [0.5, 0.0, 0.0])
+    model = hydrodynamics.compile(spec)
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 30000)
+    k = 0.5 * RHO * 0.47 * np.pi * radius**2
+    slip = 0.5 / (1.0 + k * 0.5 * 60.0 / (1.5 * displaced))
+    assert slip < 0.015
+    within("speed after 60 s [m/s]", data.qvel[:3] - [0.5 - slip, 0.0, 0.0], 5e-15)  # measured 3e-16
+
+
+@pytest.mark.check("trimmed vehicle with an arm, 60 s", "stays where it is")
 @pytest.mark.parametrize("bend", [0.0, 0.7])
 def test_trimmed_vehicle_stays_for_a_minute(bend, within):
     """Weight equals buoyancy and both act on one vertical, at home or with the arm bent."""
@@ -107,6 +153,7 @@ def test_simple_neutral_body_stays_for_a_minute(within):
     within("tilt", data.qpos[3:] - [1.0, 0.0, 0.0, 0.0], 1e-14)
 
 
+@pytest.mark.check("drag of a turning and of a slipping strip", "k w^2 L^4 / 4, k v^2 L")
 def test_drag_of_a_swinging_strip(within):
     """About one end, k w |w| x^3 integrates to k w^2 L^4 / 4; across, k v^2 L acts in the middle."""
     k, L, w, v = 30.0, 0.6, 1.5, 0.8
@@ -126,6 +173,7 @@ def test_drag_of_a_swinging_strip(within):
     within("force [N, N m]", data.qfrc_passive - expected, 1e-13)
 
 
+@pytest.mark.check("drag in a sheared current", "the speed at the depth of the body")
 def test_drag_follows_the_shear_of_the_current(within):
     """At depth z the current is v + z dv/dz, and a body that drifts with it feels no drag."""
     spec = mujoco.MjSpec.from_string(FREE.format(geom='size=".1" mass="3"'))
@@ -140,6 +188,7 @@ def test_drag_follows_the_shear_of_the_current(within):
     within("force adrift [N]", data.qfrc_passive[:3] - [0.0, 0.0, 0.003 * RHO * 9.81], 1e-13)
 
 
+@pytest.mark.check("power of drag, full 6x6 and strips, 800 twists", "never positive")
 def test_drag_never_feeds_energy(rng):
     """With a full linear 6x6, quadratic rows and strips, the power of drag is negative for any twist."""
     skewed = rng.normal(size=(6, 6))

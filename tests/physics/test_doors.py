@@ -194,6 +194,7 @@ def test_trim_names_what_is_wrong():
         water.trim(spec, "ball", metacentric_height=0.1)
 
 
+@pytest.mark.check("PGS, noslip, sleep, MuJoCo's own fluid", "refused by name")
 @pytest.mark.parametrize(
     ("options", "says"),
     [
@@ -224,6 +225,7 @@ def test_check_sees_later_changes():
         hydrodynamics.check(model)
 
 
+@pytest.mark.check("step too long for the drag", "refused, with the number")
 def test_drag_too_strong_for_the_step_is_refused_with_the_number():
     """4 kg and 2 * 2 * 600 N s/m make a rate of 600 1/s: 2 ms is too long by 1.2, 1.6 ms is not."""
     spec = ball()

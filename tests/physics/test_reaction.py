@@ -25,6 +25,7 @@ LINK = """
 """
 
 
+@pytest.mark.check("reaction of a link of 20 N that displaces 15 N", "5 N")
 @pytest.mark.parametrize(
     "joint", ["", '<joint axis="0 1 0"/>', '<joint type="slide" axis="1 0 0"/>', '<joint type="ball"/>']
 )
@@ -90,6 +91,7 @@ def outer_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return total
 
 
+@pytest.mark.check("reaction of random subtrees in contact", "the rest moves alike under it")
 def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
     """A subtree is cut off a random tree in motion and contact, and only its wrench put on its parent."""
     worst, contacts, ties, cuts, kinds = 0.0, 0, 0, 0, set[str]()
@@ -174,6 +176,7 @@ def free_vehicle(rng: np.random.Generator) -> tuple[mujoco.MjModel, mujoco.MjDat
     return model, data
 
 
+@pytest.mark.check("reaction of a free vehicle, in contact, thrusters on", "nothing")
 def test_free_vehicle_puts_nothing_on_the_world(rng, within):
     """But for the generalised forces on its free joint, which count as a joint's; in contact, thrusters at work."""
     model, data = free_vehicle(rng)

@@ -19,6 +19,7 @@ def lamb_k_factors(e: float) -> tuple[float, float, float]:
     return a0 / (2.0 - a0), b0 / (2.0 - b0), turn
 
 
+@pytest.mark.check("sphere: volume, added mass, drag", "rho V / 2; C_d pi r^2 / 2")
 def test_sphere(within):
     body = water.sphere(0.2, water_density=RHO)
     volume = 4.0 / 3.0 * np.pi * 0.008
@@ -27,6 +28,7 @@ def test_sphere(within):
     within("drag", body.quadratic_damping[0] / (0.5 * RHO * 0.47 * np.pi * 0.04) - 1.0, 1e-15)
 
 
+@pytest.mark.check("spheroid: added mass", "Lamb's k factors, art. 114, 115")
 @pytest.mark.parametrize("ratio", [1.01, 2.0, 5.0, 50.0])
 def test_prolate_spheroid_has_lambs_factors(ratio, within):
     b = 0.1
@@ -42,6 +44,7 @@ def test_prolate_spheroid_has_lambs_factors(ratio, within):
     within("off the diagonal", body.added_mass - np.diag(body.added_mass.diagonal()), 1e-15)
 
 
+@pytest.mark.check("ellipsoid: added mass", "Lamb's integrals, by quadrature")
 def test_ellipsoid_with_three_axes_against_lambs_integrals(within):
     axes = np.array([0.5, 0.3, 0.2])
 
@@ -62,6 +65,7 @@ def test_ellipsoid_with_three_axes_against_lambs_integrals(within):
     within("rotation", body.added_mass[3, 3] / roll - 1.0, 1e-7)
 
 
+@pytest.mark.check("cylinder: added mass, drag", "strip theory, slice by slice")
 def test_cylinder_is_a_sum_of_slices(within):
     """Strip theory: every slice has the displaced mass across, none along; summed about the body origin."""
     start, end, r = np.array([0.1, -0.2, 0.3]), np.array([0.5, 0.1, 0.2]), 0.05
@@ -82,6 +86,7 @@ def test_cylinder_is_a_sum_of_slices(within):
     within("normal drag", body.segments[0].normal / (0.5 * RHO * 1.1 * 2.0 * r) - 1.0, 1e-15)
 
 
+@pytest.mark.check("box: added mass", "DNV-RP-C205, table D-2")
 def test_box_meets_the_table_of_dnv(within):
     """Cube 0.68, square prism twice as long 0.36 of its volume, thin square plate 0.579 pi/4 a^3."""
     cube = water.box([0.5, 0.5, 0.5], water_density=RHO)

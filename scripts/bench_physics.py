@@ -1,42 +1,77 @@
-"""What exact hydrodynamics costs: one core, one run, every model stepped in turn, the best of many rounds.
+"""What exact hydrodynamics costs: every model stepped in turn in one run, the best of many rounds.
 
-`./uvw run scripts/bench_physics.py` prints times a step and ratios to the bare step; only ratios of one run compare.
+    ./uvw run scripts/bench_physics.py                          # one core; then a batch on one and two threads
+    ./uvw run --with auv-sim-bench scripts/bench_physics.py     # and that vehicle simulator from the package index
+
+Only ratios of one run compare; the batch wants an idle machine. Writes bench_physics.json and .md into --out.
 """
 
+import json
 import os
+import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import mujoco
+import mujoco.batch
 import numpy as np
+from _physics_peers import auv_sim_bench, fossen_loop, numpy_callback
 from _start import parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
 from models import hydrodynamics as water
 from sim import hydrodynamics
-from sim.interfaces.spatial import Array
 
 LINK = np.array([0.3, 0.0, 0.0])  # [m] from joint to joint
+GOALS = {"bare": 1.6, "ellipsoid": 0.3, "threads": 1.8}
 
 
 @dataclass
 class Options:
-    """Cost of a step of a hull with a six-joint arm, and how it grows with the number of links."""
+    """Cost of a step of a hull with a six-joint arm, how it grows with the number of links, and of a batch."""
 
-    steps: int = 2000  # steps a round
-    rounds: int = 9  # rounds, interleaved over the models; the fastest counts
-    links: tuple[int, ...] = (10, 30, 100)  # lengths of the growing chains and trees
+    steps: int = 2000
+    """Steps a round."""
+    rounds: int = 15
+    """Rounds, interleaved over the models; the fastest counts."""
+    links: tuple[int, ...] = (10, 30, 100)
+    """Lengths of the growing chains and trees."""
+    sims: int = 64
+    """Simulations of the batch."""
+    out: Path = Path("runs/bench_physics")
+    """Folder for the results."""
 
 
 @dataclass
 class Contender:
-    """One model, and the passive callback that it runs with (None: the one that is installed)."""
+    """Something that steps, and the passive callback that it runs with (None: the one that is installed)."""
 
-    model: mujoco.MjModel
+    run: Callable[[int], object]
     callback: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
     best: float = np.inf  # [s] a step
+
+
+@dataclass
+class Report:
+    """Tables for the screen, the same for a file, and the numbers."""
+
+    console: Console
+    numbers: dict[str, Any] = field(default_factory=dict)
+    markdown: list[str] = field(default_factory=list)
+
+    def table(self, title: str, columns: tuple[str, ...], rows: list[list[str]]) -> None:
+        table = Table(title=title, title_justify="left")
+        for k, column in enumerate(columns):
+            table.add_column(column, justify="right" if k else "left")
+        for row in rows:
+            table.add_row(*row)
+        self.console.print(table)
+        lines = [columns, ["---"] + ["---:"] * (len(columns) - 1), *rows]
+        self.markdown.append(f"**{title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines))
 
 
 def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.MjSpec:
@@ -72,90 +107,165 @@ def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
     return spec.compile()
 
 
-def cross(a: Array, b: Array) -> Array:
-    """Row by row; numpy's own costs ten times as much on a few rows."""
-    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
+def stepping(model: mujoco.MjModel) -> Callable[[int], object]:
+    """Steps of `model`, from the same state in motion each time."""
+    data = mujoco.MjData(model)
 
+    def run(steps: int) -> None:
+        mujoco.mj_resetData(model, data)
+        data.qvel = 0.05
+        mujoco.mj_step(model, data, steps)
 
-def numpy_callback(model: mujoco.MjModel) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
-    """Quadratic drag and buoyancy alone, vectorised over the bodies in numpy: what a Python callback costs."""
-    roots, drag, lift = model.body_rootid[1:], 5.0, np.array([0.0, 0.0, 10.0])
-    below = np.eye(model.nbody)  # below[i, j]: body j is i or hangs from it
-    for i in range(model.nbody - 1, 0, -1):
-        below[model.body_parentid[i]] += below[i]
-    below = below[model.dof_bodyid][:, 1:]
-
-    def passive(_: mujoco.MjModel, d: mujoco.MjData) -> None:
-        R = d.xmat[1:].reshape(-1, 3, 3)
-        r = d.xpos[1:] - d.subtree_com[roots]
-        w = d.cvel[1:, :3]
-        nu = np.stack([d.cvel[1:, 3:] + cross(w, r), w], axis=2)
-        nu = R.transpose(0, 2, 1) @ nu
-        f = R @ (-drag * np.abs(nu) * nu)
-        force = f[:, :, 0] + lift
-        wrench = np.concatenate([f[:, :, 1] + cross(r, force), force], axis=1)
-        d.qfrc_passive += np.sum(d.cdof * (below @ wrench), axis=1)
-
-    return passive
+    return run
 
 
 def measure(contenders: list[Contender], steps: int, rounds: int) -> None:
     """Fill in `best`, round by round over all contenders, so that a slow moment of the machine hits all alike."""
     for _ in range(rounds):
         for contender in contenders:
-            data = mujoco.MjData(contender.model)
-            data.qvel = 0.05
             if contender.callback:
                 hydrodynamics.uninstall()
                 mujoco.set_mjcb_passive(contender.callback)
-            mujoco.mj_step(contender.model, data, 20)
-            begin = time.perf_counter()
-            mujoco.mj_step(contender.model, data, steps)
-            contender.best = min(contender.best, (time.perf_counter() - begin) / steps)
+            contender.run(20)
+            begin = time.thread_time()  # of this thread's processor: what else runs on the machine takes no part
+            contender.run(steps)
+            contender.best = min(contender.best, (time.thread_time() - begin) / steps)
             if contender.callback:
                 mujoco.set_mjcb_passive(None)
                 hydrodynamics.install()
 
 
-def main() -> int:
-    options = parse(Options)
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would take
-    console = Console()
-    console.print(f"MuJoCo {mujoco.__version__}")
-    hydrodynamics.install()
+def verdict(value: float, goal: float, *, most: bool = True) -> str:
+    held = value <= goal if most else value >= goal
+    return f"{value:.2f} x ({'' if held else 'NOT '}{'at most' if most else 'at least'} {goal:g})"
 
-    table = Table(title="12 degrees of freedom, 7 bodies, no contact", title_justify="left")
-    for column in ("integrator", "bare [us]", "exact", "ellipsoid fluid", "numpy callback", "exact / ellipsoid"):
-        table.add_column(column, justify="right")
+
+def one_vehicle(options: Options, report: Report) -> None:
+    rows = []
     for integrator in ("Euler", "implicitfast"):
         bare = vehicle(6, integrator).compile()
         contenders = [
-            Contender(bare),
-            Contender(with_water(vehicle(6, integrator))),
-            Contender(with_ellipsoids(vehicle(6, integrator))),
-            Contender(bare, numpy_callback(bare)),
+            Contender(stepping(bare)),
+            Contender(stepping(with_water(vehicle(6, integrator)))),
+            Contender(stepping(with_ellipsoids(vehicle(6, integrator)))),
+            Contender(stepping(bare), numpy_callback(bare)),
         ]
         measure(contenders, options.steps, options.rounds)
         base, exact, ellipsoid, python = (contender.best for contender in contenders)
-        ratios = [f"{x / base:.2f} x" for x in (exact, ellipsoid, python)]
-        table.add_row(integrator, f"{base * 1e6:.2f}", *ratios, f"{exact / ellipsoid:.2f} x")
-    console.print(table)
+        share = f"{exact / ellipsoid:.2f} x"
+        if integrator == "implicitfast":
+            share = verdict(exact / ellipsoid, GOALS["ellipsoid"])
+        cells = [f"{base * 1e6:.2f}", verdict(exact / base, GOALS["bare"])]
+        rows.append([integrator, *cells, f"{ellipsoid / base:.2f} x", f"{python / base:.1f} x", share])
+        keys = ("bare_s", "exact_s", "ellipsoid_s", "numpy_callback_s")
+        report.numbers[integrator] = dict(zip(keys, (base, exact, ellipsoid, python), strict=True))
+    columns = ("integrator", "bare [us]", "exact", "ellipsoid fluid", "numpy callback, drag only", "exact / ellipsoid")
+    report.table("A step: 12 degrees of freedom, 7 bodies, no contact", columns, rows)
 
-    table = Table(title="Growth with the number of links (implicitfast)", title_justify="left")
-    for column in ("links", "shape", "bare [us]", "exact [us]", "exact / bare"):
-        table.add_column(column, justify="right")
+
+def growth(options: Options, report: Report) -> None:
+    rows, numbers = [], []
     for branched in (False, True):
+        shape, first = "branched" if branched else "serial", 0.0
         for links in options.links:
-            pair = [
-                Contender(vehicle(links, "implicitfast", branched=branched).compile()),
-                Contender(with_water(vehicle(links, "implicitfast", branched=branched))),
-            ]
+            bare = vehicle(links, "implicitfast", branched=branched).compile()
+            wet = with_water(vehicle(links, "implicitfast", branched=branched))
+            pair = [Contender(stepping(bare)), Contender(stepping(wet))]
             measure(pair, max(options.steps * 6 // links, 20), options.rounds)
             base, exact = (contender.best for contender in pair)
-            shape = "branched" if branched else "serial"
-            table.add_row(str(links), shape, f"{base * 1e6:.1f}", f"{exact * 1e6:.1f}", f"{exact / base:.2f} x")
-    console.print(table)
+            first = first or exact / base
+            times = [f"{base * 1e6:.1f}", f"{exact * 1e6:.1f}"]
+            rows.append([shape, str(links), *times, f"{exact / base:.2f} x", f"{exact / base / first:.2f} x"])
+            numbers.append({"shape": shape, "links": links, "bare_s": base, "exact_s": exact})
+    report.numbers["growth"] = numbers
+    columns = ("shape", "links", "bare [us]", "exact [us]", "exact / bare", f"that over {options.links[0]} links")
+    report.table("Growth with the number of links (implicitfast)", columns, rows)
+
+
+def one_body(options: Options, report: Report) -> None:
+    """Against loops that step one rigid body in Python."""
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><option timestep="0.002"/><worldbody><body name="hull"><freejoint/>'
+        '<geom type="box" size=".7 .4 .3" mass="680"/></body></worldbody></mujoco>'
+    )
+    body = water.box([1.4, 0.8, 0.6])
+    water.attach(spec, {"hull": body})
+    model = hydrodynamics.compile(spec)
+    loop = fossen_loop(float(model.body_mass[1]), model.body_inertia[1], body, 0.002, water.SEA_WATER)
+    contenders = {"ours, full step": Contender(stepping(model)), "numpy loop after Fossen": Contender(loop)}
+    if peer := auv_sim_bench(0.002):
+        contenders["auv-sim-bench (no added mass)"] = Contender(peer)
+    measure(list(contenders.values()), options.steps, options.rounds)
+    ours = next(iter(contenders.values())).best
+    rows = [[name, f"{each.best * 1e6:.2f}", f"{each.best / ours:.1f} x"] for name, each in contenders.items()]
+    report.numbers["one_body"] = {name: each.best for name, each in contenders.items()}
+    report.table("One rigid body, 6 degrees of freedom", ("simulator", "step [us]", "over ours"), rows)
+
+
+def resident() -> int:
+    """Memory that this process holds [bytes]; 0 where the system does not tell."""
+    statm = Path("/proc/self/statm")
+    return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
+
+
+def batch(options: Options, report: Report) -> None:
+    """Many simulations of the 12-degree vehicle on one thread and on two, in turn, by the clock on the wall."""
+    model = with_water(vehicle(6, "implicitfast"))
+    starts = 0.1 * np.random.default_rng(0).normal(size=(options.sims, model.nv))
+    batches = {n: mujoco.batch.Batch(model, nsim=options.sims, nthread=n) for n in (1, 2)}
+    best, ends = dict.fromkeys(batches, np.inf), {}
+    steps = max(options.steps // 8, 20)
+    for _ in range(options.rounds):
+        for threads, each in batches.items():
+            each.reset()
+            qpos, qvel = each.bind("qpos"), each.bind("qvel")
+            qvel[:] = starts
+            begin = time.perf_counter()
+            each.step(nstep=steps)
+            best[threads] = min(best[threads], (time.perf_counter() - begin) / (steps * options.sims))
+            ends[threads] = np.hstack([qpos, qvel])
+    row_bytes = 8 * batches[1].nstate
+    before = resident()
+    keeping = mujoco.batch.Batch(model, nsim=options.sims, nthread=1, persistent=True)
+    keeping.step(nstep=2)
+    kept = (resident() - before) / options.sims
+    identical = bool(np.array_equal(ends[1], ends[2]))
+    gain = best[1] / best[2]
+    rows = [
+        ["steps/s on 1 thread, 2 threads", f"{1 / best[1]:,.0f}, {1 / best[2]:,.0f}"],
+        ["2 threads over 1", verdict(gain, GOALS["threads"], most=False)],
+        ["bit for bit the same", "yes" if identical else "NO"],
+        ["memory of a simulation: state row", f"{row_bytes / 1024:.1f} KiB"],
+        ["memory of a persistent one, its MjData in use", f"{kept / 1024:.0f} KiB" if kept else "not told here"],
+        ["memory reserved by one MjData", f"{(mujoco.MjData(model).nbuffer + model.narena) / 1024:.0f} KiB"],
+    ]
+    numbers = {"step_s_1": best[1], "step_s_2": best[2], "identical": identical}
+    report.numbers["batch"] = numbers | {"row_bytes": row_bytes, "persistent_bytes": kept}
+    report.table(f"Batch of {options.sims}, 12 degrees of freedom each", ("", "figure"), rows)
+
+
+def main() -> int:
+    options = parse(Options)
+    report = Report(Console())
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    head = f"MuJoCo {mujoco.__version__}, Python {platform.python_version()}, {os.cpu_count()} cores, load {load:.1f}"
+    report.numbers |= {"mujoco": mujoco.__version__, "load_before": load}
+    report.console.print(head)
+    report.markdown.append(head)
+    hydrodynamics.install()
+    if cores:
+        os.sched_setaffinity(0, cores[:1])  # one core, whatever the libraries would take
+    one_vehicle(options, report)
+    growth(options, report)
+    one_body(options, report)
+    if cores:
+        os.sched_setaffinity(0, cores)
+    batch(options, report)
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "bench_physics.json").write_text(json.dumps(report.numbers, indent=1) + "\n")
+    (options.out / "bench_physics.md").write_text("\n\n".join(report.markdown) + "\n")
+    report.console.print(f"written to {options.out}")
     return 0
 
 

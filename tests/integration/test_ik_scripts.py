@@ -1,0 +1,66 @@
+"""The scripts around inverse kinematics as a user runs them: short ones, their figures and files."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def run(root: Path, script: str, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, f"scripts/{script}.py", *options]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
+
+
+def test_the_gimbal_lock_is_passed_within_the_speed_limit(root: Path, tmp_path: Path) -> None:
+    done = run(root, "track_singularity", "--quick", "--speed-limit", "0.12", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
+    assert runs["without"]["largest_joint_speed"] > 3.0 * 0.12  # measured 1.3
+    assert runs["without"]["checked_position_error_m"] < 1e-5
+    assert runs["with"]["largest_joint_speed"] <= 0.12 * (1.0 + 1e-9)
+    assert 1e-3 < runs["with"]["checked_position_error_m"] < 0.2  # what the passing costs: measured 0.04
+    assert runs["with"]["position_error_at_the_end_m"] < 1e-5
+    assert {"run.rrd", "track_singularity.png"} <= {file.name for file in tmp_path.iterdir()}
+
+
+def test_the_servo_arm_does_all_three_experiments(root: Path, tmp_path: Path) -> None:
+    done = run(root, "servo_arm", "--quick", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    for found in metrics["single"].values():
+        x, y, z, course, trim, roll = found["row"]
+        assert (x - 100.0) ** 2 + (y + 400.0) ** 2 + z**2 <= 1.0  # [mm]
+        assert abs(trim + 50.0) <= 0.6  # [deg]
+        assert abs(course - 5.0) + abs(roll) < 2.0
+    assert all(methods["hybrid"]["reached"] == 1.0 for methods in metrics["motions"].values())
+    assert {"single_solution.png", "motions.png"} <= {file.name for file in tmp_path.iterdir()}
+
+
+def test_the_benchmark_writes_its_tables(root: Path, tmp_path: Path) -> None:
+    options = ("--arms", "puma560", "--targets", "10", "--rates", "50", "--limits", "180", "--links", "6", "24", "48")
+    done = run(root, "bench_ik", *options, "--repeats", "1", "--no-peers", "--out", str(tmp_path))
+    assert done.returncode in (0, 1), done.stdout + done.stderr  # 1: too few targets for the rate of jacobian_free
+    assert done.stderr == ""
+    results = json.loads((tmp_path / "bench_ik.json").read_text())
+    assert min(row["rate"] for row in results["rates"] if row["method"] == "hybrid") == 1.0
+    assert {row["method"] for row in results["race"]} >= {"hybrid", "jacobian_free", "plain", "compiled DLS"}
+    assert "Solve rate" in (tmp_path / "bench_ik.md").read_text()
+    assert (tmp_path / "bench_ik.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("script", "options", "culprit"),
+    [
+        ("bench_ik", ("--arms", "puma"), "'puma'"),
+        ("track_singularity", ("--speed", "0"), "--speed"),
+    ],
+)
+def test_bad_input_ends_in_one_line(root: Path, script: str, options: tuple[str, ...], culprit: str) -> None:
+    done = run(root, script, *options)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert culprit in done.stderr

@@ -7,7 +7,7 @@
 Each pose is solved for from the last joint values, by short steps on their branch. Near a singular configuration this
 may spin some joints ("looping" in the paper), so there the arm passes in one of the paper's two ways: `limit` clamps
 the joints to what they can travel in a period, `hold` keeps the joint that would spin constant. The tool then leaves
-its path, by the least that this allows, and comes back at the same speed limits.
+its path, by the least that this allows, its position less than its direction, and comes back at the same speed limits.
 
 Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain, so that it counts
 metres of an arm's length and radians alike: 0 is singular, and 1/nearness bounds the joint speed [rad/s] that a tool
@@ -89,10 +89,11 @@ class Tracker:
         orientation_tolerance: float = 1e-5,
         method: TrackingMethod = "hybrid",
     ) -> None:
-        """`speed_limits` [rad/s] or [m/s], one or (n,), hold while a singular configuration is passed.
+        """`speed_limits` [rad/s] or [m/s], one or (n,), are kept while a singular configuration is passed.
 
-        `passing`: "auto" chooses, "limit" and "hold" allow one way only, "off" tracks the pose whatever the speed.
-        `near` is the nearness (see the module) under which passing may begin. Tolerances in [m] and [rad].
+        `passing`: "auto" chooses, "limit" never holds a joint, "hold" holds one while the arm is near, "off" tracks
+        the pose whatever the speed. `near` is the nearness (see the module) under which passing may begin; infinite
+        where the speed limits are to be kept everywhere. Tolerances in [m] and [rad].
 
         Raises ConfigurationError for a period, speed limit, nearness or tolerance that is not positive and finite, and
         for an unknown passing or method.
@@ -102,7 +103,7 @@ class Tracker:
             "position_tolerance": position_tolerance, "orientation_tolerance": orientation_tolerance,
         }  # fmt: skip
         for name, value in numbers.items():
-            if not (np.isfinite(value) and value > 0.0):
+            if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
         speeds = checked(np.broadcast_to(speed_limits, (chain.n,)) if np.ndim(speed_limits) == 0 else speed_limits,
                          (chain.n,), "speed_limits")  # fmt: skip
@@ -160,9 +161,9 @@ class Tracker:
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
         """The way to pass, and the joint to hold: the one that moves most in the weakest motion."""
-        hold = self.passing == "hold" or (self.passing == "auto" and nearness < _HOLD_SHARE * self.near)
-        if not hold:
-            return "limit", None
+        near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
+        if self.passing == "limit" or not nearness < near:
+            return "limit", None  # the way back from holding too
         return "hold", int(np.argmax(np.abs(motion))) if state.held is None else state.held
 
     def _weakest(self, q: Array) -> tuple[float, Array]:

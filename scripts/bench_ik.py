@@ -72,7 +72,7 @@ class Options:
     seed: int = 0
     """Of targets and starts."""
     quick: bool = False
-    """Few arms and targets, for a look at the tables."""
+    """The first three arms and few targets, for a look at the tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,15 +170,19 @@ def rate(case: Case, method: Method) -> dict[str, Any]:
     return case.told() | {"method": method, "rate": float(np.mean(good)), "said": float(np.mean(found.converged))}
 
 
-def race(case: Case, options: Options) -> dict[str, tuple[float, Array]]:
+def contenders(case: Case, options: Options) -> dict[str, Solver]:
+    """All that can solve this case, hybrid first."""
+    chain, bar = case.chain, BARS[case.bar]
+    found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
+    found[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", stage_axes="tip").q
+    found[BASELINE] = baseline(case.task)
+    return found | (peers(case.task) if options.peers else {})
+
+
+def race(case: Case, solvers: dict[str, Solver], repeats: int) -> dict[str, tuple[float, Array]]:
     """For every solver the share of targets reached, and the time of each call (N,) [us]."""
-    chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
-    solvers: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
-    solvers[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", stage_axes="tip").q
-    solvers[BASELINE] = baseline(case.task)
-    if options.peers:
-        solvers |= peers(case.task)
-    lanes = list(solvers) + ["hybrid", BASELINE] * (options.repeats - 1)
+    count = len(case.targets)
+    lanes = list(solvers) + ["hybrid", BASELINE] * (repeats - 1)
     times = {name: [np.empty(count) for _ in range(lanes.count(name))] for name in solvers}
     answers = {name: np.empty((count, case.arm.n)) for name in solvers}
     clock = time.perf_counter_ns
@@ -210,7 +214,7 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
     bar = progress.add_task("race", total=len(options.arms) * len(options.limits) * 2 * len(BARS))
     for name in options.arms:
         for case in cases(options, name, options.targets):
-            found = race(case, options)
+            found = race(case, contenders(case, options), options.repeats)
             picks = rng.integers(len(case.targets), size=(RESAMPLES, len(case.targets)))
             hybrid = found["hybrid"][1]
             base = np.median(hybrid[picks], axis=1)
@@ -236,17 +240,18 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
 def kernel(case: Case, rounds: int) -> dict[str, Any]:
     """Mean time a target [us] without Python between targets, in turns: hybrid, the baseline, their ratio.
 
-    Medians of the rounds, and the middle 95 % of the ratio's median by bootstrap.
+    Medians of the rounds, and the middle 95 % of the ratio's median by bootstrap. Processor time, for the pool of
+    `solve_many` would otherwise wait for its turn on a busy machine.
     """
     chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
     dh, slides, limits, tool, J, A, X = arguments(case.task)
     pairs = []
     for _ in range(rounds + 1):
-        begin = time.perf_counter()
+        begin = time.process_time()
         solve_many(chain, case.targets, case.starts, *bar, threads=1)
-        middle = time.perf_counter()
+        middle = time.process_time()
         solve_all(dh, slides, limits, tool, case.targets, case.starts.copy(), *bar, J, A, X)
-        pairs.append((middle - begin, time.perf_counter() - middle))
+        pairs.append((middle - begin, time.process_time() - middle))
     ours, theirs = 1e6 / count * np.array(pairs[1:]).T  # the first round warms up
     picks = np.random.default_rng(0).integers(rounds, size=(RESAMPLES, rounds))
     return case.told() | {
@@ -276,7 +281,9 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
             arm=arm, degrees=180, warm=False, bar="A", limits=arm.limits, targets=targets,
             starts=rng.uniform(-0.1, 0.1, (len(targets), n)),
         )  # fmt: skip
-        for method, (share, each) in race(case, Options(peers=False, repeats=options.repeats)).items():
+        solvers = contenders(case, Options(peers=False))
+        del solvers[LITERAL]
+        for method, (share, each) in race(case, solvers, options.repeats).items():
             times.setdefault(method, []).append(float(np.median(each)))
             shares.setdefault(method, []).append(share)
     found: dict[str, Any] = {"links": list(options.links), "median_us": times, "rate": shares, "exponent": {}}
@@ -307,8 +314,8 @@ def machine() -> dict[str, Any]:
 def main() -> int:
     options = parse(Options)
     if options.quick:
-        options.arms, options.targets, options.rates = ("puma560", "stanford", "iiwa7"), 25, 250
-        options.limits, options.links, options.repeats = (180,), (6, 24, 60), 1
+        options.arms, options.targets, options.rates = options.arms[:3], 25, 250
+        options.limits, options.links, options.repeats = options.limits[:1], (6, 24, 60), 1
     for name in options.arms:
         arms.load(name)
     console = Console(width=None if sys.stdout.isatty() else 160)

@@ -40,7 +40,7 @@ def test_prolate_spheroid_has_lambs_factors(ratio, within):
     expected = [k1 * displaced, k2 * displaced, k2 * displaced, 0.0, k_turn * inertia, k_turn * inertia]
     # Lamb's closed form itself cancels near a sphere.
     error = (body.added_mass.diagonal() - expected) / np.array([displaced] * 3 + [inertia] * 3)
-    within("relative added mass", error, 1e-10)
+    within("relative added mass", error, 5e-14)  # measured 6e-15
     within("off the diagonal", body.added_mass - np.diag(body.added_mass.diagonal()), 1e-15)
 
 
@@ -58,11 +58,13 @@ def test_ellipsoid_with_three_axes_against_lambs_integrals(within):
     alphas = np.array([alpha(i) for i in range(3)])
     body = water.ellipsoid(axes, water_density=RHO)
     displaced = RHO * body.volume
-    within("translation", body.added_mass.diagonal()[:3] / (displaced * alphas / (2 - alphas)) - 1.0, 1e-8)
+    within(
+        "translation", body.added_mass.diagonal()[:3] / (displaced * alphas / (2 - alphas)) - 1.0, 1e-12
+    )  # measured 8e-16 beside quad's 1e-13
     b2, c2 = axes[1] ** 2, axes[2] ** 2
     slip = alphas[2] - alphas[1]
     roll = displaced / 5.0 * (b2 - c2) ** 2 * slip / (2.0 * (b2 - c2) - (b2 + c2) * slip)
-    within("rotation", body.added_mass[3, 3] / roll - 1.0, 1e-7)
+    within("rotation", body.added_mass[3, 3] / roll - 1.0, 1e-12)
 
 
 @pytest.mark.check("cylinder: added mass, drag", "strip theory, slice by slice")

@@ -31,11 +31,12 @@ from sim.mujoco_layout import offset
 # What the callback reads or writes; the layout of at least these is compared with live objects.
 # fmt: off
 MODEL_FIELDS = (
-    "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
+    "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
     "body_user", "M_rownnz", "M_rowadr", "M_colind",
 )
 DATA_FIELDS = (
-    "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qfrc_passive",
+    "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
+    "qfrc_passive",
 )
 # fmt: on
 
@@ -44,8 +45,7 @@ DATA_FIELDS = (
 WET_MARK = 6.20261121e8
 
 # Symbols of libmujoco, which `sim.hydrodynamics.install` gives to LLVM under these names.
-SYMBOLS = ("mj_factorM", "mj_markStack", "mj_freeStack", "mj_stackAllocNum")
-_factor = types.ExternalFunction("mj_factorM", types.void(types.intp, types.intp))
+SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
 _stack_numbers = types.ExternalFunction("mj_stackAllocNum", types.intp(types.intp, types.intp))
@@ -330,6 +330,64 @@ def _strip_drag(
     return force, _plus(_cross(start, force), _cross(along, lever))
 
 
+@_inline
+def _subtract(row: int, other: int, factor: float, count: int) -> None:
+    """The first `count` numbers at `row` less `factor` times those at `other`."""
+    four = all_four(factor)
+    full = count - count % 4
+    for k in range(0, full, 4):
+        put_four(row, k, load_four(row, k) - four * load_four(other, k))
+    for k in range(full, count):
+        _put(row, k, _f64(row, k) - factor * _f64(other, k))
+
+
+@_inline
+def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> None:
+    """M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them (Featherstone 2008, table 6.3).
+
+    A row holds a joint's ancestors in order, so that an ancestor's row has the pattern of its beginning: plain dense
+    subtraction, four numbers at a time. It is on long chains that this counts.
+    """
+    last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
+    for k in range(0, last - 3, 4):
+        put_four(LD, k, load_four(M, k))
+    for k in range(last - last % 4, last):
+        _put(LD, k, _f64(M, k))
+    j = nv - 1
+    while j >= 0:
+        here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
+        count = _i32(rownnz, j)
+        scale = 1.0 / _f64(here, count - 1)
+        _put(inverse, j, scale)
+        if count > 1 and _i32(columns, count - 2) == j - 1:
+            # Two rows of a chain at once: an ancestor's row is read and written once for both.
+            above = LD + 8 * _i32(rowadr, j - 1)
+            _subtract(above, here, _f64(here, count - 2) * scale, count - 1)
+            _put(here, count - 2, _f64(here, count - 2) * scale)
+            scale_above = 1.0 / _f64(above, count - 2)
+            _put(inverse, j - 1, scale_above)
+            for i in range(count - 3, -1, -1):
+                ancestor = LD + 8 * _i32(rowadr, _i32(columns, i))
+                factor, factor_above = _f64(here, i) * scale, _f64(above, i) * scale_above
+                four, four_above = all_four(factor), all_four(factor_above)
+                full = i + 1 - (i + 1) % 4
+                for k in range(0, full, 4):
+                    rest = load_four(ancestor, k) - four * load_four(here, k)
+                    put_four(ancestor, k, rest - four_above * load_four(above, k))
+                for k in range(full, i + 1):
+                    rest = _f64(ancestor, k) - factor * _f64(here, k)
+                    _put(ancestor, k, rest - factor_above * _f64(above, k))
+                _put(here, i, factor)
+                _put(above, i, factor_above)
+            j -= 2
+        else:
+            for i in range(count - 2, -1, -1):
+                factor = _f64(here, i) * scale
+                _subtract(LD + 8 * _i32(rowadr, _i32(columns, i)), here, factor, i + 1)
+                _put(here, i, factor)
+            j -= 1
+
+
 def build() -> Any:
     """The compiled callback, a numba CFunc `void(mjModel*, mjData*)`, for the running MuJoCo and `LAYOUT`.
 
@@ -345,6 +403,7 @@ def build() -> Any:
     disable_at, gravity_off = offset("mjModel", "opt.disableflags"), int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     qvel_at, xpos_at, xmat_at, com_at = data.qvel, data.xpos, data.xmat, data.subtree_com
     cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
+    nv_at, factored_at, inverse_at = model.nv, data.qLD, data.qLDiagInv
     crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
     stamp, size = LAYOUT.stamp_value, LAYOUT.size
     own_density_at = LAYOUT.body_density
@@ -497,6 +556,7 @@ def build() -> Any:
         _free_stack(d)
         if dry:
             _put(crb, 0, WET_MARK)
-            _factor(m, d)
+            factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)
+            _factor(M, factored, inverse, _pointer(m, nv_at), rownnz, rowadr, colind)
 
     return passive

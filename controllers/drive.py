@@ -41,6 +41,24 @@ def feel(
     lag = min(1.0, dt / filters[1])
     for i in range(3):
         f_tip_B[i] += lag * (f_B[i] - f_tip_B[i])
+    return _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W)
+
+
+@numba.njit(cache=True)
+def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
+    """As `feel`, from external torques `tau_e` (n,) that are known, as an observer gives them; no further filter.
+
+    `tau_measured` (n,) says how much to trust each.
+    """
+    f_B = _least_squares(J_B, tau_e, bias, tau_measured, noise, floor)
+    for i in range(3):
+        f_tip_B[i] = f_B[i]
+    return _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W)
+
+
+@numba.njit(cache=True)
+def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
+    """The force in tool axes and in world axes; returns the normal one."""
     for i in range(3):
         f_tip_G[i] = X_BG[0, i] * f_tip_B[0] + X_BG[1, i] * f_tip_B[1] + X_BG[2, i] * f_tip_B[2]
         f_tip_W[i] = X_WB[i, 0] * f_tip_B[0] + X_WB[i, 1] * f_tip_B[1] + X_WB[i, 2] * f_tip_B[2]
@@ -51,18 +69,21 @@ def feel(
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
 ):  # fmt: skip
-    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind.
-
-    The least squares is that of `force_estimate.tip_force`, by Cholesky.
-    """
-    n = q.shape[0]
+    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind."""
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
     tip_kinematics(layout, numbers, work, X_BG, J_B)
+    for j in range(q.shape[0]):
+        tau_e[j] -= tau_measured[j]
+    return _least_squares(J_B, tau_e, bias, tau_measured, noise, floor)
+
+
+@numba.njit(cache=True)
+def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
+    """Force on the tip (3,) [N], hull axes, from external torques: `force_estimate.tip_force` by Cholesky."""
     a00, a11, a22, a01, a02, a12 = 1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
-    for j in range(n):
-        tau_e[j] -= tau_measured[j]
+    for j in range(tau_e.shape[0]):
         weight = 1.0 / (floor + noise * abs(tau_measured[j])) ** 2
         x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
         a00 += weight * x * x

@@ -18,14 +18,17 @@ import numpy as np
 
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
-from controllers.drive import aim, drive, feel
+from controllers.drive import aim, drive, feel, resolve
 from controllers.force_estimate import Tare
 from controllers.hover import Hover, HoverState
+from controllers.load_observer import LoadObserver, LoadObserverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, inverse, skew
+
+_STILL_WATER = np.zeros(3)  # no current is known
 
 Method = Literal["compensation", "drift-correction", "force-control"]
 
@@ -38,6 +41,8 @@ class Tuning:
     joint_damping: float = 1.0
     joint_integral_time: float = 0.2  # [s]; takes up friction at the tool and what the model lacks
     force_filter: float = 0.012  # [s] first-order filter of the felt force
+    torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
+    observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
     contact_feedforward: float = 0.0  # share of the felt force that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
@@ -65,6 +70,8 @@ class WorkControllerState:
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
+    load: LoadObserverState
+    tau: Array  # (n,) [N m] last asked of the motors
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
     thrusters: Array  # (m,) normalised
     believed: dict[str, Array] = field(default_factory=dict)
@@ -100,6 +107,9 @@ class WorkController:
         self._X_AB = inverse(self._X_BA)
         self._hover = Hover(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
+        self._observer = LoadObserver(
+            model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error
+        )
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
         n, tuning = vehicle.joints.size, self._tuning
@@ -134,6 +144,8 @@ class WorkController:
             offset=np.zeros(n),
             qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
+            load=self._observer.init(),
+            tau=np.zeros(n),
             f_tip_B=np.zeros(3),
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
         )
@@ -151,6 +163,15 @@ class WorkController:
             tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG,
             self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
+        if tuning.torque_source == "observer":
+            self._tau_e[:] = self._observer.step(
+                state.load, estimate.q, estimate.qd, state.tau, R_WB=estimate.X_WB[:3, :3], nu_B=hull[9:15],
+                v_current_W=_STILL_WATER,
+            )  # fmt: skip
+            felt = resolve(
+                estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, tuning.torque_noise,
+                tuning.torque_floor, state.f_tip_B, self._f_tip_G, f_tip_W,
+            )  # fmt: skip
         if reference.tare:
             state.tare.add(self._tau_e)
             state.bias = state.tare.bias()
@@ -170,6 +191,8 @@ class WorkController:
             state.qd_wanted, since * dt, state.integral, dt, self._gains, self._armature, self._joint_damping,
             self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
+
+        state.tau = tau
 
         # 4. Thrusters.
         if state.tick % self._hover_ticks == 0:

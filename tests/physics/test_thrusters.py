@@ -199,7 +199,7 @@ def test_least_thrust_leaves_a_gap():
 
 @pytest.mark.check("T200 at 16 V", "the published table")
 def test_t200_is_the_published_table():
-    """The 16 V sheet, read at its own pulse widths; half way between two of them within 3 % of full thrust's root."""
+    """The 16 V sheet, read at its own pulse widths; and its thrusts go with the square of its speeds."""
     unit = thrusters.t200(least_thrust=0.0)
     pulse = np.array([1100, 1340, 1468, 1472, 1500, 1528, 1532, 1660, 1900])
     given = [-39.91, -10.01, -0.36, 0.0, 0.0, 0.0, 0.40, 12.54, 51.44]

@@ -9,13 +9,15 @@ import pytest
 
 import models
 from controllers.arm_dynamics import ArmDynamics, newton_euler
+from controllers.drive import resolve
+from controllers.force_estimate import tip_force
 from controllers.load_observer import LoadObserver, momentum
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, exp_so3, pose
 
 LAG = 0.012  # [s]
 CURRENT = np.array([0.3, -0.2, 0.1])  # [m/s]
@@ -97,7 +99,7 @@ def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_en
         inertial(q, qd, np.zeros(n), nu, np.zeros(6))
         momentum(arm.layout, arm.numbers, arm.work, p, turning)
         expected = inertial(q, np.zeros(n), qd, np.zeros(6), nu)[0]
-        within("momentum", (p - expected) / np.abs(expected).max(), 1e-12)  # measured 2e-15
+        within("momentum", (p - expected) / np.abs(expected).max(), 2e-14)  # measured 1e-16 to 2e-15
         slope = np.array([(energy(q + 1e-5 * u) - energy(q - 1e-5 * u)) / 2e-5 for u in np.eye(n)])
         within("dT/dq", (turning - slope) / np.abs(slope).max(), 1e-7)  # measured 1e-9: that of the differences
 
@@ -227,6 +229,18 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
     expected = (1.0 - kept) / step * sigma * np.sqrt(2.0 / (1.0 + kept)) * np.linalg.norm(M, axis=1)
     seen = np.std(rows[500:], axis=0)
     assert seen == pytest.approx(expected, rel=0.1)  # one sigma is 1 %; measured within 3 %
+
+
+def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within):
+    X_WB, X_BG = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
+    J_B, tau_e, bias, tau = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6), 50.0 * rng.normal(size=6)
+    f_B, f_G, f_W = np.empty(3), np.empty(3), np.empty(3)
+    normal = resolve(X_WB, X_BG, J_B, tau_e, bias, tau, 0.01, 0.1, f_B, f_G, f_W)
+    expected = tip_force(tau_e - bias, J_B[:3], 0.1 + 0.01 * np.abs(tau))[0]
+    within("force [N]", (f_B - expected) / np.abs(expected).max(), 1e-8)  # measured 2e-13, more near singular postures
+    within("tool axes [N]", f_G - X_BG[:3, :3].T @ f_B, 1e-12 * np.abs(f_B).max())
+    within("world axes [N]", f_W - X_WB[:3, :3] @ f_B, 1e-12 * np.abs(f_B).max())
+    assert normal == -f_G[2]
 
 
 @pytest.mark.parametrize("change", [{"period": 0.0}, {"time_constant": -1.0}, {"time_constant": np.nan}])

@@ -7,6 +7,7 @@ direction). The base frame is whatever the chain was given in; the tip frame is 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Self
 
 import mujoco
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers import mkps_kinematics as kernels
 from controllers.mkps_entries import entry
+from controllers.mkps_urdf import TIP_SITE, model_from_urdf
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, readonly
 
@@ -26,7 +28,7 @@ _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 class Chain:
     """A serial chain from a base frame to a tip frame, described where all its joint values are zero.
 
-    Build it by `from_dh`, `from_vectors` or `from_mjcf`. All arrays are read-only, in base axes.
+    Build it by `from_dh`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are read-only, in base axes.
     """
 
     joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
@@ -203,6 +205,18 @@ class Chain:
             limits=_checked_limits(limits[own], len(own)),
             names=tuple(names[i] for i in own),
         )
+
+    @classmethod
+    def from_urdf(cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()) -> Self:
+        """The chain of joints between two links of a URDF (a file, or its text), from frame to frame, by `from_mjcf`.
+
+        Fixed joints take no part, `continuous` ones have no limits; two hinges in a row of which the second mimics the
+        first, turning the other way about the same direction, are one pantograph link.
+
+        Raises ConfigurationError as `from_mjcf`, and for what is not a URDF of one tree (see `mkps_urdf`).
+        """
+        model, root = model_from_urdf(urdf, tip_link)
+        return cls.from_mjcf(model, "world" if base_link == root else base_link, TIP_SITE, exclude)
 
     def forward(self, q: ArrayLike) -> Array:
         """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""

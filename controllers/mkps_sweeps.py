@@ -192,7 +192,7 @@ def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, pa
     sweeps, count, slot = 0, 0, 0
     known = False  # whether the memory holds the sweep before this one
     reference, mark = real(np.inf), real(np.inf)
-    rounding = real(1.0) + real(16.0) * np.finfo(q.dtype).eps
+    rounding = real(1.0) + real(1.0 / 16.0) * math.sqrt(np.finfo(q.dtype).eps)
     while True:
         note(q, trail, row + sweeps)
         for i in range(n):

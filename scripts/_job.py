@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import _deck_calibration
 import mujoco
 import numpy as np
 from rich.console import Console
@@ -60,6 +61,8 @@ class ContactJob:
     controller: str  # MODULE:CLASS
     without: frozenset[str]
     arm_errors: int | None  # seed of the errors with which the arm was built; None: none
+    calibrated: bool = False  # the controller knows the arm as identified from touches
+    arm: Path | None = None  # or as a file says
 
 
 def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float) -> int:
@@ -73,7 +76,9 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     )  # fmt: skip
     truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT)
     folder = options.folder(job.scenario)
-    believed, built = _as_believed_and_built(job)
+    believed, built, said = _as_believed_and_built(job)
+    if said:
+        console.print(said, highlight=False)
     own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
     vehicle = Vehicle.of(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
@@ -173,16 +178,28 @@ class Teller:
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
 
 
-def _as_believed_and_built(job: ContactJob) -> tuple[mujoco.MjSpec, mujoco.MjSpec]:
-    """The vehicle as its controller knows it, and as it is: alike, but for errors of the arm that are asked for."""
+def _as_believed_and_built(job: ContactJob) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+    """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
+    what there is to say of the arm."""
     believed, built = scenes.vehicle_spec(job.vehicle), scenes.vehicle_spec(job.vehicle)
+    if job.arm_errors is None and not job.calibrated and job.arm is None:
+        return believed, built, ""
+    if job.calibrated and job.arm is not None:
+        raise ConfigurationError("--calibrated and --arm: one of the two")
+    drawn = believed.compile()
+    passive = _undriven(drawn, Vehicle.of(drawn))
+    arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     if job.arm_errors is not None:
-        drawn = believed.compile()
-        passive = _undriven(drawn, Vehicle.of(drawn))
-        arm = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         true = arm_geometry.with_errors(arm, np.random.default_rng(job.arm_errors))
         arm_geometry.move(built, arm, true)
-    return believed, built
+    known, said = arm, ""
+    if job.calibrated:
+        known, said = _deck_calibration.on_deck(arm, true, np.random.default_rng([job.arm_errors or 0, 1]))
+    elif job.arm is not None:
+        known, said = _deck_calibration.from_file(job.arm, arm)
+    if known is not arm:
+        arm_geometry.move(believed, arm, known)
+    return believed, built, said
 
 
 def _undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:

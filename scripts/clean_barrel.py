@@ -8,6 +8,7 @@ from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -39,6 +40,10 @@ class Options(ScenarioOptions):
     """Methods to leave out, for ablation."""
     arm_errors: int | None = None
     """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
+    calibrated: bool = False
+    """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
+    arm: Path | None = None
+    """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"
@@ -73,6 +78,8 @@ def main() -> int:
         controller=options.controller,
         without=frozenset(options.without),
         arm_errors=options.arm_errors,
+        calibrated=options.calibrated,
+        arm=options.arm,
     )
     return run_contact_job(job, options, rng, started=time.perf_counter())
 

@@ -1,0 +1,164 @@
+"""`report.html` of a calibration: what it found, what it cannot know, and pictures, on one page."""
+
+import base64
+import html
+import io
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from calib.identification import Calibration
+from calib.report_figures import figures
+from calib.verification import Cloud
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+PACKAGES = ("uuv-arm", "numpy", "scipy", "numba", "mujoco")
+_SHOWN = {"rad": (1.0e3, "mrad"), "m": (1.0e3, "mm"), "rad/(N m)": (1.0e6, "µrad/(N m)")}
+_MEANING = {
+    "known": "known",
+    "in combination": "in combination: changes with others, held by the prior",
+    "unknowable": "unknowable: stays at nominal",
+}
+
+
+def shown(unit: str) -> tuple[float, str]:
+    """Factor and name of the unit in which numbers of `unit` (rad, m, rad/(N m)) are told."""
+    return _SHOWN[unit]
+
+
+def write_report(
+    file: str | Path,
+    calibration: Calibration,
+    *,
+    title: str,
+    figures_of_merit: Sequence[tuple[str, str]],
+    accepted: bool,
+    series: Sequence[Array],
+    point_names: Sequence[str],
+    clouds: Mapping[str, Cloud] | None = None,
+    notes: Iterable[str] = (),
+    options: Mapping[str, Any] | None = None,
+) -> None:
+    """Write the page to `file`.
+
+    `figures_of_merit` are name and value, in the order of reading; `series` the touches (m_i, n) that were identified
+    from, `point_names` the names of their points; `clouds` those of
+    `calib.verification.compare`.
+    Raises ConfigurationError if the folder does not exist.
+    """
+    path = Path(file)
+    if not path.parent.is_dir():
+        raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
+    verdict = "accepted" if accepted else "not accepted"
+    said = [*notes, *calibration.warnings]
+    merit = "".join(
+        f"<tr><td>{_text(name)}</td><td class=n>{_text(value)}</td></tr>" for name, value in figures_of_merit
+    )
+    pictures = "\n".join(
+        f"<section><h2>{_text(name)}</h2>{_picture(figure, name)}<p class=caption>{_text(caption)}</p></section>"
+        for name, caption, figure in figures(calibration, series, point_names, clouds or {})
+    )
+    body = "\n".join(
+        (
+            f"<header><h1>{_text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
+            "".join(f"<p class=note>{_text(line)}</p>" for line in said) + "</header>",
+            f"<section><h2>Figures</h2><table>{merit}</table></section>",
+            f"<section><h2>What touching told, and what it cannot</h2>{_rank(calibration)}</section>",
+            pictures,
+            f"<section><h2>Parameters</h2>{_parameters(calibration)}</section>",
+            f"<section><h2>How it was made</h2>{_provenance(options or {})}</section>",
+        )
+    )
+    path.write_text(
+        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{_text(title)}</title>"
+        f'<meta name=viewport content="width=device-width"><style>{_STYLE}</style></head>'
+        f"<body><main>{body}</main></body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def _rank(calibration: Calibration) -> str:
+    rank = calibration.rank
+    rows = "".join(
+        f"<tr><td class=n>{group.count}</td><td>{_text(', '.join(group.names))}</td><td>{_text(group.reason)}</td>"
+        f"<td>{_text(group.handle)}</td></tr>"
+        for group in rank.hidden
+    )
+    head = "<tr><th class=n>directions</th><th>in</th><th>why they are not seen</th><th>what helps</th></tr>"
+    combinations = "".join(
+        f"<li>{_text(rank.combination(i))}</li>" for i in range(max(rank.rank - 3, 0), rank.rank)
+    )  # the least seen
+    return (
+        f"<p><b>{rank.rank} of {rank.total}</b> directions of the parameters move the touched tips apart, and are "
+        f"identified; condition {rank.condition:.3g}, observability index O1 {rank.observability:.3g} m.</p>"
+        + (f"<table>{head}{rows}</table>" if rows else "")
+        + f"<p class=caption>Least seen of the seen, in shares of like errors: more touches help here most.</p>"
+        f"<ul class=caption>{combinations}</ul>"
+    )
+
+
+def _parameters(calibration: Calibration) -> str:
+    half = calibration.quantile() * calibration.sigma
+    status = dict(zip(calibration.rank.parameters.names, calibration.rank.status, strict=True))
+    rows = []
+    for name, unit, value, change, width in zip(
+        calibration.names, calibration.parameters.units, calibration.values, calibration.changes, half, strict=True
+    ):
+        factor, word = shown(unit)
+        rows.append(
+            f"<tr><td>{_text(name)}</td><td class=n>{factor * value:.4f}</td><td class=n>{factor * change:+.4f}</td>"
+            f"<td class=n>± {factor * width:.4f}</td><td>{word}</td>"
+            f"<td>{_text(_MEANING.get(status.get(name, ''), ''))}</td></tr>"
+        )
+    head = "<tr><th></th><th class=n>identified</th><th class=n>change</th><th class=n>95 %</th><th></th><th></th></tr>"
+    return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _provenance(options: Mapping[str, Any]) -> str:
+    rows = {
+        **options,
+        "Python": platform.python_version(),
+        **{name: found for name in PACKAGES if (found := _version(name)) is not None},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+    cells = "".join(f"<tr><td>{_text(name)}</td><td>{_text(value)}</td></tr>" for name, value in rows.items())
+    return f"<table>{cells}</table>"
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _picture(figure: Figure, name: str) -> str:
+    """As an image of its own, since the ids of several drawings on one page would clash."""
+    drawing = io.BytesIO()
+    figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
+    data = base64.b64encode(drawing.getvalue()).decode("ascii")
+    return f'<img alt="{_text(name)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def _text(value: Any) -> str:
+    return html.escape(str(value))
+
+
+_STYLE = """
+body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
+main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
+h1 { font-size: 1.6rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
+.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em; white-space: nowrap }
+.accepted { color: #00563e; background: #d9f2e9 } .not-accepted { color: #8a3a00; background: #fde3d2 }
+.note { margin: .4rem 0; color: #8a3a00 } .caption { color: #555; font-size: .9rem; margin: .3rem 0 }
+table { border-collapse: collapse; margin: .6rem 0; font-size: .92rem }
+td, th { padding: .22rem .9rem .22rem 0; text-align: left; border-bottom: 1px solid #e6e6e6; font-weight: normal;
+  vertical-align: top }
+th { color: #555; border-bottom-color: #aaa } .n { text-align: right; font-variant-numeric: tabular-nums }
+img { width: 100%; height: auto; display: block }
+"""

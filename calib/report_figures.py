@@ -1,0 +1,176 @@
+"""The pictures of a calibration's report: figures 4 to 8 of paper 000, and the intervals of the parameters."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from calib.identification import Calibration
+from calib.touches import first_tcp
+from calib.verification import Cloud, pair_distances
+from sim.interfaces.spatial import Array
+
+# Okabe and Ito's palette, as the paper's colours go: nominal grey, controller orange, identified blue, tracker red.
+BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#222222", "#999999"
+_LOOKS = {"nominal": (FAINT, "o"), "controller": (ORANGE, "+"), "identified": (BLUE, "x"), "tracker": (VERMILION, ".")}
+_WIDTH = 10.0  # [in]
+_PLANES = ((0, 1), (0, 2))
+
+
+def figures(
+    calibration: Calibration, series: Sequence[Array], point_names: Sequence[str], clouds: Mapping[str, Cloud]
+) -> Iterator[tuple[str, str, Figure]]:
+    """Title, caption and figure, in the order of reading; those of the clouds where there are clouds.
+
+    `series` are the touches (m_i, n) that were identified from, and `point_names` the names of their points.
+    """
+    yield (
+        "Distances between the touches of a point",
+        "Every pair of touches of one point, by the nominal arm (grey) and by the identified one (blue), point "
+        "after point (paper 000, figure 4).",
+        _pairs(calibration, series, point_names),
+    )
+    if clouds:
+        raw = (
+            "Flange points with the flange turned alike: as the tracker sees them in its own frame, and as each model "
+        )
+        stages: tuple[tuple[str, str, Callable[[Cloud], Array]], ...] = (
+            ("Clouds as measured and computed", raw + "computes them in the arm's (figure 5).", lambda c: c.raw),
+            ("Clouds, centred", "The same less their means: the frames are turned (figure 6).", lambda c: c.centred),
+            ("Clouds, aligned", "Each model's cloud turned onto the tracker's (figure 7).", lambda c: c.aligned),
+        )
+        for title, caption, stage in stages:
+            yield title, caption, _clouds({name: stage(cloud) for name, cloud in clouds.items()})
+        yield (
+            "What is left between model and tracker",
+            "Distance of every flange point from the tracker's, after alignment (figure 8).",
+            _deviations(clouds),
+        )
+    yield (
+        "Touches about their points",
+        "Distance of every touch from its point under the identified arm; crosses were left out as not belonging.",
+        _residuals(calibration, point_names),
+    )
+    yield (
+        "Changes of the parameters",
+        "Identified minus nominal in deviations of the prior, with 95 % intervals: a bar as wide as the band is what "
+        "was believed before, a short one is what touching told.",
+        _changes(calibration),
+    )
+
+
+def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[str]) -> Figure:
+    figure = Figure(figsize=(_WIDTH, 3.4), layout="constrained")
+    axes = figure.subplots()
+    tcp = first_tcp(calibration.nominal, list(series))
+    before = pair_distances([calibration.nominal.tips(q, tcp) for q in series])
+    after = pair_distances([calibration.tips(q) for q in series])
+    axes.plot(1e3 * before, color=FAINT, linewidth=0.7, label=f"nominal, mean {1e3 * before.mean():.3g} mm")
+    axes.plot(1e3 * after, color=BLUE, linewidth=0.7, label=f"identified, mean {1e3 * after.mean():.3g} mm")
+    start = 0
+    for name, q in zip(names, series, strict=True):
+        count = len(q) * (len(q) - 1) // 2
+        if start:
+            axes.axvline(start, color=INK, linewidth=0.4)
+        if len(names) <= 12:
+            _above(axes, start + 0.5 * count, name)
+        start += count
+    axes.set_yscale("log")
+    axes.set_xlim(0, max(start - 1, 1))
+    axes.set_xlabel("pair")
+    axes.set_ylabel("distance [mm]")
+    axes.legend(loc="lower center", ncols=2, frameon=False, fontsize=9)
+    _bare(axes)
+    return figure
+
+
+def _clouds(clouds: Mapping[str, Array]) -> Figure:
+    figure = Figure(figsize=(_WIDTH, 4.0), layout="constrained")
+    for axes, (i, j) in zip(figure.subplots(1, 2), _PLANES, strict=True):
+        for name, points in clouds.items():
+            color, marker = _LOOKS.get(name, (GREEN, "s"))
+            axes.plot(
+                points[:, i], points[:, j], marker, color=color, label=name, markersize=8 if marker == "o" else 6,
+                fillstyle="none",
+            )  # fmt: skip
+        axes.set_xlabel(f"{'xyz'[i]} [m]")
+        axes.set_ylabel(f"{'xyz'[j]} [m]")
+        axes.set_aspect("equal", adjustable="datalim")
+        _bare(axes)
+    figure.axes[0].legend(frameon=False, fontsize=9)
+    return figure
+
+
+def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
+    figure = Figure(figsize=(_WIDTH, 3.2), layout="constrained")
+    axes = figure.subplots()
+    for name, cloud in clouds.items():
+        if name == "tracker":
+            continue
+        color, marker = _LOOKS.get(name, (GREEN, "s"))
+        numbers = np.arange(1, len(cloud.deviations) + 1)
+        axes.plot(
+            numbers, 1e3 * cloud.deviations, marker=marker, color=color,
+            label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm",
+        )  # fmt: skip
+    axes.set_xlabel("flange point")
+    axes.set_ylabel("deviation [mm]")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(frameon=False, fontsize=9)
+    _bare(axes)
+    return figure
+
+
+def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
+    figure = Figure(figsize=(_WIDTH, 2.8), layout="constrained")
+    axes = figure.subplots()
+    out = {(outlier.series, outlier.touch) for outlier in calibration.outliers}
+    start = 0
+    for i, residuals in enumerate(calibration.residuals):
+        places = start + np.arange(len(residuals))
+        left_out = np.array([(i, j) in out for j in range(len(residuals))], dtype=bool)
+        color = (BLUE, GREEN, ORANGE)[i % 3]
+        axes.plot(places[~left_out], 1e3 * residuals[~left_out], ".", color=color)
+        axes.plot(places[left_out], 1e3 * residuals[left_out], "x", color=VERMILION)
+        if len(names) <= 12:
+            _above(axes, float(places.mean()), names[i])
+        start += len(residuals)
+    if out:
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("touch")
+    axes.set_ylabel("distance [mm]")
+    _bare(axes)
+    return figure
+
+
+def _changes(calibration: Calibration) -> Figure:
+    count = len(calibration.names)
+    figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * count), layout="constrained")
+    axes = figure.subplots()
+    places = np.arange(count)
+    tool = np.array([group == "tcp" for group in calibration.parameters.groups])
+    scale = calibration.prior
+    axes.axvspan(-1.96, 1.96, color="#eeeeee")
+    axes.errorbar(
+        np.where(tool, np.nan, calibration.changes / scale), places, fmt="o", markersize=3, color=BLUE, linewidth=1.4,
+        xerr=np.where(tool, np.nan, calibration.quantile() * calibration.sigma / scale),
+    )  # fmt: skip
+    axes.set_yticks(places, calibration.names, fontsize=7)
+    axes.invert_yaxis()
+    axes.set_xlabel("change over the prior's deviation (tool point left out: nothing was believed of it)")
+    _bare(axes)
+    return figure
+
+
+def _above(axes: Axes, x: float, name: str) -> None:
+    axes.text(x, 1.0, name, ha="center", va="bottom", fontsize=8, transform=axes.get_xaxis_transform())
+
+
+def _bare(axes: Axes) -> None:
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+    axes.set_axisbelow(True)

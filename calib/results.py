@@ -1,0 +1,261 @@
+"""What a calibration leaves behind: arm.yaml, dh.csv, a URDF, an MJCF or a patch for the one that it came from.
+
+Every file says its units, the date and the hash of the touches; `calib.arm_files.read_arm` reads all of them again.
+"""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import yaml
+
+from calib.arm import Arm
+from calib.arm_files import ArmSource, mjcf_geometry, to_geometry, urdf_chain
+from calib.identification import Calibration
+from calib.kernels import ALPHA, BETA, THETA, A, D
+from models import arm_geometry
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
+
+CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"
+
+
+def write_results(
+    folder: Path, calibration: Calibration, source: ArmSource, *, sha256: str, date: str, arm: Arm | None = None,
+    tcp: Array | None = None,
+) -> list[Path]:  # fmt: skip
+    """Write the identified arm into `folder` in every format; the files written.
+
+    `sha256` is of the touches, `date` in ISO 8601. A URDF or MJCF that the arm came from is corrected: `arm.urdf` is
+    that file with other origins, `arm.mjcf_patch.xml` the bodies and sites of that file with other places. `arm` and
+    `tcp` go in place of the calibration's own, which are longer where the base moved.
+    """
+    arm, tcp = arm or calibration.arm, calibration.tcp if tcp is None else tcp
+    stamp = f"calibrated {date}; touches sha256 {sha256}"
+    written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
+    written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
+    if source.kind == "urdf":
+        text = corrected_urdf(source, arm, tcp)
+    else:
+        text = urdf(arm, tcp, source.joint_names, source.limits)
+    written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
+    if source.kind == "mjcf":
+        text = mjcf_patch(source, arm, tcp)
+        written.append(_write(folder / "arm.mjcf_patch.xml", _commented(text, f"{stamp}; m, quaternions wxyz")))
+    else:
+        text = mjcf(arm, tcp, source.joint_names, source.limits)
+        written.append(_write(folder / "arm.mjcf.xml", _commented(text, f"{stamp}; rad, m")))
+    return written
+
+
+def _write(file: Path, text: str) -> Path:
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def _commented(text: str, comment: str) -> str:
+    return f"<!-- {comment.replace('--', '- -')} -->\n{text}\n"
+
+
+def _rounded(values: Array, digits: int = 12) -> list:
+    return np.round(np.asarray(values), digits).tolist()
+
+
+def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSource, sha256: str, date: str) -> Path:
+    half = calibration.quantile() * calibration.sigma
+    rank = calibration.rank
+    status = dict(zip(rank.parameters.names, rank.status, strict=True))
+    document = {
+        "arm": source.path.name,
+        "date": date,
+        "touches": {
+            "sha256": sha256,
+            "points": len(calibration.residuals),
+            "count": sum(len(each) for each in calibration.residuals),
+            "left_out": len(calibration.outliers),
+            "noise_m": round(float(calibration.noise), 9),
+        },
+        "units": {"angle": "rad", "length": "m"},
+        "convention": CONVENTION,
+        "base": source.base,
+        "tip": source.tip,
+        "joint_names": list(source.joint_names),
+        "joint_types": arm.joint_types,
+        "X_base_0": _rounded(arm.X_base_0),
+        "X_n_flange": _rounded(arm.X_n_flange),
+        "dh": [
+            dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True)) for row in _rounded(arm.table)
+        ],
+        "tcp": _rounded(calibration.tcp),
+        "limits": [[None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in source.limits],
+        "identified": {
+            name: {
+                "value": float(f"{value:.10g}"),
+                "change": float(f"{change:.4g}"),
+                "half_width_95": float(f"{width:.3g}"),
+                "unit": unit,
+                "touching": status.get(name, "known"),
+            }
+            for name, value, change, width, unit in zip(
+                calibration.names, calibration.values, calibration.changes, half, calibration.parameters.units,
+                strict=True,
+            )
+        },
+    }  # fmt: skip
+    if np.any(calibration.compliance):
+        document["compliance"] = _rounded(calibration.compliance, 14)
+    return _write(
+        file, yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+    )
+
+
+def _write_dh(file: Path, arm: Arm, tcp: Array, stamp: str) -> Path:
+    lines = [f"# {stamp}", f"# {CONVENTION}", f"# tool point in the flange [m]: {' '.join(f'{x:.9f}' for x in tcp)}"]
+    lines.append("joint,type,theta [rad],d [m],a [m],alpha [rad],beta [rad]")
+    for k, (row, letter) in enumerate(zip(arm.table, arm.joint_types, strict=True), 1):
+        lines.append(f"{k},{letter}," + ",".join(f"{value:.12g}" for value in row))
+    return _write(file, "\n".join(lines) + "\n")
+
+
+# Any arm as URDF and MJCF
+
+
+def links(arm: Arm) -> list[Array]:
+    """Frames (n + 1 of (4, 4)): each joint's child link at zero in the link before, its z the axis; last the flange."""
+    out, rest = [], np.array(arm.X_base_0)
+    for row in arm.table:
+        out.append(rest @ pose(exp_so3([0.0, 0.0, row[THETA]])))
+        tilt = exp_so3([row[ALPHA], 0.0, 0.0]) @ exp_so3([0.0, row[BETA], 0.0])
+        rest = pose(tilt, [row[A], 0.0, row[D]])
+    return [*out, rest @ arm.X_n_flange]
+
+
+def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
+    """The arm as a URDF of bare links, from `base` by `flange` to `touch_tip`."""
+    root = ET.Element("robot", name="arm")
+    names = ["base", *(f"link{k + 1}" for k in range(arm.n)), "flange", "touch_tip"]
+    for name in names:
+        ET.SubElement(root, "link", name=name)
+    steps = [*links(arm), pose(p=tcp)]
+    for k, X in enumerate(steps):
+        driven = k < arm.n
+        kind = "fixed"
+        if driven:
+            bounded = bool(np.all(np.isfinite(limits[k])))
+            kind = "prismatic" if arm.joint_types[k] == "p" else "revolute" if bounded else "continuous"
+        joint = ET.SubElement(root, "joint", name=joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind)
+        ET.SubElement(joint, "parent", link=names[k])
+        ET.SubElement(joint, "child", link=names[k + 1])
+        _set_origin(joint, X)
+        if driven:
+            ET.SubElement(joint, "axis", xyz="0 0 1")
+        if kind in ("revolute", "prismatic"):
+            lower, upper = limits[k] if np.all(np.isfinite(limits[k])) else (-1e3, 1e3)
+            ET.SubElement(joint, "limit", lower=f"{lower:.9g}", upper=f"{upper:.9g}", effort="0", velocity="0")
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")
+
+
+def mjcf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
+    """The arm as an MJCF of bare bodies, from `arm_base` to the site `tip`, its lengths and axes alone."""
+    root = ET.Element("mujoco", model="arm")
+    ET.SubElement(root, "compiler", angle="radian")
+    body = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "arm_base"})
+    *steps, flange = links(arm)
+    for k, X in enumerate(steps):
+        body = ET.SubElement(body, "body", {"name": f"link{k + 1}", **_place(X)})
+        ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01")
+        joint = ET.SubElement(body, "joint", name=joint_names[k], axis="0 0 1")
+        joint.set("type", "slide" if arm.joint_types[k] == "p" else "hinge")
+        if np.all(np.isfinite(limits[k])):
+            joint.set("range", f"{limits[k, 0]:.9g} {limits[k, 1]:.9g}")
+            joint.set("limited", "true")
+    ET.SubElement(body, "site", {"name": "flange", **_place(flange)})
+    ET.SubElement(body, "site", {"name": "tip", **_place(flange @ pose(p=tcp))})
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _place(X: Array) -> dict[str, str]:
+    quat_wxyz = quat_wxyz_from_rotation(X[:3, :3])
+    return {"pos": " ".join(f"{x:.12g}" for x in X[:3, 3]), "quat": " ".join(f"{x:.12g}" for x in quat_wxyz)}
+
+
+# The file that the arm came from, corrected
+
+
+def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
+    """The URDF of `source` with joint origins such that it is the identified `arm`, its tip link at `tcp` (3,) [m].
+
+    Every link rides with its joint's axis, so axes, zeros, meshes and inertias stay as they are written. Where the tip
+    link is a driven one, a link `touch_tip` is added.
+    """
+    root = ET.fromstring(source.path.read_text(encoding="utf-8-sig"))
+    chain = urdf_chain(root, source.path, source.base, source.tip)
+    old, new = _riding(source.arm), _riding(arm)
+    driven = {i: k for k, i in enumerate(chain.driven)}
+    carried, parent = np.eye(4), np.eye(4)  # displacement of what is carried so far; the parent link as it was
+    for i, (joint, step) in enumerate(zip(chain.joints, chain.X_parent_child, strict=True)):
+        child = parent @ step
+        if i in driven:
+            moved = new[driven[i]] @ inverse(old[driven[i]])
+            _set_origin(joint, inverse(carried @ parent) @ moved @ child)
+            carried = moved
+        parent = child
+    X_base_tip = arm.axes()[2] @ pose(p=tcp)
+    if len(chain.joints) - 1 in driven:
+        ET.SubElement(root, "link", name="touch_tip")
+        joint = ET.SubElement(root, "joint", name="touch_tip_joint", type="fixed")
+        ET.SubElement(joint, "parent", link=source.tip)
+        ET.SubElement(joint, "child", link="touch_tip")
+        _set_origin(joint, inverse(carried @ parent) @ X_base_tip)
+    else:
+        before = parent @ inverse(chain.X_parent_child[-1])
+        _set_origin(chain.joints[-1], inverse(carried @ before) @ X_base_tip)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _riding(arm: Arm) -> list[Array]:
+    """Frames (4, 4) at zero in the base that ride with the links, each on its joint's axis and turned by its theta0."""
+    X, out = np.eye(4), []
+    for step in links(arm)[:-1]:
+        X = X @ step
+        out.append(X)
+    return out
+
+
+def _set_origin(joint: ET.Element, X: Array) -> None:
+    origin = joint.find("origin")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    R = X[:3, :3]
+    level = np.hypot(R[0, 0], R[1, 0])
+    pitch = np.arctan2(-R[2, 0], level)
+    if level > 1e-9:
+        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    else:  # straight up or down: roll and yaw turn about one axis
+        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+    origin.set("xyz", " ".join(f"{x:.12g}" for x in X[:3, 3]))
+    origin.set("rpy", f"{roll:.12g} {pitch:.12g} {yaw:.12g}")
+
+
+def mjcf_patch(source: ArmSource, arm: Arm, tcp: Array) -> str:
+    """Bodies and sites of the MJCF of `source` that stand elsewhere in the identified arm, with their new places."""
+    spec, old = mjcf_geometry(source.path, source.base, source.tip)
+    before = spec.compile()
+    arm_geometry.move(spec, old, to_geometry(arm, tcp, old))
+    after = spec.compile()
+    root = ET.Element("patch", model=source.path.name)
+    for kind, word in ((mujoco.mjtObj.mjOBJ_BODY, "body"), (mujoco.mjtObj.mjOBJ_SITE, "site")):
+        count = before.nbody if word == "body" else before.nsite
+        places = [(getattr(m, f"{word}_pos"), getattr(m, f"{word}_quat")) for m in (before, after)]
+        for i in range(count):
+            name = mujoco.mj_id2name(before, kind, i)
+            if not name or all(np.allclose(a[i], b[i], atol=1e-12) for a, b in zip(*places, strict=True)):
+                continue
+            pos, quat = (values[i] for values in places[1])
+            ET.SubElement(
+                root, word, name=name, pos=" ".join(f"{x:.12g}" for x in pos), quat=" ".join(f"{x:.12g}" for x in quat)
+            )
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode")

@@ -1,0 +1,257 @@
+"""Touches from files: joint values at which the tool's tip was in a fixed point, one touch a row.
+
+A folder holds one CSV file a point; a single file is one point, or several, told apart by a column `point` or by empty
+lines. Commas, semicolons, tabs or blanks; a header or none; radians or degrees, which is found out and said.
+"""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, readonly
+
+Units = Literal["auto", "rad", "deg"]
+POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
+IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
+# Arms turn a hinge by at most one turn either way, and a little; touching in many orientations takes more than 7 deg.
+_MOST_RADIANS = 2.0 * np.pi + 0.6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Touches:
+    """Series of touches, one a point; arrays are read-only."""
+
+    series: tuple[Array, ...]  # each (m_i, n) [rad], slides [m]
+    names: tuple[str, ...]  # of the points
+    sha256: str  # of the files' bytes, in the order read
+    notes: tuple[str, ...] = ()  # what was found out about the files, to be said
+
+    @property
+    def count(self) -> int:
+        """Touches altogether."""
+        return sum(len(one) for one in self.series)
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    values: list[float]
+    point: str
+    where: str  # file:line
+
+
+def read_touches(
+    paths: Path | str | Sequence[Path | str],
+    *,
+    joint_types: str | None = None,
+    joint_names: Sequence[str] = (),
+    units: Units = "auto",
+) -> Touches:
+    """Read the touches of CSV files and of folders of such.
+
+    `joint_types` (a letter a joint: r, p) of the arm that touched says how many joint values a row must have and which
+    of them are angles; `joint_names` picks and orders the columns of a header that has them all. Raises
+    ConfigurationError for files that are missing or empty, hold what is no finite number, have rows of another length,
+    or look like degrees in one file and like radians in another.
+    """
+    given = [paths] if isinstance(paths, str | Path) else list(paths)
+    files = [file for path in given for file in _files(Path(path))]
+    if not files:
+        raise ConfigurationError("touches: no file was named")
+    digest = hashlib.sha256()
+    points: dict[str, list[list[float]]] = {}
+    notes: list[str] = []
+    largest: dict[str, float] = {}  # angle of each file whose unit is to be found out
+    stated: set[str] = set()
+    width = len(joint_types) if joint_types is not None else None
+    for file, stem in zip(files, _distinct(files), strict=True):
+        raw = _bytes(file)
+        digest.update(raw)
+        rows, several, unit = _parse(_text(raw, file), file, stem, width, tuple(joint_names))
+        width = len(rows[0].values) if width is None else width
+        for row in rows:
+            if len(row.values) != width:
+                raise ConfigurationError(f"{row.where}: {len(row.values)} joint values, {width} expected")
+            points.setdefault(row.point, []).append(row.values)
+        if several:
+            notes.append(f"{file.name}: {len({row.point for row in rows})} points, told apart by {several}")
+        if unit is not None:
+            stated.add(unit)
+        values = np.abs([row.values for row in rows])[:, _hinges(joint_types, width)]
+        largest[stem] = float(values.max()) if values.size else 0.0
+    is_degrees = _degrees(units, stated, largest, notes)
+    hinges = _hinges(joint_types, width or 0)
+    series = [np.array(rows) for rows in points.values()]
+    if is_degrees:
+        series = [np.where(hinges, np.deg2rad(one), one) for one in series]
+    return Touches(
+        series=tuple(readonly(one) for one in series),
+        names=tuple(points),
+        sha256=digest.hexdigest(),
+        notes=tuple(notes),
+    )
+
+
+def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], joint_names: Sequence[str]) -> Path:
+    """Write one CSV file a point into `folder`, with a header of the joints' names, as `read_touches` takes them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, one in zip(names, series, strict=True):
+        lines = [",".join(joint_names), *(",".join(f"{value:.10f}" for value in row) for row in one)]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder
+
+
+def _hinges(joint_types: str | None, width: int) -> np.ndarray:
+    return np.array([letter != "p" for letter in (joint_types or "r" * width)], dtype=bool)
+
+
+def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: list[str]) -> bool:
+    """Whether the angles are degrees: as asked, as the headers say, or by their size; says so in `notes`."""
+    if units != "auto":
+        return units == "deg"
+    if len(stated) > 1:
+        raise ConfigurationError("touches: some headers say degrees, others radians; say --units rad or --units deg")
+    if stated:
+        if "deg" in stated:
+            notes.append("touches: degrees by their header, turned into radians")
+        return "deg" in stated
+    large = [name for name, value in largest.items() if value > _MOST_RADIANS]
+    if large and len(large) < len(largest):
+        raise ConfigurationError(
+            f"touches: {', '.join(large[:3])} {'looks' if len(large) == 1 else 'look'} like degrees (up to "
+            f"{max(largest.values()):.4g}), the rest like radians; say --units rad or --units deg"
+        )
+    if large:
+        notes.append(
+            f"touches: look like degrees (the largest angle is {max(largest.values()):.4g}), turned into radians; "
+            "--units rad if they are not"
+        )
+    return bool(large)
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_dir():
+        found = sorted(file for file in path.rglob("*") if file.suffix.lower() in (".csv", ".tsv") and file.is_file())
+        if not found:
+            raise ConfigurationError(f"touches: there is no .csv file in folder {path}")
+        return found
+    if not path.is_file():
+        raise ConfigurationError(f"touches: there is no file or folder {path}")
+    return [path]
+
+
+def _distinct(files: Sequence[Path]) -> list[str]:
+    """A name for each file: its stem, with as many folders before it as it takes to tell them apart."""
+    for depth in range(1, 8):
+        names = ["/".join((*file.parts[-depth:-1], file.stem)) for file in files]
+        if len(set(names)) == len(names):
+            return names
+    return [str(file) for file in files]
+
+
+def _bytes(file: Path) -> bytes:
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise ConfigurationError(f"{file}: cannot be read ({error.strerror})") from error
+
+
+def _text(raw: bytes, file: Path) -> str:
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{file}: not a text file in UTF-8") from error
+
+
+def _parse(
+    text: str, file: Path, stem: str, width: int | None, joint_names: tuple[str, ...]
+) -> tuple[list[_Row], str, str | None]:
+    """Rows of one file, what tells its points apart (empty: it holds one), and the unit of its header."""
+    header: list[str] | None = None
+    rows: list[_Row] = []
+    block, gap = 1, False
+    for number, line in enumerate(text.splitlines(), 1):
+        body = line.split("#", 1)[0].strip()
+        if not body:
+            gap = gap or (bool(rows) and not line.strip())
+            continue
+        cells, where = _cells(body), f"{file.name}:{number}"
+        if header is None and not rows and not _any_number(cells):
+            header = [cell.strip('"').strip().lower() for cell in cells]
+            continue
+        if gap:
+            block, gap = block + 1, False
+        if header is not None and len(cells) != len(header):
+            raise ConfigurationError(f"{where}: {len(cells)} cells, the header has {len(header)}")
+        rows.append(_row(cells, header, joint_names, width, where, block))
+    if not rows:
+        raise ConfigurationError(f"{file}: holds no touches")
+    labels = list(dict.fromkeys(row.point for row in rows))
+    blocks = labels[0].startswith("\n")
+    several = "" if len(labels) == 1 else "empty lines" if blocks else "their label"
+    if len(labels) == 1 and blocks:
+        names = {labels[0]: stem}
+    elif blocks:
+        names = {label: f"{stem}:{label.strip()}" for label in labels}
+    else:
+        names = {label: label for label in labels}
+    rows = [_Row(row.values, names[row.point], row.where) for row in rows]
+    found = {
+        unit for cell in header or () for unit in re.findall(r"[\[(_\s](deg|rad)(?:rees|ians?|s)?(?=[\])\s]|$)", cell)
+    }
+    return rows, several, found.pop() if len(found) == 1 else None
+
+
+def _cells(line: str) -> list[str]:
+    if ";" in line:
+        return [cell.strip().replace(",", ".") for cell in line.split(";")]
+    if "," in line:
+        return [cell.strip() for cell in line.split(",")]
+    return line.split()
+
+
+def _any_number(cells: Sequence[str]) -> bool:
+    for cell in cells:
+        try:
+            float(cell)
+        except ValueError:
+            continue
+        return True
+    return False
+
+
+def _row(
+    cells: list[str], header: list[str] | None, joint_names: tuple[str, ...], width: int | None, where: str, block: int
+) -> _Row:
+    point = f"\n{block}"  # no label of a file begins so
+    if header is None:
+        if width is not None and len(cells) == width + 1 and re.fullmatch(r"\d+|.*[A-Za-z].*", cells[0]):
+            point, cells = cells[0], cells[1:]  # a number or name of the point before the joint values
+    else:
+        bare = [re.split(r"\s*[\[(]", name)[0] for name in header]
+        label = next((i for i, name in enumerate(bare) if name in POINT_COLUMNS), None)
+        if label is not None:
+            point = cells[label].strip('"')
+        wanted = [name.lower() for name in joint_names]
+        if wanted and all(name in bare for name in wanted):
+            cells = [cells[bare.index(name)] for name in wanted]
+        else:
+            drop = {label, *(i for i, name in enumerate(bare) if name in IGNORED_COLUMNS)}
+            cells = [cell for i, cell in enumerate(cells) if i not in drop]
+    values: list[float] = []
+    for cell in cells:
+        try:
+            value = float(cell)
+        except ValueError:
+            raise ConfigurationError(f"{where}: {cell!r} is no number") from None
+        if not np.isfinite(value):
+            raise ConfigurationError(f"{where}: every joint value must be finite, got {cell!r}")
+        values.append(value)
+    if width is not None and len(values) != width:
+        raise ConfigurationError(f"{where}: {len(values)} joint values, the arm has {width} joints")
+    return _Row(values, point, where)

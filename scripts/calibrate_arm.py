@@ -1,0 +1,166 @@
+"""Calibrate an arm by touching: the tip in one fixed point in many orientations, joint angles alone are read.
+
+Without --touches the touching is simulated: the paper's UR10e (3 points, 21 touches each), any published arm or a
+vehicle's own with the errors of a workshop, with a hand's noise or by contact in the water. With --touches, any arm:
+
+    calibrate_arm.py --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
+"""
+
+from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+
+import datetime
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import _calibration
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from calib import report
+from calib.results import write_results
+from calib.touch_files import write_touches
+from sim.interfaces.errors import ConfigurationError
+
+NOT_ACCEPTED = 1  # exit code
+
+
+@dataclass(kw_only=True)
+class Options(ScenarioOptions):
+    """Calibrate an arm by touching fixed points."""
+
+    arm: str = "ur10e"
+    """A published arm (ur10e, panda, ...), a vehicle's own (uuv_puma), or a file: .csv, .yaml, .urdf, .xml (MJCF)."""
+    touches: tuple[Path, ...] = ()
+    """CSV files of touches, or folders of such, one file a point; none: touching is simulated."""
+    held_out: tuple[Path, ...] = ()
+    """Touches to judge by, kept from the calibration."""
+    distance: tuple[tuple[str, str, float], ...] = ()
+    """Known distances: POINT POINT METRES, as often as there are."""
+    base: str | None = None
+    """Base link or body of a URDF or MJCF."""
+    tip: str | None = None
+    """Tip link or site of a URDF or MJCF."""
+    units: Literal["auto", "rad", "deg"] = "auto"
+    """Of the angles in the touches."""
+    touching: _calibration.Touching = "noise"
+    """Simulated touching: by a hand with noise, or by contact, the hull clamped or hovering."""
+    points: int | None = None
+    """Simulated points; 3, by contact 4."""
+    poses: int | None = None
+    """Simulated touches of each; 21, by contact 10."""
+    noise: float = 0.092e-3
+    """Of the simulated hand [m], along each axis."""
+    pin: Literal["straight", "off-axis"] = "off-axis"
+    """The simulated hand's tool; by contact it is straight."""
+    known_length: bool | None = None
+    """Tell the distance between the two simulated points farthest apart; yes, but not for the paper's UR10e."""
+    arm_errors: int | None = None
+    """Seed of the workshop's errors; the seed by default."""
+    free: tuple[str, ...] = ()
+    """What may change: theta d a alpha beta tcp, or single ones such as a2; all by default."""
+    prior: tuple[tuple[str, float], ...] = ()
+    """Deviations about nominal in rad and m: NAME VALUE, as often as there are; from the data by default."""
+    method: Literal["map", "paper"] = "map"
+    """The paper's own three iterations on all parameters, or the fit that cannot collapse."""
+
+
+def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.Case:
+    """The arm and its touches. Raises UuvError for what cannot be read or touched."""
+    source = _calibration.nominal(options.arm, folder, options.base, options.tip)
+    if options.touches:
+        if options.touching != "noise":
+            raise ConfigurationError("--touches and --touching: one of the two")
+        return _calibration.from_files(source, options.touches, options.held_out, options.units, options.distance)
+    if options.distance or options.held_out:
+        raise ConfigurationError("--distance and --held-out go with --touches")
+    contact = options.touching != "noise"
+    few = options.quick and contact
+    points = options.points if options.points is not None else 3 if few or not contact else 4
+    poses = options.poses if options.poses is not None else 5 if few else 10 if contact else 21
+    if points < 1 or poses < 2 or not options.noise > 0.0:
+        raise ConfigurationError(f"--points >= 1, --poses >= 2, --noise > 0; got {points}, {poses}, {options.noise}")
+    errors = options.seed if options.arm_errors is None else options.arm_errors
+    known = options.arm != "ur10e" if options.known_length is None else options.known_length
+    if not contact:
+        if options.view:
+            raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
+        return _calibration.simulated(
+            source,
+            points=points,
+            touches=poses,
+            noise=options.noise,
+            pin=options.pin,
+            known=known,
+            errors=errors,
+            rng=rng,
+        )
+    if source.kind != "mjcf":
+        raise ConfigurationError(f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}")
+    observers: list[Any] = []
+    return _calibration.by_contact(
+        source, options.arm, hovering=options.touching == "hovering", points=points, touches=poses, known=known,
+        errors=errors, current=options.current, gust=options.gust, rng=rng, observers=tuple(observers),
+    )  # fmt: skip
+
+
+def main() -> int:
+    options = parse(Options)
+    folder = options.folder("calibrate_arm")
+    rng = np.random.default_rng(options.seed)
+    console = Console()
+    case = case_of(options, folder, rng)
+    for note in case.notes:
+        console.print(note, style="yellow", highlight=False)
+    outcome = _calibration.solve(case, free=options.free, prior=dict(options.prior), method=options.method)
+    found = outcome.calibration
+    figures = _calibration.figures_of_merit(case, outcome)
+    accepted = _calibration.accepted(outcome)
+    console.print(f"[bold]{case.title}[/bold]")
+    for warning in found.warnings:
+        console.print(warning, style="yellow", highlight=False)
+    table = Table()
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for name, value in figures:
+        table.add_row(Text(name), value)
+    console.print(table)
+    console.print(_worst(found))
+    for group in found.rank.hidden:
+        console.print(f"not seen: {group}", highlight=False)
+    date = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    source, arm = case.source, outcome.arm
+    files = write_results(folder, found, source, arm=arm, tcp=outcome.tcp, sha256=case.touches.sha256, date=date)
+    if case.truth is not None:
+        write_touches(folder / "touches", case.touches.names, case.touches.series, source.joint_names)
+    metrics = _calibration.metrics(case, outcome, accepted, options.seed)
+    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
+    if options.record:
+        report.write_report(
+            folder / "report.html", found, title=case.title, figures_of_merit=figures, accepted=accepted,
+            series=outcome.series, point_names=case.touches.names, clouds=outcome.clouds, notes=case.notes,
+            options={**asdict(options), "date": date, "touches sha256": case.touches.sha256},
+        )  # fmt: skip
+    console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]: no better than nominal")
+    console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
+    return 0 if accepted else NOT_ACCEPTED
+
+
+def _worst(found: Any, count: int = 5) -> Table:
+    """The parameters that are farthest off in deviations of their uncertainty."""
+    table = Table(title="most changed for sure", title_justify="left")
+    for column in ("", "change", "95 %", "unit"):
+        table.add_column(column, justify="right" if column in ("change", "95 %") else "left")
+    own = [i for i, group in enumerate(found.parameters.groups) if group != "tcp"]
+    half = found.quantile() * found.sigma
+    for i in sorted(own, key=lambda i: -abs(found.changes[i]) / half[i])[:count]:
+        factor, unit = report.shown(found.parameters.units[i])
+        table.add_row(found.names[i], f"{factor * found.changes[i]:+.4f}", f"± {factor * half[i]:.4f}", unit)
+    return table
+
+
+if __name__ == "__main__":
+    run_scenario(main)

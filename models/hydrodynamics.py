@@ -31,9 +31,10 @@ _STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stat
 _UPPER: Final = np.triu_indices(6)
 
 # Where each number lies in a row of `body_user`. The world body has its own row; both begin with the stamp, which
-# changes with the layout, so that a table of another layout (or another project) is not taken for ours.
+# changes with the layout, so that a table of another layout (or another project) is not taken for ours. It has six
+# digits and is below 1, because MuJoCo writes MJCF with six and, from 4.0, rounds off what is small beside the rest.
 LAYOUT: Final = SimpleNamespace(
-    stamp_value=6.20261122e8,
+    stamp_value=0.620263,
     stamp=0,
     # a body
     volume=1,

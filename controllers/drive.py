@@ -12,13 +12,13 @@ from controllers.arm_dynamics import newton_euler, tip_kinematics
 
 @numba.njit(cache=True)
 def feel(
-    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, q, qd, tau_measured, bias, noise, floor, dt, filters,
-    qd_slow, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
+    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, current_W, q, qd, tau_measured, bias, noise, floor, dt,
+    filters, qd_slow, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
 ):  # fmt: skip
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
-    Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration and the current are not known, and
-    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered
+    Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration is not known, and taken as
+    zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered
     force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,)
     before the bias is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and
     Jacobian in the hull's frame, and the force in tool axes and in world axes.
@@ -26,7 +26,7 @@ def feel(
     for i in range(3):
         for j in range(3):
             hull[3 * i + j] = X_WB[i, j]
-        hull[9 + i], hull[12 + i], hull[18 + i], hull[21 + i] = v_B[i], w_B[i], 0.0, 0.0
+        hull[9 + i], hull[12 + i], hull[18 + i], hull[21 + i] = v_B[i], w_B[i], 0.0, current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # rate of the components of v_B
     acceleration = np.empty(q.shape[0])

@@ -55,6 +55,9 @@ class Hover:
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), float(model.body_user[0, hydrodynamics.LAYOUT.density])
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
+        self._drag = (1.0 + water_error) * np.array(
+            [water.linear_damping.diagonal()[:3], water.quadratic_damping[:3]]
+        )  # (2, 3) [N s/m], [N s^2/m^2]
         self._net = gravity * (density * water.volume - mass)  # [N] up
         # Moment of weight and buoyancy is this vector x (up, in hull axes).
         self._righting = gravity * (
@@ -68,6 +71,20 @@ class Hover:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
         up_B = R_WB[2]
         return np.concatenate([self._net * up_B, skew(self._righting) @ up_B])
+
+    def current(self, state: HoverState, estimate: StateEstimate) -> Array:
+        """Current (3,) [m/s] in W that explains the steady force found so far as the hull's drag, axis by axis.
+
+        Good where the hull has hovered free of contact for some seconds: what else the model lacks (a thruster's gain
+        while it bears a push) is taken for drag as well. A direction without drag tells of no current.
+        """
+        R_WB = estimate.X_WB[:3, :3]
+        borne_B = R_WB.T @ state.integral[:3]
+        linear, quadratic = self._drag
+        # The root of quadratic u^2 + linear u = |borne|, in the form that holds without a quadratic part.
+        divisor = linear + np.sqrt(linear**2 + 4.0 * quadratic * np.abs(borne_B))
+        through_B = np.divide(2.0 * borne_B, divisor, out=np.zeros(3), where=divisor > 0.0)
+        return R_WB @ (estimate.v_WB_B - through_B)
 
     def step(
         self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,

@@ -28,8 +28,6 @@ from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, inverse, skew
 
-_STILL_WATER = np.zeros(3)  # no current is known
-
 Method = Literal["compensation", "drift-correction", "force-control"]
 
 
@@ -48,6 +46,7 @@ class Tuning:
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     hover_period: float = 0.02  # [s]
+    current_time: float = 4.0  # [s] over which the current is averaged
     task_period: float = 0.004  # [s] of IK and force loop
     joint_speed_limit: float = 0.8  # [rad/s]
     integral_limit: float = 0.01  # [rad s] either way
@@ -67,6 +66,7 @@ class WorkControllerState:
     q_wanted: Array  # (n,) [rad] at the last task step
     qd_wanted: Array  # (n,) [rad/s]
     holding: bool  # joint angles were held at the last task step, no tool pose followed
+    current_W: Array  # (3,) [m/s] of the water, as it was when nothing was touched
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
@@ -141,6 +141,7 @@ class WorkController:
             q_wanted=np.array(estimate.q),
             qd_wanted=np.zeros(n),
             holding=True,
+            current_W=np.zeros(3),
             offset=np.zeros(n),
             qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
@@ -159,14 +160,14 @@ class WorkController:
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
-            estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
+            estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
             tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG,
             self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if tuning.torque_source == "observer":
             self._tau_e[:] = self._observer.step(
                 state.load, estimate.q, estimate.qd, state.tau, R_WB=estimate.X_WB[:3, :3], nu_B=hull[9:15],
-                v_current_W=_STILL_WATER,
+                v_current_W=state.current_W,
             )  # fmt: skip
             felt = resolve(
                 estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, tuning.torque_noise,
@@ -258,6 +259,9 @@ class WorkController:
         wanted_B = self._hover.step(
             state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * self.period
         )
+        if not in_contact:  # where the tool presses, errors of thrust would pass for a current
+            share = min(1.0, self._hover_ticks * self.period / self._tuning.current_time)
+            state.current_W += share * (self._hover.current(state.hover, estimate) - state.current_W)
         thrust = self._allocation.thrust(wanted_B)
         state.hover.lacking_B = self._allocation.lacking(wanted_B, thrust)
         state.thrusters = self._allocation.command(thrust)
@@ -265,6 +269,7 @@ class WorkController:
             **state.believed,
             "arm_wrench_B": arm_wrench_B,
             "hover_wrench_B": wanted_B,
+            "current_W": state.current_W.copy(),
             "q_wanted": state.q_wanted,
         }
 

@@ -1,5 +1,6 @@
 """The hover loop where the thrusters run out: its integral must not wind up."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -8,8 +9,9 @@ from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
 from controllers.hover import Hover
 from models.vehicle import Vehicle
+from sim import hydrodynamics
 from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, quat_wxyz_from_rotation
 
 DT = 0.02  # [s]
 NONE = np.zeros(6)
@@ -66,3 +68,25 @@ def test_the_integral_stops_only_the_way_that_is_withheld(parts):
     hover.step(state, estimate(X_WB, NONE), np.eye(4), np.zeros(3), NONE, DT)
     assert state.integral[0] == 0.0
     assert state.integral[1] > 0.0 > state.integral[2]
+
+
+@pytest.mark.parametrize("current_W", [[0.2, -0.1, 0.05], [-0.05, 0.25, -0.1], [0.0, 0.0, 0.0]])
+def test_the_force_that_is_held_tells_the_current(current_W, within):
+    """A vehicle in MuJoCo's water, turned and level, held for a minute by the loop's own wrench."""
+    spec = models.load("bluerov2_heavy_wu2018")
+    model = hydrodynamics.compile(spec)
+    hydrodynamics.install()
+    model.opt.wind = current_W
+    data, hover, hull = mujoco.MjData(model), Hover(model), model.body("hull").id
+    wanted_W = pose(exp_so3([0.0, 0.0, 0.7]))
+    data.qpos[3:7] = quat_wxyz_from_rotation(wanted_W[:3, :3])
+    state, seen = hover.init(), estimate(wanted_W, NONE)
+    for _ in range(round(60.0 / DT)):
+        R = data.xmat[hull].reshape(3, 3).copy() if data.time else wanted_W[:3, :3]
+        seen = estimate(pose(R, data.qpos[:3]), np.concatenate([R.T @ data.qvel[:3], data.qvel[3:6]]))
+        wrench_B = hover.step(state, seen, wanted_W, np.zeros(3), NONE, DT)
+        data.qfrc_applied[:] = 0.0
+        mujoco.mj_applyFT(model, data, R @ wrench_B[:3], R @ wrench_B[3:], data.qpos[:3], hull, data.qfrc_applied)
+        mujoco.mj_step(model, data, nstep=round(DT / model.opt.timestep))
+    within("place held [m]", data.qpos[:3], 5e-5)  # 4e-6
+    within("current [m/s]", hover.current(state, seen) - current_W, 2e-4)  # 1.6e-5

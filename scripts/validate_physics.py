@@ -47,13 +47,15 @@ class Row:
 
     @property
     def ok(self) -> bool:
-        return self.cases > 0 and self.passed == self.cases
+        """Whatever UUV_TOLERANCE_SCALE lets pass in the tests, here the tolerances hold as they stand."""
+        kept = all(error <= tolerance for _, error, tolerance in self.figures)
+        return kept and self.cases > 0 and self.passed == self.cases
 
     @property
     def verdict(self) -> str:
         if self.ok:
             return "ok"
-        return f"skipped: {self.skipped}" if self.skipped else f"{self.cases - self.passed} of {self.cases} failed"
+        return f"skipped: {self.skipped}" if self.skipped else "missed"
 
     @property
     def worst(self) -> tuple[str, float, float] | None:
@@ -111,7 +113,10 @@ def put_into_readme(lines: list[str]) -> None:
 def main() -> int:
     options = parse(Options)
     out = options.out.resolve()
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"--out {out}: cannot be made a folder ({error.strerror})") from error
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,

@@ -288,7 +288,7 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
         expected, _ = force_estimate.tip_force(tau_e - bias, J_B[:3], sigma)
         # Weighted by the information, since some postures hardly let the force be felt in some direction.
         information = (J_B[:3] / sigma**2) @ J_B[:3].T
-        within("relative force", relative(information @ f_B, information @ expected), 1e-11)
+        within("relative force", relative(information @ f_B, information @ expected), 1e-9)  # measured up to 7e-12
 
 
 def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, within):

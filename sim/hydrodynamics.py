@@ -41,7 +41,7 @@ _callback: Any = None  # numba CFunc; kept for the life of the process, since Mu
 
 
 def install() -> None:
-    """Make the hydrodynamic callback the passive callback of this process. Idempotent; 5 to 8 s the first time ever.
+    """Make the hydrodynamic callback the passive callback of this process. Idempotent; about 10 s the first time ever.
 
     Raises HydrodynamicsError if MuJoCo's layout is not what its introspection says, or if another passive callback is
     already installed.
@@ -233,7 +233,7 @@ class _Notice(event.Listener):
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002 (numba's signature)
         if not self._said:
-            print("compiling the hydrodynamics for this MuJoCo, once: 5 to 8 s", file=sys.stderr, flush=True)
+            print("compiling the hydrodynamics for this MuJoCo, once: about 10 s", file=sys.stderr, flush=True)
             self._said = True
 
     def on_end(self, event: event.Event) -> None:

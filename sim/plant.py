@@ -141,9 +141,12 @@ class Plant:
         return truth
 
     def observe(self) -> Truth:
-        """Bring the kinematics up to now, and return the truth."""
+        """Bring the kinematics up to now, and return the truth. Raises HydrodynamicsError if the motion blew up."""
         mujoco.mj_step1(self.model, self.data)
-        self.truth.time = float(self.data.time)
+        time = float(self.data.time)
+        if time <= self.truth.time:  # MuJoCo met numbers that are none, and began anew
+            hydrodynamics.check_motion(self.model, self.data)
+        self.truth.time = time
         return self.truth
 
     def step(self, command: Command) -> None:

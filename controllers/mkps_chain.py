@@ -215,7 +215,7 @@ class Chain:
 
         Raises ConfigurationError as `from_mjcf`, and for what is not a URDF of one tree (see `mkps_urdf`).
         """
-        model, root = model_from_urdf(urdf, tip_link)
+        model, root = model_from_urdf(urdf, base_link, tip_link)
         return cls.from_mjcf(model, "world" if base_link == root else base_link, TIP_SITE, exclude)
 
     def forward(self, q: ArrayLike) -> Array:

@@ -12,36 +12,50 @@ import mujoco
 from sim.interfaces.errors import ConfigurationError
 
 TIP_SITE = "chain tip"
-_JOINTS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_UNSOLVED = ("floating", "planar")
+_JOINTS = ("revolute", "continuous", "prismatic", "fixed", *_UNSOLVED)
 
 
-def model_from_urdf(urdf: str | Path, tip_link: str) -> tuple[mujoco.MjModel, str]:
+def model_from_urdf(urdf: str | Path, base_link: str, tip_link: str) -> tuple[mujoco.MjModel, str]:
     """The kinematics of `urdf` (a file or its text) with TIP_SITE in the frame of `tip_link`, and the root link's name.
 
     The root link is MuJoCo's world body. Shapes, masses and efforts are left out. `mimic` becomes a joint equality.
 
-    Raises ConfigurationError for a file that cannot be read, text that is not URDF, an unknown tip link, links that do
-    not form one tree, and whatever MuJoCo does not accept.
+    Raises ConfigurationError for a file that cannot be read, text that is not URDF, an unknown link, links that do not
+    form one tree, a floating or planar joint between the two links, and whatever MuJoCo does not accept.
     """
     robot = _parsed(urdf)
     links = [link.get("name", "") for link in robot.findall("link")]
-    if tip_link not in links:
-        raise ConfigurationError(f"tip_link: the robot has {', '.join(links)}, got {tip_link!r}")
+    for argument, link in (("base_link", base_link), ("tip_link", tip_link)):
+        if link not in links:
+            raise ConfigurationError(f"{argument}: the robot has {', '.join(links)}, got {link!r}")
     mimics = []
-    children = set()
+    carriers: dict[str, tuple[str, ElementTree.Element]] = {}  # of each link: its parent link and the joint between
     for joint in robot.findall("joint"):
         name, kind = joint.get("name", ""), joint.get("type", "")
         if kind not in _JOINTS:
             raise ConfigurationError(f"joint {name!r}: allowed types {', '.join(_JOINTS)}, got {kind!r}")
-        child = joint.find("child")
-        children.add("" if child is None else child.get("link", ""))
+        ends = [end.get("link", "") for end in (joint.find("parent"), joint.find("child")) if end is not None]
+        if len(ends) != 2 or not set(ends) <= set(links) or ends[1] in carriers:
+            raise ConfigurationError(f"joint {name!r}: must join a parent link to a child of no other, got {ends}")
+        carriers[ends[1]] = ends[0], joint
         mimic = joint.find("mimic")
         if mimic is not None:
             mimics.append((name, mimic.get("joint", ""), mimic.get("multiplier", "1"), mimic.get("offset", "0")))
             joint.remove(mimic)
-    roots = [link for link in links if link not in children]
+    roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
         raise ConfigurationError(f"the links of a URDF must form one tree, found the roots {roots}")
+    link = tip_link
+    while link != base_link and link in carriers:
+        link, joint = carriers[link]
+        if joint.get("type") in _UNSOLVED:
+            raise ConfigurationError(
+                f"joint {joint.get('name')!r}: only hinges and slides can be solved for, not {joint.get('type')}"
+            )
+    for _, joint in carriers.values():
+        if joint.get("type") in _UNSOLVED:
+            joint.set("type", "fixed")  # beside the chain, where MuJoCo would refuse it
     for link in robot.findall("link"):
         for part in list(link):
             link.remove(part)

@@ -203,7 +203,7 @@ def _draw_growth(axes: Any, growth: dict[str, Any]) -> None:
     axes.minorticks_off()
     axes.set(xlabel="links", ylabel="median time of a solve [us]", title="Growth with the number of links, bar A")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper left")
 
 
 def _draw_arms(axes: Any, rows: list[dict[str, Any]]) -> None:

@@ -163,7 +163,7 @@ class Arm:
         return kernels.frames(self.table, self.slides, self.X_base_0, values)[:, -1] @ self.X_n_flange
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
-        """Tip positions (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
+        """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
         return kernels.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, kernels.NO_JACOBIAN)
@@ -193,8 +193,8 @@ def _rotation_with_z(z: Array, hint: Array) -> Array:
 def _row_between(z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None) -> Array:
     """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame before.
 
-    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt; above, it is the foot
-    of the common normal. `hint` is a row that the sense of the common normal shall follow.
+    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt; above, it is the
+    foot of the common normal. `hint` is a row that the sense of the common normal shall follow.
     """
     sine = float(np.hypot(z[0], z[1]))
     if sine < np.sin(parallel):
@@ -207,11 +207,8 @@ def _row_between(z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Arra
         return np.array([theta, o[2], np.hypot(o[0], o[1]), alpha, beta])
     x = np.array([-z[1], z[0]]) / sine  # e_z x z
     a = float(x @ o[:2])
-    if hint is not None:
-        flip = x @ [np.cos(hint[THETA]), np.sin(hint[THETA])] < 0.0
-    else:
-        flip = a < -1e-12
-    if flip:
+    along = a + 1e-12 if hint is None else float(x @ [np.cos(hint[THETA]), np.sin(hint[THETA])])
+    if along < 0.0:
         x, a = -x, -a
     theta = float(np.arctan2(x[1], x[0]))
     alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))

@@ -30,6 +30,7 @@ Distance = tuple[int, int, float] | tuple[int, int, float, float]
 
 _SURE_DISTANCE = 5e-5  # [m] deviation of a known distance where none is stated
 _BETA_LEVEL = 0.05  # betas that chance explains this well are dropped
+_FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad] and share of the arm's length that no workshop gets wrong
 _FAR_OFF = 5e-3  # [m] touches that scatter so after the fit are not touches of this arm
 
 
@@ -138,7 +139,7 @@ class Calibration:
         return float(np.sum(about * aligned)) / total, float(np.sqrt(gradient @ self.covariance @ gradient))
 
     def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), bent as identified under `payload_mass` [kg]."""
+        """Tips (M, 3) [m] in the base at joint values `q` (M, n), bent as identified under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
@@ -168,7 +169,7 @@ def identify(
 ) -> Calibration:
     """Identify an arm from touches: each of `series` is (m_i, n) joint values of touches of one unknown point.
 
-    nominal: DH table (n, 4) as theta0 [rad], d [m], a [m], alpha [rad] (standard), or an `Arm` (from axes, with slides).
+    nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or an `Arm` (from axes, with slides).
     free: what may change, groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2"); by default all but
         compliance, which joins where `loads` are given. Beta comes in between near-parallel axes, and goes again where
         chance explains it, unless it is named.
@@ -318,6 +319,16 @@ def _assemble(
         warnings.append(
             f"touches still scatter by {1e3 * fit.noise:.3g} mm about their points: they are not of this arm, or its "
             "table, joint signs or zeros are wrong"
+        )
+    moved = np.abs(fit.full - mean)[dh_numbers.index[:-3]]
+    angles = np.array([group in {"theta", "alpha"} for group in dh_numbers.groups[:-3]])
+    shares = np.where(angles, moved / _FAR_TURN, moved / (_FAR_SHARE * max(arm.reach, 1e-9)))
+    if shares.max() > 1.0:
+        k = int(shares.argmax())
+        amount = f"{np.rad2deg(moved[k]):.3g} deg" if angles[k] else f"{1e3 * moved[k]:.3g} mm"
+        warnings.append(
+            f"the arm found is far from the nominal one ({dh_numbers.names[k]} by {amount}): are the table, the joint "
+            "signs and the joint zeros right?"
         )
     tips_nominal = tips_of(arm, mean, data)[0]
     return Calibration(

@@ -1,18 +1,22 @@
 """Compiled loops of the calibration: tip positions with all first derivatives, joint torques of hanging loads.
 
 A joint's row in `table` is (theta0, d, a, alpha, beta): its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
-Ry(beta), a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel axes.
-Angles in rad, lengths in m, all vectors in base axes. Derivatives are analytic: a turn about an axis through o moves
-the tip p by axis x (p - o), a shift by its direction.
+Ry(beta), a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel
+axes. Angles in rad, lengths in m, all vectors in base axes. Derivatives are analytic: a turn about an axis through o
+moves the tip p by axis x (p - o), a shift by its direction.
 """
 
 import math
 
 import numpy as np
-from numba import njit
+from numba import boolean, float64, int64, njit, types
 
 THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5
 NO_JACOBIAN = np.empty((0, 0, 0))
+
+# Fixed types: one compilation of each, whether a caller's arrays are read-only or not.
+_V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
+_FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
 
 
 @njit(cache=True)
@@ -42,7 +46,7 @@ def _cross_into(out, a, b, c):
     out[2] = a[0] * y - a[1] * x
 
 
-@njit(cache=True)
+@njit(float64[:, ::1](_M, _FLAGS, _M, _M, _V, _M, float64[:, :, ::1]), cache=True)
 def tips(table, slides, X_base, X_flange, tcp, q, J):
     """Tip positions (M, 3) for joint values q (M, n).
 
@@ -77,7 +81,7 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
     return p
 
 
-@njit(cache=True)
+@njit(types.Tuple((float64, float64[::1]))(_M, _M, _V), cache=True)
 def arm_size(table, X_flange, tcp):
     """Root of the summed squares of all lengths that touching sees [m], and its derivative by the table and tool point.
 
@@ -115,7 +119,12 @@ def arm_size(table, X_flange, tcp):
     return length, gradient / max(length, 1e-300)
 
 
-@njit(cache=True)
+@njit(
+    types.Tuple((float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[:, :, ::1]))(
+        _M, _T, _V, _PLACES, _PLACES
+    ),
+    cache=True,
+)
 def centred_rows(p, J, weights, starts, index):
     """Tips and derivatives about their weighted means in each series.
 
@@ -154,7 +163,7 @@ def centred_rows(p, J, weights, starts, index):
     return residuals, r, rows, c, C
 
 
-@njit(cache=True)
+@njit(float64[:, :, :, ::1](_M, _FLAGS, _M, _M), cache=True)
 def frames(table, slides, X_base, q):
     """Frames 0..n of each pose, X (M, n + 1, 4, 4): frame k carries the axis of joint k + 1 as its z."""
     touches, n = q.shape
@@ -174,7 +183,7 @@ def frames(table, slides, X_base, q):
     return X
 
 
-@njit(cache=True)
+@njit(float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T), cache=True)
 def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """Load (M, n) that hanging bodies put on each joint along its axis: [N m] of hinges, [N] of slides.
 
@@ -206,7 +215,7 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     return tau
 
 
-@njit(cache=True)
+@njit(boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64), cache=True)
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
     """Joint values for a tip at `goal` (3,) [m] with the flange turned as `R_goal` (3, 3), from `q` in place.
 

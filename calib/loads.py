@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from calib import kernels
 from calib.arm import Arm
-from calib.kernels import ROW, A, D
+from calib.kernels import A, D
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import GRAVITY, Array, checked
 
@@ -42,10 +42,8 @@ class Loads:
         n = arm.n
         gravity = checked(self.gravity, (3,), "loads.gravity")
         middles, lengths = _middles(arm)
-        if self.link_masses is None:
-            masses = _EVEN * lengths
-        else:
-            masses = checked(self.link_masses, (n,), "loads.link_masses")
+        given = self.link_masses
+        masses = _EVEN * lengths if given is None else checked(given, (n,), "loads.link_masses")
         centers = middles if self.link_centers is None else checked(self.link_centers, (n, 3), "loads.link_centers")
         volumes = np.broadcast_to(np.asarray(self.link_volumes, dtype=np.float64), (n,))
         buoyant = self.link_buoyancy_centers
@@ -67,8 +65,8 @@ class Loads:
         """[kg] (M,) of every touch."""
         total = int(np.sum(counts))
         given = self.payload_mass
-        if np.ndim(given) == 0 if not isinstance(given, (list, tuple)) else False:
-            masses = np.full(total, float(np.asarray(given)))
+        if isinstance(given, (int, float)):
+            masses = np.full(total, float(given))
         else:
             items = list(given)  # pyright: ignore[reportArgumentType]
             if len(items) != len(counts):
@@ -127,8 +125,3 @@ def _middles(arm: Arm) -> tuple[Array, Array]:
         start, end = X[k, :3, 3], X[k + 1, :3, 3]
         middles[k] = 0.5 * X[k + 1, :3, :3].T @ (start - end)
     return middles, np.hypot(arm.table[:, A], arm.table[:, D])
-
-
-def compliance_columns(n: int) -> slice:
-    """Where the compliances sit in the full vector."""
-    return slice(ROW * n + 3, ROW * n + 3 + n)

@@ -14,8 +14,8 @@ STEPS = 3
 MU = 1e3  # [mm^2]
 ETA = 10.0
 WARNING = (
-    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; three steps stop short of "
-    "that by luck. The scale and 8 or 10 other directions mean nothing here; use method 'map'"
+    "method 'paper': criterion (7) has no least arm, its minimum is an arm shrunk to a point; three steps stop short "
+    "of that by luck. The scale and 8 or 10 other directions mean nothing here; use method 'map'"
 )
 _WIDE = 100.0  # units: as good as no prior, for the covariance only
 

@@ -56,7 +56,7 @@ class Parameters:
 
 
 def all_parameters(arm: Arm) -> Parameters:
-    """Every parameter of `arm`: 4 n of its DH table, 3 of the tool point, beta of near-parallel joints, n compliances."""
+    """Every parameter of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n compliances."""
     names, groups, index = [], [], []
     for k in range(arm.n):
         for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):

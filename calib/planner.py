@@ -81,7 +81,9 @@ def plan(
     chosen, merit = [], []
     free_to_take = np.ones(total, dtype=bool)
     for _ in range(count):
-        best = _best(rows, C, W, free_to_take)
+        best = _best(
+            rows, C, None, free_to_take
+        )  # of moves, the first touch of a point tells nothing yet: D looks ahead
         C = _updated(C, rows[best], 1.0)
         free_to_take[best] = False
         chosen.append(best)
@@ -130,14 +132,19 @@ def _rows(
 
 
 def _aim(arm: Arm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
-    """W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of the flange, relative to its mean."""
+    """W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of the flange's moves, as a cloud is aligned."""
     if targets is None:
         raise ConfigurationError('targets: criterion "V" needs the poses whose accuracy counts')
     q = checked_series([targets], arm)[0]
-    J = arm.tips_and_jacobian(q, np.zeros(3))[1]
+    p, J = arm.tips_and_jacobian(q, np.zeros(3))
     J[:, ROW * arm.n :, :] = 0.0  # the flange does not hang on the tool point
     J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
     J = (J - J.mean(axis=0)).transpose(0, 2, 1).reshape(3 * len(q), -1) * deviations
+    # A cloud that is only turned is no worse, nor does any touching tell how large it is.
+    about = p - p.mean(axis=0)
+    gauges = np.column_stack([*(np.cross(axis, about).ravel() for axis in np.eye(3)), about.ravel()])
+    Q = np.linalg.qr(gauges)[0]
+    J -= Q @ (Q.T @ J)
     W = np.zeros((size, size))
     W[: len(index), : len(index)] = J.T @ J / len(q)
     return W

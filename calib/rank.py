@@ -76,7 +76,8 @@ class RankReport:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.rank} of {self.total} directions are seen (condition {self.condition:.3g}, O1 {self.observability:.3g} m)"
+            f"{self.rank} of {self.total} directions are seen "
+            f"(condition {self.condition:.3g}, O1 {self.observability:.3g} m)"
         ]
         lines += [f"not seen: {group}" for group in self.hidden]
         for word in ("known", "in combination", "unknowable"):

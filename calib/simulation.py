@@ -15,11 +15,10 @@ from sim.interfaces.spatial import Array, checked, rotation_from_z
 HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of paper 000 over 3 x 21 touches
 _TRIES = 400  # starts and orientations tried for one touch
 _STEPS = 60  # of the inverse kinematics
-_SINGULAR = 1e-9
 
 
 def wrong_arm(arm: Arm, deviations: Mapping[str, float], rng: np.random.Generator) -> Arm:
-    """An arm whose table is off by normal errors of the given deviations by group (theta, d, a, alpha, beta) [rad], [m].
+    """An arm whose table is off by normal errors of given deviations by group (theta, d, a, alpha, beta) [rad, m].
 
     Raises ConfigurationError for other groups.
     """
@@ -60,7 +59,8 @@ def touch(
     tool = checked(tcp, (3,), "tcp")
     bounds = _bounds(arm, limits)
     axis = checked(approach, (3,), "approach")
-    goals = _points(arm, tool, bounds, axis, cone, rng, points) if np.ndim(points) == 0 else np.asarray(points, float)  # pyright: ignore[reportArgumentType]
+    given = np.asarray(points, dtype=np.float64)
+    goals = _points(arm, tool, bounds, axis, cone, rng, int(given)) if given.ndim == 0 else given
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
         raise ConfigurationError(f"points, touches: {len(counts)} counts for points of shape {goals.shape}")
@@ -118,10 +118,9 @@ def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
 
 
 def _points(
-    arm: Arm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, count: int | ArrayLike
+    arm: Arm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, wanted: int
 ) -> Array:
     """Points that the arm reaches in varied orientations, well apart."""
-    wanted = int(np.asarray(count))
     length = arm.reach + float(np.linalg.norm(tool))
     found: list[Array] = []
     for _ in range(_TRIES):

@@ -83,7 +83,12 @@ def _reach(arm: Arm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
 
 
 def track(
-    truth: Arm, q: ArrayLike, rng: np.random.Generator, *, noise: float = TRACKER_NOISE, reflector: ArrayLike = (0, 0, 0)
+    truth: Arm,
+    q: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    noise: float = TRACKER_NOISE,
+    reflector: ArrayLike = (0, 0, 0),
 ) -> Array:
     """What a tracker measures (N, 3) [m], in its own frame, of a reflector at `reflector` (3,) [m] in the flange."""
     points = truth.tips(q, checked(reflector, (3,), "reflector"))
@@ -159,9 +164,7 @@ def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment =
         raw = checked(points, measured.shape, name)
         centred = raw - raw.mean(axis=0)
         aligned = transform_points((kabsch if alignment == "kabsch" else icp)(centred, target), centred)
-        gaps = (
-            np.linalg.norm(aligned - target, axis=1) if alignment == "kabsch" else cKDTree(target).query(aligned)[0]
-        )
+        gaps = np.linalg.norm(aligned - target, axis=1) if alignment == "kabsch" else cKDTree(target).query(aligned)[0]
         out[name] = Cloud(
             raw=raw,
             centred=readonly(centred),

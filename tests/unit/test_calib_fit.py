@@ -1,0 +1,289 @@
+"""Calibration by touching against forward kinematics written here, finite differences, energy and known truths."""
+
+import numpy as np
+import pytest
+
+from calib import Arm, Loads, identify
+from calib.planner import plan
+from calib.simulation import touch, wrong_arm
+from calib.touches import first_tcp
+from calib.verification import compare, flange_poses, icp, kabsch, track
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+
+H, DEG = np.pi / 2, np.pi / 180
+# UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that paper 000 identified.
+UR10E = np.array(
+    [
+        (0, 0.1807, 0, H), (0, 0, -0.6127, 0), (0, 0, -0.57155, 0),
+        (0, 0.17415, 0, H), (0, 0.11985, 0, -H), (0, 0.11655, 0, 0),
+    ]
+)  # fmt: skip
+PAPER = np.array(
+    [
+        (0.0, 0.1807, 0.0000015, 90.0193 * DEG),
+        (0.0047 * DEG, -0.0000002, -0.6127056, -0.0682 * DEG),
+        (0.0015 * DEG, -0.0000002, -0.5713064, -0.2073 * DEG),
+        (0.0017 * DEG, 0.1741, -0.0000756, 89.9643 * DEG),
+        (0.0467 * DEG, 0.1202671, 0.0001869, -90.0688 * DEG),
+        (-0.0253 * DEG, 0.1158641, 0.0000356, -0.0102 * DEG),
+    ]
+)
+STRAIGHT, OFF_AXIS = np.array([0.0, 0.0, 0.15]), np.array([0.08, 0.0, 0.15])
+WORKSHOP = {"theta": 0.1 * DEG, "d": 5e-4, "a": 5e-4, "alpha": 0.1 * DEG, "beta": 0.1 * DEG}
+
+
+def tips_here(dh: Array, q: Array, tcp: Array) -> Array:
+    """Tips (M, 3) [m] by products of elementary moves."""
+    out = []
+    for row in q:
+        X = np.eye(4)
+        for (theta, d, a, alpha), angle in zip(dh, row, strict=True):
+            X = X @ pose(exp_so3([0, 0, theta + angle]), [0, 0, d]) @ pose(exp_so3([alpha, 0, 0]), [a, 0, 0])
+        out.append(X[:3, :3] @ tcp + X[:3, 3])
+    return np.array(out)
+
+
+def criterion(dh: Array, tcp: Array, series: list[Array]) -> float:
+    """Eq. (7) as it is printed."""
+    total = 0.0
+    for q in series:
+        p = tips_here(dh, q, tcp)
+        total += sum(float(np.sum((p[j] - p[s]) ** 2)) for j in range(len(p)) for s in range(j + 1, len(p)))
+    return total
+
+
+@pytest.fixture(scope="module")
+def off_axis() -> list[Array]:
+    return touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def straight() -> list[Array]:
+    return touch(Arm.from_dh(PAPER), STRAIGHT, np.random.default_rng(0))
+
+
+def test_derivatives(within):
+    rng = np.random.default_rng(1)
+    nominal = Arm.from_dh(UR10E, "rrrprr")
+    arm = nominal.with_table(nominal.table + 0.1 * rng.standard_normal(nominal.table.shape))
+    q, tcp, h = rng.uniform(-1, 1, (4, 6)), rng.uniform(-0.2, 0.2, 3), 1e-6
+    _, J = arm.tips_and_jacobian(q, tcp)
+    for i in range(arm.table.size + 3):
+        step = np.zeros(arm.table.size + 3)
+        step[i] = h
+        ends = [
+            arm.with_table(arm.table + s * step[:-3].reshape(-1, 5)).tips(q, tcp + s * step[-3:]) for s in (1.0, -1.0)
+        ]
+        within("derivative", J[:, i] - (ends[0] - ends[1]) / (2 * h), 3e-9)
+
+
+def test_table_without_beta_is_the_same_arm(within):
+    rng = np.random.default_rng(2)
+    arm = wrong_arm(Arm.from_dh(UR10E), {group: 10 * s for group, s in WORKSHOP.items()}, rng)
+    assert np.abs(arm.table[1:3, 4]).min() > 1e-3
+    q, tcp = rng.uniform(-3, 3, (20, 6)), OFF_AXIS
+    within("tips by plain DH", tips_here(arm.dh, q, tcp) - arm.tips(q, tcp), 1e-11)
+
+
+def test_arm_from_axes(within):
+    rng = np.random.default_rng(3)
+    true = wrong_arm(Arm.from_dh(UR10E), {group: 10 * s for group, s in WORKSHOP.items()}, rng)
+    arm = Arm.from_axes(*true.axes())
+    q = rng.uniform(-3, 3, (20, 6))
+    within("tips by axes", arm.tips(q, OFF_AXIS) - true.tips(q, OFF_AXIS), 1e-12)
+    assert np.abs(arm.table[:, 1:3]).max() < 2.0
+    assert arm.near_parallel == (1, 2)
+
+
+def test_first_tool_point_is_exact_for_the_true_arm(within):
+    arm = Arm.from_dh(PAPER)
+    series = touch(arm, OFF_AXIS, np.random.default_rng(4), noise=0.0, touches=6)
+    within("tool point", first_tcp(arm, series) - OFF_AXIS, 1e-9)
+
+
+def test_cost_is_the_printed_criterion(off_axis: list[Array], within):
+    result = identify(off_axis, UR10E)
+    within("cost", result.cost / criterion(result.dh, result.tcp, off_axis) - 1.0, 1e-7)
+    assert result.cost_nominal > 20.0 * result.cost
+
+
+def test_true_arm_is_found_without_noise(within):
+    """Four points, one distance for the scale, tilted parallel axes: relative moves to a few micrometres."""
+    rng = np.random.default_rng(5)
+    truth = wrong_arm(Arm.from_dh(UR10E), WORKSHOP, rng)
+    points = np.array([[0.6, -0.5, 0.2], [0.6, 0.5, 0.3], [-0.5, 0.5, 0.2], [0.2, 0.7, 0.6]])
+    series = touch(truth, OFF_AXIS, rng, points=points, noise=0.0)
+    result = identify(series, UR10E, distances=[(0, 1, float(np.hypot(1.0, 0.1)), 1e-7)])
+    q, zero = flange_poses(Arm.from_dh(UR10E), rng), np.zeros(3)
+    exact = track(truth, q, rng, noise=0.0)
+    clouds = compare(exact, {"nominal": Arm.from_dh(UR10E).tips(q, zero), "found": tips_here(result.dh, q, zero)})
+    assert clouds["nominal"].rms > 2e-4
+    within("relative moves [m]", clouds["found"].rms, 2e-6)
+
+
+def test_three_steps_reach_the_noise_and_a_hundred_more_stay(straight: list[Array]):
+    three, many = identify(straight, UR10E, max_iterations=3), identify(straight, UR10E, max_iterations=103)
+    assert len(three.history) == 4
+    for result in (three, many):  # chi-square with some 164 degrees of freedom at 0.092 mm: 29 mm^2, 1 % to 99 %
+        assert 21e-6 < result.cost < 38e-6
+    before, after = np.abs(three.arm.table[:, 1:3]).sum(), np.abs(many.arm.table[:, 1:3]).sum()
+    assert abs(after / before - 1.0) < 1e-3
+
+
+def test_paper_run_warns_and_falls_alike(off_axis: list[Array]):
+    result = identify(off_axis, UR10E, method="paper")
+    assert len(result.names) == 27
+    assert len(result.history) == 4
+    assert 21e-6 < result.cost < 38e-6
+    assert any("shrunk to a point" in line for line in result.warnings)
+
+
+@pytest.mark.parametrize("rank", [16, 18], ids=["straight", "off axis"])
+def test_rank_and_reasons(rank: int, straight: list[Array], off_axis: list[Array]):
+    result = identify(straight if rank == 16 else off_axis, UR10E)
+    report = result.rank
+    assert (report.rank, report.total, int(result.identifiable.sum())) == (rank, 27, rank)
+    found = {group.reason.split(":")[0]: (group.count, set(group.names)) for group in report.hidden}
+    assert found["base gauge"] == (2, {"theta1", "d1"})
+    assert found["last frame against tool point"][0] == 4
+    assert {"theta6", "d6", "a6", "alpha6"} <= found["last frame against tool point"][1]
+    assert found["parallel axes"] == (2, {"d2", "d3", "d4"})
+    assert found["scale"][0] == 1
+    assert {"a2", "a3"} <= found["scale"][1]
+    assert ("straight pin" in found) == (rank == 16)
+    if rank == 16:
+        assert found["straight pin"][0] == 2
+        assert {"theta5", "a5", "alpha5", "d5"} <= found["straight pin"][1]
+
+
+def test_hidden_directions_change_nothing_that_touching_sees(off_axis: list[Array], within):
+    """An arm moved along an exact gauge keeps the printed criterion."""
+    result = identify(off_axis, UR10E)
+    for name in ("theta1", "d1"):
+        table = np.array(result.arm.table)
+        table[0, 0 if name == "theta1" else 1] += 0.1
+        moved = result.arm.with_table(table)
+        within(name, criterion(moved.dh, result.tcp, off_axis) / result.cost - 1.0, 1e-7)
+    scaled = np.array(result.arm.table)
+    scaled[:, 1:3] *= 1.01
+    shrunk = criterion(result.arm.with_table(scaled).dh, 1.01 * result.tcp, off_axis)
+    within("scale", shrunk / result.cost - 1.01**2, 1e-7)
+
+
+def test_a_known_distance_tells_scale():
+    rng = np.random.default_rng(6)
+    truth = Arm.from_dh(PAPER * [1, 1.002, 1.002, 1])
+    points = np.array([[0.6, -0.5, 0.2], [0.6, 0.5, 0.2], [-0.5, 0.5, 0.3]])
+    series = touch(truth, OFF_AXIS, rng, points=points)
+    q = flange_poses(Arm.from_dh(UR10E), rng, 30)
+    blind, told = identify(series, UR10E), identify(series, UR10E, distances=[(0, 1, 1.0, 2e-5)])
+    assert (blind.rank.rank, told.rank.rank) == (18, 19)
+    value, sigma = told.scale(q)
+    true_moves, nominal = (Arm.from_dh(dh).tips(q, np.zeros(3)) for dh in (truth.dh, UR10E))
+    true_scale = np.linalg.norm(true_moves - true_moves.mean(0)) / np.linalg.norm(nominal - nominal.mean(0))
+    assert sigma < 1e-4
+    assert abs(value - true_scale) < 4.0 * sigma
+    assert blind.scale(q)[1] > 3.0 * sigma
+
+
+def test_intervals_cover():
+    """Of the seen combinations, 95 % intervals hold the truth, drawn from the stated prior, in 95 % of cases."""
+    nominal, inside = Arm.from_dh(UR10E), []
+    for seed in range(25):
+        rng = np.random.default_rng([7, seed])
+        truth = wrong_arm(nominal, WORKSHOP, rng)
+        series = touch(truth, OFF_AXIS, rng)
+        result = identify(series, UR10E, prior=WORKSHOP, free=("theta", "d", "a", "alpha", "beta", "tcp"))
+        full = np.concatenate([truth.table.ravel(), OFF_AXIS, np.zeros(6)])
+        change = full[result.parameters.index] - (result.values - result.changes)
+        for seen in result.combinations():
+            value = seen.weights / result.rank_free.scales @ change
+            inside.append(seen.interval[0] <= value <= seen.interval[1])
+    assert len(inside) == 25 * 20
+    assert 0.91 < np.mean(inside) < 0.985
+
+
+def test_joint_loads_are_slopes_of_energy(within):
+    """Weight less buoyancy: the load on each joint is minus the derivative of the potential energy."""
+    rng = np.random.default_rng(8)
+    arm = wrong_arm(Arm.from_dh(UR10E, "rrprrr"), WORKSHOP, rng)
+    masses, volumes = rng.uniform(1, 10, 6), rng.uniform(1e-4, 3e-3, 6)
+    centers, buoyant, held = rng.uniform(-0.2, 0.2, (6, 3)), rng.uniform(-0.2, 0.2, (6, 3)), np.array([0.0, 0.05, 0.1])
+    g, rho = np.array([0.3, -0.5, -9.7]), 1025.0
+    loads = Loads(
+        link_masses=masses, link_centers=centers, link_volumes=volumes, link_buoyancy_centers=buoyant,
+        payload_mass=5.0, payload_center=held, payload_volume=1e-3, water_density=rho, gravity=g,
+    )  # fmt: skip
+
+    def energy(q: Array) -> float:
+        table = np.array(arm.table)
+        X, total = np.eye(4), 0.0
+        for k, (theta, d, a, alpha, beta) in enumerate(table):
+            slide = arm.slides[k]
+            X = X @ pose(exp_so3([0, 0, theta + (0 if slide else q[k])]), [0, 0, d + (q[k] if slide else 0)])
+            X = X @ pose(exp_so3([alpha, 0, 0]), [a, 0, 0]) @ pose(exp_so3([0, beta, 0]))
+            total -= masses[k] * g @ transform_points(X, centers[k])
+            total += rho * volumes[k] * g @ transform_points(X, buoyant[k])
+        return total - (5.0 - rho * 1e-3) * float(g @ transform_points(X, held))
+
+    q = rng.uniform(-1, 1, (2, 6))
+    tau = loads.bind(arm, [2]).at(q)(arm.table)
+    for pose_q, found in zip(q, tau, strict=True):
+        steps = 1e-6 * np.eye(6)
+        slope = [(energy(pose_q + h) - energy(pose_q - h)) / 2e-6 for h in steps]
+        within("joint load [N m]", found + slope, 1e-6)
+    assert np.abs(tau).max() > 10.0
+
+
+def test_compliance_in_water_from_two_loads():
+    truth, stiffness = Arm.from_dh(PAPER), np.array([4e4, 4e4, 3e4, 1e4, 1e4, 1e4])
+    masses = np.array([7.4, 13.1, 4.0, 2.1, 2.0, 0.6])  # UR10e, Universal Robots' description
+    rng = np.random.default_rng(9)
+    points = np.array([[0.6, -0.4, 0.2], [0.6, 0.5, 0.3], [-0.5, 0.5, 0.2]])
+
+    def loads(payload: object) -> Loads:
+        return Loads(
+            link_masses=masses, link_volumes=masses / 4000.0, payload_mass=payload,  # pyright: ignore[reportArgumentType]
+            payload_center=(0.0, 0.0, 0.1), payload_volume=5e-4, water_density=1025.0,
+        )  # fmt: skip
+
+    parts = [
+        touch(truth, OFF_AXIS, rng, points=points, compliance=1.0 / stiffness, loads=loads(mass))
+        for mass in (0.0, 10.0)
+    ]
+    series = [np.vstack(pair) for pair in zip(*parts, strict=True)]
+    every = [np.repeat([0.0, 10.0], 21)] * 3
+    rigid, result = identify(series, UR10E), identify(series, UR10E, loads=loads(every))
+    assert rigid.noise > 1.5 * result.noise
+    sigma = result.sigma[[result.names.index(f"c{k}") for k in range(2, 6)]]
+    error = result.compliance[1:5] - 1.0 / stiffness[1:5]
+    assert np.all(np.abs(error) < 4.0 * sigma)
+    assert np.all(np.abs(error) < 0.25 / stiffness[1:5])
+    unknown = [group for group in result.rank_free.hidden if "no load moment" in group.reason]
+    assert [set(group.names) for group in unknown] == [{"c1", "c6"}]
+
+
+def test_clouds_align(within):
+    rng = np.random.default_rng(10)
+    target = rng.uniform(-0.5, 0.5, (13, 3))
+    X = pose(exp_so3([0.3, -0.5, 1.9]), [1.0, -2.0, 0.5])
+    source = transform_points(inverse(X), target)
+    within("Kabsch", kabsch(source, target) - X, 1e-13)
+    within("ICP", icp(source[rng.permutation(13)], target) - X, 1e-13)
+
+
+def test_planner_takes_what_tells_most():
+    """The greedy choice grows with every touch and beats most random ones by its own measure, recomputed here."""
+    rng = np.random.default_rng(11)
+    candidates = touch(Arm.from_dh(UR10E), OFF_AXIS, rng, points=3, touches=30)
+    chosen = plan(UR10E, candidates, 20, tcp=OFF_AXIS)
+    assert len(set(chosen.chosen)) == 20
+    assert np.all(np.diff(chosen.merit[:-1]) > 0.0)
+    targets = flange_poses(Arm.from_dh(UR10E), rng, 20)
+    relative = plan(UR10E, candidates, 20, tcp=OFF_AXIS, criterion="V", targets=targets)
+    every = [(s, j) for s in range(3) for j in range(30)]
+    for _ in range(20):
+        picked = [every[i] for i in rng.choice(90, 20, replace=False)]
+        series = [q[[j for s, j in picked if s == i]] for i, q in enumerate(candidates)]
+        assert chosen.merit[-1] > plan(UR10E, series, 20, tcp=OFF_AXIS).merit[-1]
+        assert relative.merit[-1] < plan(UR10E, series, 20, tcp=OFF_AXIS, criterion="V", targets=targets).merit[-1]

@@ -166,7 +166,7 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
 
 def main() -> int:
     options = parse(Options)
-    count = max(2, options.poses // 4 if options.quick else options.poses)
+    count = max(2, options.poses // 8 if options.quick else options.poses)
     folder = options.out or Path("runs/servo_arm")
     arm = arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)

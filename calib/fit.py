@@ -66,7 +66,6 @@ class Fit:
     cost: float  # [m^2] eq. (7) over the touches that count
     history: tuple[float, ...]  # [m^2] eq. (7) before the first step and after each
     converged: bool
-    log_evidence: float
 
 
 def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
@@ -152,8 +151,8 @@ class Problem:
         size = ROW * self.arm.n
         return full[:size].reshape(-1, ROW), full[size : size + 3], full[size + 3 :]
 
-    def equations(self, full: Array, noise: float) -> tuple[Array, Array, Array, float]:
-        """Residuals (M, 3) [m]; J^T J (P, P), J^T r (P,) and r^T r of all scaled residuals, the prior's apart."""
+    def equations(self, full: Array, noise: float) -> tuple[Array, Array, Array]:
+        """Residuals (M, 3) [m]; J^T J (P, P) and J^T r (P,) of all scaled residuals, the prior's apart."""
         data = self.data
         residuals, r, rows, c, C = linearised(self.arm, full, data, self.parameters)
         size, gradient = self.scale(full)
@@ -162,11 +161,11 @@ class Problem:
         over = 1.0 / (noise * size) ** 2
         crossed = np.outer(toward, lean)
         H = over * (rows.T @ rows - crossed - crossed.T + square * np.outer(lean, lean))
-        g, value = over * (toward - square * lean), over * square
+        g = over * (toward - square * lean)
         if data.distances:
             errors, rows = distance_rows(c, C, data, noise)
-            H, g, value = H + rows.T @ rows, g + rows.T @ errors, value + float(errors @ errors)
-        return residuals, H, g, value
+            H, g = H + rows.T @ rows, g + rows.T @ errors
+        return residuals, H, g
 
     def value(self, full: Array, noise: float, deviations: Array) -> tuple[float, Array]:
         """Twice the negative log posterior, constants left out, and the residuals (M, 3) [m]."""
@@ -190,7 +189,7 @@ class Problem:
         if not history:
             history.append(pair_cost(residuals, self.data))
         for _ in range(iterations):
-            _, H, g, _ = self.equations(full, noise)
+            _, H, g = self.equations(full, noise)
             H = H * np.outer(deviations, deviations) + np.eye(len(g))
             gradient = g * deviations + (full - self.mean)[self.index] / deviations
             while True:
@@ -213,12 +212,10 @@ class Problem:
         return full, False
 
     def summary(self, full: Array, noise: float, deviations: Array, history: list[float], converged: bool) -> Fit:
-        """The solution `full` with its covariance and evidence at the given noise and prior."""
-        residuals, H, _, value = self.equations(full, noise)
+        """The solution `full` with its covariance at the given noise and prior."""
+        residuals, H, _ = self.equations(full, noise)
         H = H * np.outer(deviations, deviations) + np.eye(len(deviations))
         inverse = np.linalg.inv(H)
-        away = (full - self.mean)[self.index] / deviations
-        logdet = float(np.linalg.slogdet(H)[1])
         return Fit(
             full=full,
             residuals=residuals,
@@ -229,7 +226,6 @@ class Problem:
             cost=pair_cost(residuals, self.data),
             history=tuple(history),
             converged=converged,
-            log_evidence=-0.5 * (value + float(away @ away) + logdet) - self.data.degrees * np.log(noise),
         )
 
 

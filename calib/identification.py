@@ -67,10 +67,11 @@ class Calibration:
     compliance: Array  # (n,) [rad/(N m)] zero where not identified
     arm: Arm  # the identified arm; arm.table (n, 5) holds the same with beta apart, all changes small
     nominal: Arm
+    nominal_tcp: Array  # (3,) [m] the tool point of eq. (16), or as given
     cost: float  # [m^2] eq. (7) over the touches in use
     cost_nominal: float  # [m^2] the same for the nominal arm with the tool point of eq. (16)
     noise: float  # [m] deviation of a touch along each axis, degrees of freedom corrected
-    points: Array  # (S, 3) [m] the touched points in the base; NaN-free: series left out have their plain mean
+    points: Array  # (S, 3) [m] the touched points in the base
     residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
     outliers: tuple[Outlier, ...]
     parameters: Parameters
@@ -234,7 +235,8 @@ def _map_fit(
     elastic: bool,
 ) -> tuple[Fit, Data, Parameters]:
     """The fit, its data with outliers at weight 0, and the parameters that were free in it."""
-    words = [free] if isinstance(free, str) else list(free or (*DEFAULT_FREE, *(["compliance"] if elastic else [])))
+    default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
+    words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
         raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
@@ -338,6 +340,7 @@ def _assemble(
         compliance=readonly(compliance),
         arm=identified,
         nominal=arm,
+        nominal_tcp=readonly(mean[size : size + 3]),
         cost=fit.cost,
         cost_nominal=pair_cost(centred(tips_nominal, data), data),
         noise=fit.noise,

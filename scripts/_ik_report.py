@@ -129,7 +129,7 @@ def _by_arm(rows: list[dict[str, Any]], degrees: int) -> Table:
         f"{start} {bar} {what}" for start in STARTS for bar in ("A", "B") for what in ("[us]", "DLS / hybrid")
     )
     return Table(
-        f"hybrid a Python call, and over it the compiled DLS, whose call checks nothing and returns q alone, +-{degrees} deg",
+        f"hybrid a Python call, over it the compiled DLS, whose call checks nothing and gives q alone, +-{degrees} deg",
         ("arm", *columns),
         body,
     )

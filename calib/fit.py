@@ -20,6 +20,8 @@ from calib.kernels import ROW, THETA, D
 from calib.parameters import Parameters
 from sim.interfaces.spatial import Array
 
+FIRST_NOISE = 1e-4  # [m] a good hand: where the estimate starts, and stays where too few touches are left to tell
+LEAST_FREEDOM = 5.0  # degrees of freedom from which the noise is estimated
 NOISE_FLOOR = 1e-6  # [m] no encoder sees less, and a noise of zero would leave the prior no say
 _SETTLED = 1e-5  # a step shorter than this share of the posterior deviations ends the iteration
 _PSEUDO = 2.0  # parameters' worth of belief in the default deviation when the data choose it
@@ -179,7 +181,7 @@ class Problem:
             c = means(p, data)
             total += sum(((np.linalg.norm(c[i] - c[j]) - k) / sd) ** 2 for i, j, k, sd in _distances(data, noise))
         away = (full - self.mean)[self.index] / deviations
-        return total + float(away @ away), residuals
+        return float(total + away @ away), residuals
 
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
@@ -257,17 +259,18 @@ def solve(
     full = (problem.mean if start is None else start).copy()
     given = deviations
     history: list[float] = []
-    # The first guess of the noise only has to be of the right size: a tenth of a millimetre, a good hand.
-    sigma = noise if noise is not None else 1e-4
+    sigma = noise if noise is not None else FIRST_NOISE
     full, converged = problem.descend(full, sigma, deviations, min(iterations, 3), history)
     fit = problem.summary(full, sigma, deviations, history, converged)
     if noise is not None and not adapt:
         full, converged = problem.descend(full, sigma, deviations, iterations - len(history) + 1, history)
         return problem.summary(full, sigma, deviations, history, converged)
     pools = _pooled(problem.parameters) if adapt else []
+    # A fit that passes through everything would be believed to the last digit.
+    estimate = noise is None and problem.data.degrees - fit.effective >= LEAST_FREEDOM
     for _ in range(_ROUNDS):
         before = np.append(deviations, sigma)
-        if noise is None:
+        if estimate:
             sigma = _noise_of(fit, problem.data)
         away = (fit.full - problem.mean)[problem.index]
         known = 1.0 - np.diag(fit.covariance) / fit.deviations**2

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.stats import chi2, t
 
 from calib.arm import Arm
-from calib.fit import Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
+from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
 from calib.kernels import ROW
 from calib.loads import BoundLoads, Loads
 from calib.paper import WARNING, paper_run
@@ -316,6 +316,11 @@ def _assemble(
         if i in live:
             left_out = kept[i][~weight[i]]
             outliers += [Outlier(series=i, touch=int(j), distance=float(residuals[i][j])) for j in left_out]
+    if data.degrees - fit.effective < LEAST_FREEDOM:
+        warnings.append(
+            f"{len(data.q)} touches leave {data.degrees - fit.effective:.2g} degrees of freedom: the fit proves "
+            f"nothing, and a noise of {1e3 * fit.noise:.2g} mm is taken"
+        )
     warnings += [f"left out, for it does not belong: {outlier}" for outlier in outliers]
     if fit.noise > _FAR_OFF:
         warnings.append(

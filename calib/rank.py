@@ -19,6 +19,7 @@ from sim.interfaces.spatial import Array
 THRESHOLD = 3e-3
 _ANGLE = np.deg2rad(0.1)  # [rad] the error that a column is scaled to
 _SHARE = 6.0  # of the arm's length over which that turn makes the like error in metres
+_LIES_IN = 0.9  # cosine to the hidden space from which a direction counts as in it
 _EXPLAINS = 0.3  # a direction less new than this is the same as those already named
 _TOUCHED, _MIXED = 0.02, 0.98  # share of a parameter in hidden directions: below known, above unknowable
 
@@ -109,7 +110,7 @@ def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise
         scales=scales,
         directions=seen,
         hidden_directions=hidden,
-        hidden=_reasons(arm, rows, floor, parameters, len(hidden)),
+        hidden=_reasons(arm, hidden, parameters),
         identifiable=_chosen(arm, seen, parameters),
         status=tuple("known" if s < _TOUCHED else "unknowable" if s > _MIXED else "in combination" for s in share),
         touches=int(np.sum(data.weights > 0.0)),
@@ -153,18 +154,19 @@ def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
     return chosen
 
 
-def _reasons(arm: Arm, rows: Array, floor: float, parameters: Parameters, missing: int) -> tuple[HiddenGroup, ...]:
+def _reasons(arm: Arm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
     """Split the hidden directions into groups, each the null space of a few columns that has a reason of its own."""
-    total = len(parameters.names)
+    missing, total = hidden.shape
     found = np.zeros((0, total))
     groups = []
     for names, reason, handle in _suspects(arm, parameters):
         places = parameters.where(*names)
         if not len(places) or len(found) >= missing:
             continue
-        _, values, Vt = np.linalg.svd(rows[:, places], full_matrices=False)
-        null = np.zeros((int(np.sum(values <= floor)), total))
-        null[:, places] = Vt[len(places) - len(null) :]
+        # The directions of these columns alone that lie in the hidden space: cosines near 1.
+        _, cosines, Vt = np.linalg.svd(hidden[:, places], full_matrices=False)
+        null = np.zeros((int(np.sum(cosines > _LIES_IN)), total))
+        null[:, places] = Vt[: len(null)]
         null -= (null @ found.T) @ found
         _, size, new = np.linalg.svd(null, full_matrices=False)
         new = new[size > _EXPLAINS][: missing - len(found)]
@@ -173,9 +175,7 @@ def _reasons(arm: Arm, rows: Array, floor: float, parameters: Parameters, missin
             groups.append(HiddenGroup(names=tuple(inside), count=len(new), reason=reason, handle=handle))
             found = np.vstack([found, new])
     if len(found) < missing:
-        _, _, Vt = np.linalg.svd(rows)
-        null = Vt[total - missing :]
-        null = null - (null @ found.T) @ found
+        null = hidden - (hidden @ found.T) @ found
         _, _, new = np.linalg.svd(null, full_matrices=False)
         new = new[: missing - len(found)]
         inside = [parameters.names[j] for j in np.argsort(-np.abs(new).max(axis=0)) if np.abs(new[:, j]).max() > 0.2]

@@ -114,6 +114,14 @@ def test_touches_of_another_arm_are_doubted():
     assert any("nominal" in line or "not of this arm" in line for line in identify(shuffled, UR10E).warnings)
 
 
+def test_too_few_touches_are_not_believed(series: list[Array]):
+    result = identify([series[0][:3]], UR10E)
+    assert any("proves nothing" in line for line in result.warnings)
+    assert result.noise > 5e-5
+    full = identify(series, UR10E)
+    assert np.all(result.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], result.prior[:24]))
+
+
 def test_masks_hold_the_rest(series: list[Array]):
     result = identify(series, UR10E, free=["a", "alpha2", "tcp"])
     changed = np.abs(result.arm.table - Arm.from_dh(UR10E).table) > 0.0

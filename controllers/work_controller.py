@@ -50,7 +50,7 @@ class Tuning:
     task_period: float = 0.004  # [s] of IK and force loop
     joint_speed_limit: float = 0.8  # [rad/s]
     integral_limit: float = 0.01  # [rad s] either way
-    blend_time: float = 0.3  # [s] in which the arm comes from held angles to a tool pose
+    blend_time: float = 0.2  # [s] in which the arm comes from held angles to a tool pose, critically damped
     nominal_stiffness: float = 3e4  # [N/m] of the pad, for pressing without force control
 
 
@@ -68,6 +68,7 @@ class WorkControllerState:
     holding: bool  # joint angles were held at the last task step, no tool pose followed
     current_W: Array  # (3,) [m/s] of the water, as it was when nothing was touched
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
+    offset_rate: Array  # (n,) [rad/s]
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
@@ -143,6 +144,7 @@ class WorkController:
             holding=True,
             current_W=np.zeros(3),
             offset=np.zeros(n),
+            offset_rate=np.zeros(n),
             qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
             load=self._observer.init(),
@@ -240,11 +242,14 @@ class WorkController:
         )  # fmt: skip
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for
-            state.offset, state.holding = state.q_wanted - result.q, False
-        state.offset = state.offset * np.exp(-dt / tuning.blend_time)
+            state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - qd, False
+        pull = (state.offset_rate + state.offset / tuning.blend_time) * dt
+        fade = np.exp(-dt / tuning.blend_time)
+        state.offset_rate = fade * (state.offset_rate - pull / tuning.blend_time)
+        state.offset = fade * (state.offset + pull)
         most = tuning.joint_speed_limit * dt
         state.q_wanted = np.clip(result.q + state.offset, state.q_wanted - most, state.q_wanted + most)
-        state.qd_wanted = qd
+        state.qd_wanted = qd + state.offset_rate
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
 
     def _thrusters(

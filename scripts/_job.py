@@ -37,6 +37,7 @@ from sim.rollout import Moment, Observer, Parts, rollout
 from sim.startup import ScenarioOptions
 
 REHEARSAL = 0.1  # [s] simulated
+REACTION_TICKS = 10  # physics steps between measurements of the arm's wrench on the hull, for the report
 LONGEST = 400.0  # [s] simulated, whatever happens
 WATER_ERROR = 0.15  # share by which the controller's hydrodynamic coefficients are wrong
 NOT_ACCEPTED = 1  # exit code
@@ -87,7 +88,12 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     model = hydrodynamics.compile(scenes.work_site(built, job.target, job.X_WT))
     gusts, loop, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
-    plant = Plant(model, current=Current(options.current), X_WB=X_WB @ offset)
+    plant = Plant(
+        model,
+        current=Current(options.current),
+        X_WB=X_WB @ offset,
+        reaction_ticks=REACTION_TICKS if options.record else 0,
+    )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=_undriven(own, vehicle))
     finder = KnownObjectFinder(
         job.target, job.path, job.approach_W, job.orientation_W, seed=int(sampling.integers(2**31))

@@ -10,6 +10,7 @@ from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
+from sim.reaction import Reaction
 from sim.thrusters import Thrusters
 
 PAD_GEOM = "pad"
@@ -24,7 +25,7 @@ class Truth:
     """
 
     __slots__ = (
-        "R_WB", "R_WG", "acceleration", "armature", "collision", "contact_force_W", "contact_normal",
+        "R_WB", "R_WG", "acceleration", "arm_wrench_B", "armature", "collision", "contact_force_W", "contact_normal",
         "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q", "qd", "qdd", "saturated",
         "tau_drive", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
     )  # fmt: skip
@@ -48,6 +49,7 @@ class Truth:
     thrust: Array  # (m,) [N]
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
+    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN where the plant does not measure it
     p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
     R_WG: Array  # (3, 3) tool axes
     p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
@@ -60,11 +62,15 @@ class Truth:
 class Plant:
     """A vehicle and its world, advanced one physics step at a time by commands."""
 
-    def __init__(self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None, reaction_ticks: int = 0
+    ) -> None:
         """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
 
-        Raises ConfigurationError if the model has no vehicle (`models.vehicle`), HydrodynamicsError if its water
-        cannot act. Installs the process's passive callback.
+        Every `reaction_ticks` steps the wrench of the arm on the hull is measured (`sim.reaction`); 0: never.
+
+        Raises ConfigurationError if the model has no vehicle (`models.vehicle`), HydrodynamicsError if its water cannot
+        act or the wrench cannot be measured. Installs the process's passive callback.
         """
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             raise ConfigurationError(
@@ -87,6 +93,9 @@ class Plant:
             pad_site = vehicle.tip
         self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
         self._force = np.zeros(6)
+        measured = reaction_ticks > 0 and vehicle.joints.size > 0
+        self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
+        self._reaction_ticks, self._tick = reaction_ticks, 0
         self.truth = self._bind(pad_site)
         self.reset(current=current, X_WB=X_WB)
 
@@ -110,6 +119,8 @@ class Plant:
         self._flow()  # over what the last step left in the model
         truth.time = float(data.time)
         truth.saturated = False
+        truth.arm_wrench_B[:] = np.nan
+        self._tick = 0
         self._read_contacts()
 
     def _bind(self, pad_site: int) -> Truth:
@@ -133,6 +144,7 @@ class Plant:
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
         truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
         truth.current_W = np.zeros(3)
+        truth.arm_wrench_B = np.full(6, np.nan)
         armed = vehicle.tip >= 0
         truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
@@ -157,7 +169,13 @@ class Plant:
         )
         self._ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
         self._ctrl[vehicle.actuators] = command.joint_torque
-        mujoco.mj_step2(self.model, data)
+        if self._reaction is not None and self._tick % self._reaction_ticks == 0:
+            before = data.qvel.copy()
+            mujoco.mj_step2(self.model, data)
+            truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
+        else:
+            mujoco.mj_step2(self.model, data)
+        self._tick += 1
         self._read_contacts()
         self._flow()
 

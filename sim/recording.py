@@ -152,6 +152,7 @@ class Recorder:
             "tau_drive": (vehicle.joint_names, "N m"),
             "thrust": (vehicle.thruster_names, "N"),
             "current": (_XYZ, "m/s"),
+            "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
             "p_WB_estimate": (_XYZ, "m"),
             "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
         }
@@ -269,6 +270,7 @@ class Recorder:
                 truth.tau_drive,
                 truth.thrust,
                 truth.current_W,
+                truth.arm_wrench_B,
                 estimate.X_WB[:3, 3],
                 quat_wxyz_from_rotation(estimate.X_WB[:3, :3]),
             ),

@@ -41,6 +41,12 @@ def figures(recording: Recording, truth: TrueObject, bounds: Bounds) -> Iterator
             lambda: _hull(recording, bounds),
         ),
         (
+            "The arm's wrench on the hull",
+            "Thin: what the arm puts on the hull, water and contact included, at the hull's origin in its axes. Thick "
+            "and pale: what the controller believes of it and cancels by the thrusters.",
+            lambda: _arm_wrench(recording),
+        ),
+        (
             "Thrusters",
             "Left: thrust over the whole run. Right: its range against the limits of each thruster.",
             lambda: _thrust(recording),
@@ -126,6 +132,23 @@ def _hull(recording: Recording, bounds: Bounds) -> Figure | None:
     lower.set_ylabel("turn [deg]")
     lower.set_ylim(bottom=0.0)
     _time_axis(lower, time)
+    return figure
+
+
+def _arm_wrench(recording: Recording) -> Figure | None:
+    if "arm_wrench" not in recording or "believed.arm_wrench_B" not in recording:
+        return None
+    measured, believed = recording["arm_wrench"], recording["believed.arm_wrench_B"]
+    figure = Figure(figsize=(WIDTH, 4.0), layout="constrained")
+    both = figure.subplots(2, 1, sharex=True)
+    for first, axes, label in ((0, both[0], "force [N]"), (3, both[1], "moment [N m]")):
+        for i, (name, color) in enumerate((("x", BLUE), ("y", ORANGE), ("z", GREEN))):
+            _line(axes, believed.time, believed.value[:, first + i], color=color, linewidth=3.0, alpha=0.3)
+            _line(axes, measured.time, measured.value[:, first + i], color=color, linewidth=0.8, label=name)
+        axes.set_ylabel(label)
+    _legend(both[0])
+    _time_axis(both[1], measured.time)
+    _states(recording, tuple(both), label=None)
     return figure
 
 

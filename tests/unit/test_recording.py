@@ -25,7 +25,7 @@ class Run:
             time=0.0, contact_normal=0.0, saturated=False, collision=False, p_pad=np.zeros(3), R_WG=np.eye(3),
             p_WB=np.zeros(3), contact_force_W=np.zeros(3), xpos=np.zeros((MODEL.nbody, 3)),
             xquat=np.tile([1.0, 0.0, 0.0, 0.0], (MODEL.nbody, 1)), q=np.zeros(6), qd=np.zeros(6),
-            tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.zeros(3),
+            tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.zeros(3), arm_wrench_B=np.zeros(6),
         )  # fmt: skip
         self.target: Target | None = None
         self.reference: Reference | None = None

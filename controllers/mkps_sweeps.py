@@ -48,6 +48,7 @@ AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 8  # columns of Anderson's memor
 DEPTH = 5  # of the Anderson acceleration
 SWEEP_WEIGHT = 0.01  # [1/rad^2] of the tool axes against the scaled position, which must lead
 SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # a stall: the objective does not fall to this factor in so many sweeps
+CLOSE, CLOSE_FACTOR = 1e-6, 0.95  # objective under which patience pays (near singular configurations), and its factor
 SHORT_WAY = 0.5  # [rad] that keeps the branch unlooked
 
 
@@ -218,7 +219,8 @@ def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, pa
             known, count, slot, reference = False, 0, 0, real(np.inf)
             continue
         if sweeps % SWEEP_WINDOW == 1:
-            if not objective < real(SWEEP_FACTOR) * mark:
+            factor = SWEEP_FACTOR if objective > real(CLOSE) else CLOSE_FACTOR
+            if not objective < real(factor) * mark:
                 return STALLED, sweeps, best2, p2, chord2
             mark = objective
         reference = objective

@@ -163,13 +163,13 @@ def test_single_precision_is_single_throughout() -> None:
     memory = Chain.from_dh(PUMA).single().copy()
     table, goal, _, work, _, q = kinematics.partition.py_func(memory, 6)
     goal[:], q[:] = np.eye(4)[:, :3], HOME
-    one, few = np.float32(1.0), np.ones(9, dtype=np.float32)
+    one = np.float32(1.0)
     kinematics.trace(table, q, work)
-    kinematics.turn_left(goal, *few)
-    mkps_descent.damped_step(table, q, True, one, *few, work)
+    kinematics.turn_left(goal, one, one, one, one, one, one, one, one, one)
+    mkps_descent.damped_step(table, q, True, one, one, one, one, one, one, one, one, one, one, work)
     mkps_sweeps.sweep(table, goal, one, kinematics.WITHIN, q, work)
     mkps_stages.place(table, goal, one, q, work)
-    mkps_stages.align(table, *few[:6], one, q, work)
+    mkps_stages.align(table, one, one, one, one, one, one, one, q, work)
     for loop in (kinematics.trace, kinematics.turn_left, mkps_descent.damped_step, mkps_sweeps.sweep,
                  mkps_stages.place, mkps_stages.align):  # fmt: skip
         returned = [str(s.return_type) for s in loop.nopython_signatures if "float32" in str(s.args[0])]

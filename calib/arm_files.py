@@ -101,7 +101,7 @@ def _placed(arm: Arm, X_base_0: Array, X_n_flange: Array) -> Arm:
 
 def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
     lines = [line.split("#", 1)[0].strip() for line in text.splitlines()]
-    cells = [re.split(r"\s*[;,\t]\s*|\s+", line) for line in lines if line]
+    cells = [re.split(r"\s*[;,\t]\s*" if re.search(r"[;,\t]", line) else r"\s+", line) for line in lines if line]
     header: list[str] = []
     try:
         [float(cell) for cell in cells[0]]

@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from calib.arm import Arm
+from calib.identification import Calibration
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, readonly
 
 BASE_JOINTS = 6
+_LETTERS = "abcdefghijklmnopqrstuvwxyz"
 _NAMES = ("theta", "d", "a", "alpha")
 
 
@@ -44,6 +46,18 @@ def own_parameters(longer: Arm) -> list[str]:
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
+
+
+def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
+    """`found` of the longer arm with its parameters called as the arm's own are; the rank report is that of `alike`.
+
+    `alike` is of the arm alone and the same poses: what touching sees does not change with the base's small motion.
+    """
+    names = tuple(
+        name if name.startswith("tcp") else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
+        for name in found.parameters.names
+    )
+    return replace(found, parameters=replace(found.parameters, names=names), rank=alike.rank)
 
 
 def own_arm(longer: Arm, X_BA: Array) -> Arm:

@@ -147,20 +147,18 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
 
 
 def _changes(calibration: Calibration) -> Figure:
-    count = len(calibration.names)
-    figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * count), layout="constrained")
+    own = np.array([i for i, group in enumerate(calibration.parameters.groups) if group != "tcp"], dtype=int)
+    figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
     axes = figure.subplots()
-    places = np.arange(count)
-    tool = np.array([group == "tcp" for group in calibration.parameters.groups])
-    scale = calibration.prior
+    places, scale = np.arange(len(own)), calibration.prior[own]
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
     axes.errorbar(
-        np.where(tool, np.nan, calibration.changes / scale), places, fmt="o", markersize=3, color=BLUE, linewidth=1.4,
-        xerr=np.where(tool, np.nan, calibration.quantile() * calibration.sigma / scale),
+        calibration.changes[own] / scale, places, fmt="o", markersize=3, color=BLUE, linewidth=1.4,
+        xerr=calibration.quantile() * calibration.sigma[own] / scale,
     )  # fmt: skip
-    axes.set_yticks(places, calibration.names, fontsize=7)
+    axes.set_yticks(places, [calibration.names[i] for i in own], fontsize=7)
     axes.invert_yaxis()
-    axes.set_xlabel("change over the prior's deviation (tool point left out: nothing was believed of it)")
+    axes.set_xlabel("change over the prior's deviation")
     _bare(axes)
     return figure
 

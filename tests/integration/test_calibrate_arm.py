@@ -1,0 +1,137 @@
+"""The calibration as a user runs it: what it leaves behind, and what it says of bad files, in one line."""
+
+import json
+import os
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from calib import simulation
+from calib.arm import Arm
+from calib.arm_files import read_arm
+from calib.touch_files import write_touches
+from models import arms
+from sim.startup import run_scenario
+
+# A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
+REAL = os.environ.get("UUV_REAL_TOUCHES", "")
+JOINTS = tuple(f"joint{k}" for k in range(1, 7))
+
+
+class Run(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def calibrate(root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """`calibrate(*arguments)`: the script, in this process, since starting one costs more than a calibration."""
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: object) -> Run:
+        monkeypatch.setattr(sys, "argv", ["calibrate_arm.py", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            run_scenario(import_module("calibrate_arm").main)
+        said = capsys.readouterr()
+        return Run(int(stop.value.code or 0), said.out, said.err)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def touched() -> tuple[Arm, list[np.ndarray]]:
+    """A UR10e with errors, and touches of it."""
+    rng = np.random.default_rng(5)
+    nominal = Arm.from_dh(arms.load("ur10e").dh)
+    true = simulation.wrong_arm(nominal, {"theta": 2e-3, "a": 1e-3, "alpha": 2e-3}, rng)
+    return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
+
+
+def test_files_of_a_run_are_the_arm_that_it_found(calibrate, tmp_path, touched, within):
+    true, series = touched
+    folder = write_touches(tmp_path / "in", ["a", "b", "c"], [np.degrees(q) for q in series[:3]], JOINTS)
+    out = tmp_path / "out"
+    run = calibrate("--arm", "ur10e", "--touches", folder, "--out", out)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "degrees" in run.stdout
+    assert "18 of 27" in run.stdout
+    metrics = json.loads((out / "metrics.json").read_text())
+    assert metrics["accepted"]
+    assert metrics["touches"]["count"] == 36
+    assert metrics["fit"]["cost_m2"] < 0.05 * metrics["fit"]["cost_nominal_m2"]
+    q = np.vstack(series)
+    tips = {}
+    for name in ("arm.yaml", "dh.csv", "arm.urdf", "arm.mjcf.xml"):
+        source = read_arm(out / name)
+        tcp = read_arm(out / "arm.yaml").tcp if name in ("arm.yaml", "dh.csv") else np.zeros(3)
+        tips[name] = source.arm.tips(q, tcp)
+        within(f"{name} [m]", tips[name] - tips["arm.yaml"], 1e-9)  # 1e-11: twelve digits
+    spread = [float(np.linalg.norm(p - p.mean(axis=0), axis=1).max()) for p in np.split(tips["arm.yaml"], 3)]
+    assert max(spread) < 1e-3
+    page = (out / "report.html").read_text()
+    assert "scale" in page
+    assert page.count("<img") == 3
+    # Only lengths that touching sees may be compared with the truth: shape, up to scale.
+    within("alpha3 [rad]", read_arm(out / "arm.yaml").arm.table[2, 3] - true.table[2, 3], 1.5e-3)  # 1.5e-4
+
+
+def rows(*values: str) -> str:
+    return "\n".join(values) + "\n"
+
+
+GOOD = "0.1,-1.2,1.3,-0.4,0.5,0.6"
+BAD = {
+    "empty": ("", "holds no touches"),
+    "nan": (rows(GOOD, "0.1,nan,1,1,1,1"), "must be finite"),
+    "width": (rows("0.1,0.2,0.3"), "the arm has 6 joints"),
+    "one": (rows(GOOD), "at least three different touches"),
+    "equal": (rows(GOOD, GOOD, GOOD), "at least three different touches"),
+    "mixed": (rows(GOOD), "looks like degrees"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_end_in_one_line(calibrate, tmp_path, name):
+    text, said = BAD[name]
+    folder = tmp_path / name
+    folder.mkdir()
+    (folder / "p.csv").write_text(text)
+    if name == "mixed":
+        (folder / "z.csv").write_text(rows("10,20,30,40,50,60"))
+    run = calibrate("--touches", folder, "--out", tmp_path / "out")
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1
+    assert said in run.stderr
+
+
+def test_outlier_is_left_out(calibrate, tmp_path, touched):
+    series = [q.copy() for q in touched[1]]
+    series[1][3, 2] += 0.025  # 20 mm and more at the tip
+    folder = write_touches(tmp_path / "in", ["a", "b", "c"], series, JOINTS)
+    run = calibrate("--touches", folder, "--out", tmp_path / "out", "--no-record")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["touches"]["left_out"] >= 1
+    assert "series 2, touch 4" in run.stdout
+
+
+@pytest.mark.skipif(not REAL, reason="UUV_REAL_TOUCHES names no clone with the touches of real arms")
+def test_real_arm(calibrate, tmp_path):
+    data = Path(REAL) / "data" / "panda_3"
+    held = [path for path in sorted(data.iterdir()) if path.is_dir() and path.name != "frontleft"]
+    run = calibrate(
+        "--arm", "panda", "--touches", data / "frontleft", "--held-out", *held, "--distance", "hole_0", "hole_1",
+        0.05, "--out", tmp_path, "--no-record",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    found = json.loads((tmp_path / "metrics.json").read_text())["held_out_m"]
+    values = np.array([[each["nominal"], each["identified"]] for each in found.values()])
+    assert len(values) == 10
+    assert np.median(values[:, 0]) > 1e-3
+    assert np.median(values[:, 1]) < 0.3e-3  # measured 0.24 mm

@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -83,6 +84,19 @@ def test_script_starts_as_all_do(script: Path):
     assert "run_scenario(main)" in text
 
 
+def without_uv_options(words: list[str]) -> list[str]:
+    """A command without what it tells uv, which must be true as well."""
+    while words[0].startswith("--"):
+        option, value, *words = words
+        if option == "--with-requirements":
+            assert (ROOT / value).is_file(), value
+        elif option == "--group":
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
+        else:
+            assert option == "--with", option
+    return words
+
+
 def test_readme_commands_are_true():
     commands = readme_commands()
     assert commands, "the README must tell a newcomer what to run"
@@ -91,7 +105,7 @@ def test_readme_commands_are_true():
         assert words[1] in ("run", "sync"), command
         if words[1] == "sync":
             continue
-        program, options = words[2], words[3:]
+        program, *options = without_uv_options(words[2:])
         if not program.endswith(".py"):
             assert shutil.which(program, path=str(Path(sys.executable).parent)), command
             continue

@@ -87,8 +87,8 @@ def solve(
     turn. An answer to which some joint moved by more than half a radian (or half the chain's length) is refused if the
     straight way from `q0` to it crosses a singular configuration. It is the call for tracking. `branch="free"`
     restarts, from the same places for the same chain and q0, until a pose is met. "Nearest" is by the sum of squares of
-    both errors, metres divided by a power of two near the length of the chain. A `q0` beyond the limits is brought
-    within them.
+    both errors, metres divided by a power of two near the length of the chain, the angle as its chord 2 sin(angle/2).
+    A `q0` beyond the limits is brought within them.
 
     With `history` the result holds the joint values after every iteration and their three goals (paper 003, fig. 9).
     `precision="single"` iterates in four-byte numbers, and checks the answer in double. For `plain`, `axis_tolerances`

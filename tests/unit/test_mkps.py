@@ -160,7 +160,7 @@ def test_errors_are_those_of_the_answer_and_limits_hold(method: Method, rng: np.
             assert result.converged == (position <= 1e-4 and orientation <= 1e-3)
             assert result.converged == result.cause.startswith("converged")
             converged += result.converged
-    assert converged >= {"hybrid": 58, "jacobian_free": 50, "plain": 0}[method]  # of 60
+    assert converged >= {"hybrid": 55, "jacobian_free": 40, "plain": 0}[method]  # of 60; 60 seeds gave 60, and 52 to 60
 
 
 @pytest.mark.parametrize("name", list(ARMS))

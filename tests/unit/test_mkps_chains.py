@@ -219,7 +219,7 @@ def test_tool_axes_along_the_last_joint_make_plain_mkps_converge() -> None:
     joint = solve_many(chain, targets, HOME, **options)
     literal = solve_many(chain, targets, HOME, stage_axes="tip", **options)
     print(f"last joint's axes {joint.converged.mean():.2f}, the tool's own {literal.converged.mean():.2f}")
-    assert joint.converged.mean() > literal.converged.mean() + 0.2  # measured 0.8 and 0.1
+    assert joint.converged.mean() > literal.converged.mean() + 0.2  # measured 0.68 and 0.20
 
 
 def test_random_chains_with_pantograph_links_are_solved() -> None:
@@ -245,7 +245,7 @@ def test_random_chains_with_pantograph_links_are_solved() -> None:
                 assert np.linalg.norm(reached[:3, 3] - target[:3, 3]) <= 1e-4 + 1e-12
                 assert np.linalg.norm(log_so3(reached[:3, :3].T @ target[:3, :3])) <= 1e-3 + 1e-9
             missed += not result.converged
-        assert missed <= 3  # measured: none in 3000
+        assert missed <= 3  # none of 3000 (100 seeds)
 
 
 def test_arguments_of_other_types_are_taken() -> None:

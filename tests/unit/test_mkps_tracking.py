@@ -45,7 +45,7 @@ def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(miss: float
     q0, poses = through_the_wrist_lock(chain, miss)
     spun = track(chain, poses, q0, PERIOD, passing="off")
     assert np.all(spun.converged)
-    assert largest_speed(spun) > 5.0  # [rad/s]; measured 12 to 100
+    assert largest_speed(spun) > 5.0  # [rad/s]; measured 13 to 71
     passed = track(chain, poses, q0, PERIOD, passing=passing, speed_limits=1.0)
     assert largest_speed(passed) <= 1.0 + 1e-9
     assert set(passed.way) > {"none"}
@@ -53,8 +53,8 @@ def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(miss: float
     position, orientation = errors_along(chain, poses, passed.q)
     np.testing.assert_allclose(passed.position_error, position, atol=1e-12)
     np.testing.assert_allclose(passed.orientation_error, orientation, atol=1e-7)
-    assert position.max() < 0.01  # [m], measured 0.0035
-    assert orientation.max() < 0.3  # [rad], measured 0.11: the price of not spinning
+    assert position.max() < 0.01  # [m], measured up to 0.0020
+    assert orientation.max() < 0.3  # [rad], measured up to 0.079: the price of not spinning
     active = np.array([way != "none" for way in passed.way])
     assert np.all(passed.converged[~active])
     assert not np.any(passed.restricted[~active])

@@ -230,7 +230,7 @@ def _row(
 ) -> _Row:
     point = f"\n{block}"  # no label of a file begins so
     if header is None:
-        if width is not None and len(cells) == width + 1 and re.fullmatch(r"\d+|.*[A-Za-z].*", cells[0]):
+        if width is not None and len(cells) == width + 1 and (cells[0].isdigit() or not _any_number(cells[:1])):
             point, cells = cells[0], cells[1:]  # a number or name of the point before the joint values
     else:
         bare = [re.split(r"\s*[\[(]", name)[0] for name in header]

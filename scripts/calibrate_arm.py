@@ -118,7 +118,8 @@ def main() -> int:
     outcome = _calibration.solve(case, free=options.free, prior=dict(options.prior), method=options.method)
     found = outcome.calibration
     figures = _calibration.figures_of_merit(case, outcome)
-    accepted = _calibration.accepted(outcome)
+    reasons = _calibration.failed(outcome, options.method)
+    accepted = not reasons
     console.print(f"[bold]{case.title}[/bold]")
     for warning in found.warnings:
         console.print(warning, style="yellow", highlight=False)
@@ -144,7 +145,7 @@ def main() -> int:
             series=outcome.series, point_names=case.touches.names, clouds=outcome.clouds, notes=case.notes,
             options={**asdict(options), "date": date, "touches sha256": case.touches.sha256},
         )  # fmt: skip
-    console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]: no better than nominal")
+    console.print("[green]accepted[/green]" if accepted else f"[red]not accepted[/red]: {'; '.join(reasons)}")
     console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from jsonschema import validate
 
 from calib import simulation
 from calib.arm import Arm
@@ -54,7 +55,7 @@ def touched() -> tuple[Arm, list[np.ndarray]]:
     return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
 
 
-def test_files_of_a_run_are_the_arm_that_it_found(calibrate, tmp_path, touched, within):
+def test_files_of_a_run_are_the_arm_that_it_found(calibrate, root, tmp_path, touched, within):
     true, series = touched
     folder = write_touches(tmp_path / "in", ["a", "b", "c"], [np.degrees(q) for q in series[:3]], JOINTS)
     out = tmp_path / "out"
@@ -63,6 +64,7 @@ def test_files_of_a_run_are_the_arm_that_it_found(calibrate, tmp_path, touched, 
     assert "degrees" in run.stdout
     assert "18 of 27" in run.stdout
     metrics = json.loads((out / "metrics.json").read_text())
+    validate(metrics, json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()))
     assert metrics["accepted"]
     assert metrics["touches"]["count"] == 36
     assert metrics["fit"]["cost_m2"] < 0.05 * metrics["fit"]["cost_nominal_m2"]
@@ -91,6 +93,7 @@ BAD = {
     "empty": ("", "holds no touches"),
     "nan": (rows(GOOD, "0.1,nan,1,1,1,1"), "must be finite"),
     "width": (rows("0.1,0.2,0.3"), "the arm has 6 joints"),
+    "seven": (rows("4.19e-01,1.2,-0.2,-0.9,0.7,1.5,0.8"), "7 joint values, the arm has 6 joints"),
     "one": (rows(GOOD), "at least three different touches"),
     "equal": (rows(GOOD, GOOD, GOOD), "at least three different touches"),
     "mixed": (rows(GOOD), "looks like degrees"),

@@ -44,7 +44,8 @@ def figures(
             yield title, caption, _clouds({name: stage(cloud) for name, cloud in clouds.items()})
         yield (
             "What is left between model and tracker",
-            "Distance of every flange point from the tracker's, after alignment (figure 8).",
+            "Distance of every flange point from the tracker's, after alignment (figure 8)."
+            + (" The controller's table is that of a maker, simulated." if "controller" in clouds else ""),
             _deviations(clouds),
         )
     yield (

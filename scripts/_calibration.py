@@ -1,11 +1,12 @@
 """What is to be calibrated: an arm and touches of it, from files or simulated, with the truth where there is one."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import mujoco
 import numpy as np
 from _deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
 from _touching import Session, touch
@@ -156,7 +157,8 @@ def simulated(
 
 def by_contact(
     source: ArmSource, vehicle: str, *, hovering: bool, points: int, touches: int, known: bool, errors: int,
-    current: tuple[float, float, float], gust: float, rng: np.random.Generator, observers: tuple[Observer, ...] = (),
+    current: tuple[float, float, float], gust: float, rng: np.random.Generator,
+    watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> Case:  # fmt: skip
     """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
@@ -171,7 +173,7 @@ def by_contact(
     session = touch(
         believed, built, hovering=hovering, nests=points, touches=touches,
         current=np.array(current if hovering else (0.0, 0.0, 0.0)), gust=gust if hovering else 0.0, rng=rng,
-        observers=observers,
+        watch=watch,
     )  # fmt: skip
     title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
     truth = Truth(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)

@@ -1,5 +1,6 @@
 """Wires a touching session together: the built arm presses a pin into nests, hull clamped or hovering, in the water."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -86,9 +87,12 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
 
 def touch(
     believed: mujoco.MjSpec, built: mujoco.MjSpec, *, hovering: bool, nests: int, touches: int, current: Array,
-    gust: float, rng: np.random.Generator, observers: tuple[Observer, ...] = (),
+    gust: float, rng: np.random.Generator, watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> Session:  # fmt: skip
-    """Touch `nests` nests `touches` times each with the arm as built, controlled by what is believed of it."""
+    """Touch `nests` nests `touches` times each with the arm as built, controlled by what is believed of it.
+
+    `watch` makes an observer of the loop for the compiled world.
+    """
     own = believed.compile()
     vehicle = Vehicle.of(own)
     passive = [own.joint(j).name for j in range(own.njnt) if j not in vehicle.joints and own.jnt_type[j] != 0]
@@ -114,8 +118,9 @@ def touch(
         controller=CompliantTouch(own, clamped=not hovering),
     )  # fmt: skip
     readings = Readings()
+    observers: list[Observer] = [readings] if watch is None else [readings, watch(model)]
     longest = LONGEST_PER_TOUCH * (len(wanted) + 1)
-    last = rollout(plant, parts, duration=longest, rng=loop, observers=[readings, *observers])
+    last = rollout(plant, parts, duration=longest, rng=loop, observers=observers)
     return _session(readings, wanted, rig, chain, vehicle, hovering, last.truth.time)
 
 

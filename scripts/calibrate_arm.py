@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import _calibration
+import mujoco
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -100,11 +101,23 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
         )
     if source.kind != "mjcf":
         raise ConfigurationError(f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}")
-    observers: list[Any] = []
-    return _calibration.by_contact(
-        source, options.arm, hovering=options.touching == "hovering", points=points, touches=poses, known=known,
-        errors=errors, current=options.current, gust=options.gust, rng=rng, observers=tuple(observers),
-    )  # fmt: skip
+    logs: list[Any] = []
+
+    def watch(model: mujoco.MjModel) -> Any:
+        from sim.rerun_log import RerunLog
+
+        logs.append(RerunLog(folder / "run.rrd", model, title=f"Touching, {options.touching}", view=options.view))
+        return logs[0]
+
+    try:
+        return _calibration.by_contact(
+            source, options.arm, hovering=options.touching == "hovering", points=points, touches=poses, known=known,
+            errors=errors, current=options.current, gust=options.gust, rng=rng,
+            watch=watch if options.record or options.view else None,
+        )  # fmt: skip
+    finally:
+        for log in logs:
+            log.close()
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ HAND = 1e-4  # [m] deviation of a touch along each axis
 LENGTH_ERROR = 5e-5  # [m] deviation of the one known distance
 CONE = np.deg2rad(60.0)  # [rad] of the tool about the way down
 PLACES_TRIED = 2000
+OWN_TOOL = 0.03  # [m] from the nominal tip, within which a tool is the vehicle's own
 DOWN = (0.0, 0.0, 1.0)  # in the arm's base, whose z points away from the hull
 
 
@@ -93,5 +94,11 @@ def from_file(file: Path, believed: ArmGeometry) -> tuple[ArmGeometry, str]:
     if source.joint_names != believed.joint_names:
         raise ConfigurationError(
             f"--arm {file}: joints {', '.join(source.joint_names)}; the vehicle has {', '.join(believed.joint_names)}"
+        )
+    aside = float(np.linalg.norm(source.tcp))
+    if aside > OWN_TOOL:
+        raise ConfigurationError(
+            f"--arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
+            f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
         )
     return to_geometry(source.arm, source.tcp, believed), f"arm of {file}"

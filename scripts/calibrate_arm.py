@@ -55,8 +55,8 @@ class Options(ScenarioOptions):
     """Simulated touches of each; 21, by contact 10."""
     noise: float = 0.092e-3
     """Of the simulated hand [m], along each axis."""
-    pin: Literal["straight", "off-axis"] = "off-axis"
-    """The simulated hand's tool; by contact it is straight."""
+    pin: Literal["straight", "off-axis"] | None = None
+    """The simulated hand's tool; a vehicle's is straight by default, in its own tool's place, others' off-axis."""
     known_length: bool | None = None
     """Tell the distance between the two simulated points farthest apart; yes, but not for the paper's UR10e."""
     arm_errors: int | None = None
@@ -86,6 +86,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
         raise ConfigurationError(f"--points >= 1, --poses >= 2, --noise > 0; got {points}, {poses}, {options.noise}")
     errors = options.seed if options.arm_errors is None else options.arm_errors
     known = options.arm != "ur10e" if options.known_length is None else options.known_length
+    pin = options.pin or ("straight" if source.kind == "mjcf" else "off-axis")
     if not contact:
         if options.view:
             raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
@@ -94,7 +95,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
             points=points,
             touches=poses,
             noise=options.noise,
-            pin=options.pin,
+            pin=pin,
             known=known,
             errors=errors,
             rng=rng,

@@ -44,11 +44,15 @@ from controllers.mkps_kinematics import (
     turn_left,
 )
 
-AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 8  # columns of Anderson's memory `past`, DEPTH each for the last two
-DEPTH = 5  # of the Anderson acceleration
-SWEEP_WEIGHT = 0.01  # [1/rad^2] of the tool axes against the scaled position, which must lead
+AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of Anderson's memory `past`, DEPTH each for the last two
+DEPTH = 6  # of the Anderson acceleration
+# [1/rad^2] of the tool axes against the scaled position, which must lead; another at each restart, for what one weight
+# is slow at is often easy for the next.
+SWEEP_WEIGHT, LIGHTER, HEAVIER = 0.01, 0.003, 0.03
 SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # a stall: the objective does not fall to this factor in so many sweeps
-CLOSE, CLOSE_FACTOR = 1e-6, 0.95  # objective under which patience pays (near singular configurations), and its factor
+# Near singular configurations the objective falls slowly: under CLOSE, patience pays, and so does a mixed step that
+# raises it by less than LENIENT.
+CLOSE, CLOSE_FACTOR, LENIENT = 1e-5, 0.95, 20.0
 SHORT_WAY = 0.5  # [rad] that keeps the branch unlooked
 
 
@@ -143,7 +147,6 @@ def mix(count, past, normal, q):
     real = q.dtype.type
     n = q.shape[0]
     zero = real(0.0)
-    top = zero
     for a in range(count):
         for b in range(a + 1):
             t = zero
@@ -154,15 +157,14 @@ def mix(count, past, normal, q):
         for i in range(n):
             t += past[i, TURNS + a] * past[i, RESIDUAL]
         normal[a, 6] = t
-        top = max(top, normal[a, a])
-    ridge = real(4096.0) * np.finfo(q.dtype).eps * top + np.finfo(q.dtype).tiny
+    ridge = real(1.0) + real(16.0) * np.finfo(q.dtype).eps
     for a in range(count):
         for b in range(a):
             t = normal[a, b]
             for k in range(b):
                 t -= normal[a, k] * normal[b, k]
             normal[a, b] = t
-        d = normal[a, a] + ridge
+        d = normal[a, a] * ridge + np.finfo(q.dtype).tiny
         for k in range(a):
             ld = normal[a, k]
             lower = ld * normal[k, 7]
@@ -183,10 +185,10 @@ def mix(count, past, normal, q):
 
 
 @jit
-def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, past, q, trail, row):
+def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, work, past, q, trail, row):
     """Combined sweeps as a fixed-point map g(q) under Anderson acceleration. Arguments and returns as `descend`.
 
-    A mixed step that raises the objective, which plain sweeps never do, is taken back and the memory dropped.
+    A mixed step that raises the objective too far, which plain sweeps never do, is taken back and the memory dropped.
     """
     real = q.dtype.type
     n = q.shape[0]
@@ -198,7 +200,7 @@ def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, pa
         note(q, trail, row + sweeps)
         for i in range(n):
             past[i, AT] = q[i]
-        p2, chord2 = sweep(table, goal, real(SWEEP_WEIGHT), mode, q, work)
+        p2, chord2 = sweep(table, goal, weight, mode, q, work)
         error2 = p2 + chord2
         if p2 <= near_p and chord2 <= near_r:
             for i in range(n):
@@ -212,8 +214,8 @@ def accelerate(table, goal, near_p, near_r, limit, mode, best2, normal, work, pa
         if sweeps >= limit:
             return EXHAUSTED, sweeps, best2, p2, chord2
         sweeps += 1
-        objective = p2 + real(2.0 * SWEEP_WEIGHT) * chord2
-        if objective > reference * rounding + np.finfo(q.dtype).tiny:
+        objective = p2 + real(2.0) * weight * chord2
+        if objective > reference * (real(LENIENT) if objective < real(CLOSE) else rounding) + np.finfo(q.dtype).tiny:
             for i in range(n):
                 q[i] = past[i, SWEPT]
             known, count, slot, reference = False, 0, 0, real(np.inf)
@@ -255,8 +257,9 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
     sweeps, restart, best2 = 0, 0, real(np.inf)
     while True:
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
+        weight = SWEEP_WEIGHT if restart % 3 == 0 else LIGHTER if restart % 3 == 1 else HEAVIER
         code, spent, best2, p2, chord2 = accelerate(
-            table, goal, near_p, near_r, limit - sweeps, mode, best2, normal, work, past, q, trail, sweeps
+            table, goal, real(weight), near_p, near_r, limit - sweeps, mode, best2, normal, work, past, q, trail, sweeps
         )
         sweeps += spent
         if code == CONVERGED or sweeps >= limit or keep or restart >= restarts:

@@ -24,6 +24,7 @@ from models.thruster_curves import command_for
 from models.thrusters import FORWARD, LEAST, REVERSE, curves
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, checked
 
 # Share that matters in each axis once thrusters saturate: attitude first, yaw last. [1/N] and [1/(N m)], relative.
@@ -124,6 +125,7 @@ def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _commands(curve, thrust):
     command = np.empty(thrust.shape[0])
     for i in range(thrust.shape[0]):
@@ -132,6 +134,7 @@ def _commands(curve, thrust):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def bounded(H, c, low, high, x):
     """Minimum of x^T H x / 2 - c^T x over low <= x <= high by active sets, into `x` (m,); the number of steps taken.
 
@@ -204,6 +207,7 @@ def bounded(H, c, low, high, x):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _solve_free(H, c, x, free, count, L, z):
     """Minimum over the `count` variables in `free`, the others held at `x`, into `z` in the order of `free`."""
     m = c.shape[0]
@@ -232,6 +236,7 @@ def _solve_free(H, c, x, free, count, L, z):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def nearest_thrusts(H, c, low, high, least, patterns):
     """Thrusts (m,) [N] of least cost x^T H x / 2 - c^T x within bounds, each zero or at least `least` (m,) either way.
 
@@ -292,6 +297,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _limit(branch, low, high, least, from_, to, i):
     """Bounds of thruster `i` on one branch: -1, 0 or 1."""
     if least == 0.0:  # it has no gap
@@ -302,6 +308,7 @@ def _limit(branch, low, high, least, from_, to, i):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _cost(H, c, x):
     total = 0.0
     for i in range(c.shape[0]):

@@ -8,9 +8,11 @@ import numba
 import numpy as np
 
 from controllers.arm_dynamics import newton_euler, tip_kinematics
+from sim.interfaces.kernels import keyed_by_imports
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def feel(
     layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, current_W, q, qd, tau_measured, bias, noise, floor, dt,
     filters, qd_slow, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
@@ -45,6 +47,7 @@ def feel(
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
     """As `feel`, from external torques `tau_e` (n,) that are known, as an observer gives them; no further filter.
 
@@ -57,6 +60,7 @@ def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
     """The force in tool axes and in world axes; returns the normal one."""
     for i in range(3):
@@ -66,6 +70,7 @@ def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
 ):  # fmt: skip
@@ -79,6 +84,7 @@ def tip_force(
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
     """Force on the tip (3,) [N], hull axes, from external torques: `force_estimate.tip_force` by Cholesky."""
     a00, a11, a22, a01, a02, a12 = 1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0
@@ -109,6 +115,7 @@ def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def drive(
     layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, since, integral, dt, gains, armature, damping,
     limits, borne_G, qdd, tau, wrench_B,
@@ -138,6 +145,7 @@ def drive(
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, qd):
     """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
 

@@ -23,6 +23,7 @@ import numpy as np
 from controllers.arm_dynamics import ArmDynamics, newton_euler
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
 
 _HINGE = 1  # the kind in `layout` of controllers.arm_dynamics; other joints slide
@@ -95,6 +96,7 @@ class LoadObserver:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _observe(
     layout, numbers, bare, stations, work, hull, q, qd, tau_motor, armature, friction, dt, gain, first, integral, known,
     tau_e,
@@ -119,6 +121,7 @@ def _observe(
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def momentum(layout, numbers, work, p_joint, turning):
     """Generalised momentum of every joint `p_joint` (n,) [N m s] and dT/dq `turning` (n,) [N m], still water.
 

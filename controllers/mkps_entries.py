@@ -4,20 +4,18 @@ The entries for one target hold the GIL on purpose: they may then share the memo
 shorter than the switch to another thread. The entry for many targets releases it, and wants memory of its own.
 """
 
-import hashlib
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numba import njit, types
 from numpy.typing import DTypeLike
 
-from controllers import mkps_descent, mkps_kinematics, mkps_stages, mkps_sweeps
 from controllers.mkps_descent import solve_hybrid, solve_keep
 from controllers.mkps_kinematics import SCALE, forward, partition, set_goal
 from controllers.mkps_stages import solve_plain, stage_axes, three_goals
 from controllers.mkps_sweeps import solve_jacobian_free
+from sim.interfaces.kernels import imports_stamp
 
 HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2
 
@@ -27,13 +25,6 @@ _REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
 _ONE = (_GIVEN[2], _GIVEN[1], _REAL, _REAL)
 _holding = njit(cache=True, error_model="numpy")
 _releasing = njit(cache=True, nogil=True, error_model="numpy")
-
-
-def _stamp() -> int:
-    """A number that changes with the source of the compiled loops."""
-    modules = (mkps_kinematics, mkps_sweeps, mkps_stages, mkps_descent)
-    text = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
-    return int.from_bytes(hashlib.sha256(text).digest()[:7])
 
 
 def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
@@ -132,7 +123,7 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     }
 
 
-_ENTRIES = _make_entries(_stamp())
+_ENTRIES = _make_entries(int(imports_stamp(globals()), 16))
 
 
 def entry(name: str, precision: DTypeLike = np.float64) -> Any:

@@ -8,7 +8,7 @@ actuator's gear, so that the plant, the allocation and MuJoCo see the same colum
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Self
 
@@ -26,12 +26,18 @@ from models.thruster_curves import (
     pack_table,
 )
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, number
 
 # Columns of a row; the data of the curve follow them.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
 HEADER = 10
 _STAMP = 745510.0  # plus the kind of the curve: a row of another origin is not taken for ours
+
+_XML = 1e-5  # a gear may come from a file of six digits
+_PLAIN: dict[str, Any] = {
+    "trntype": mujoco.mjtTrn.mjTRN_SITE, "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+    "biastype": mujoco.mjtBias.mjBIAS_NONE, "dyntype": mujoco.mjtDyn.mjDYN_NONE, "delay": 0.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +63,7 @@ class Thruster:
     def __post_init__(self) -> None:
         for field in fields(self):
             if field.type is float:
-                object.__setattr__(self, field.name, _number(getattr(self, field.name), field.name))
+                object.__setattr__(self, field.name, number(getattr(self, field.name), f"thruster {field.name}"))
         for name in ("polynomial", "table"):
             object.__setattr__(self, name, _pair(getattr(self, name), name))
         for name in ("dead_band", "time_constant", "inflow_loss", "torque_per_thrust", "least_thrust"):
@@ -70,7 +76,7 @@ class Thruster:
             raise ConfigurationError(f"thruster forward and reverse: must be > 0 N, got {self.forward}, {self.reverse}")
         if not self.slew_rate > 0.0:
             raise ConfigurationError(f"thruster slew_rate: must be > 0 per second, got {self.slew_rate}")
-        if self.handedness not in (1, -1):
+        if number(self.handedness, "thruster handedness") not in (1.0, -1.0):
             raise ConfigurationError(f"thruster handedness: must be 1 or -1, got {self.handedness}")
         if not self.least_thrust < min(self.forward, self.reverse):
             raise ConfigurationError(
@@ -115,6 +121,7 @@ class Thruster:
         the thrust stays. Where several commands in a row give zero thrust, they are the dead band. `figures` are the
         other fields. Raises ConfigurationError unless commands and thrusts rise, from below zero to above it by zero.
         """
+        neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
         assert given is not None
         x, y = (np.array(row) for row in given)
@@ -157,8 +164,8 @@ def t200(
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
     """Store `table` (actuator name -> Thruster) on the actuators of `spec`, and their torque in the gears.
 
-    Raises ConfigurationError if a name is not an actuator of `spec`, its user data is taken by something else, or its
-    gear is not of unit length (the control is the thrust in N) on a site.
+    Raises ConfigurationError if a name is not an actuator of `spec`, its user data is taken by something else, or it
+    is not a plain motor on a site, without limits and with a gear of unit length: the control is the thrust in N.
     """
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
@@ -168,16 +175,43 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         replaced = carries(actuator.userdata)
         if np.any(actuator.userdata) and not replaced:
             raise ConfigurationError(f"thruster {name!r}: the user data of its actuator is taken by something else")
-        if row[TORQUE] or replaced:
-            along = np.array(actuator.gear[:3])
-            if actuator.trntype != mujoco.mjtTrn.mjTRN_SITE or abs(np.linalg.norm(along) - 1.0) > 1e-6:
-                raise ConfigurationError(
-                    f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got {along.tolist()}"
-                )
-            actuator.gear[3:] = row[TORQUE] * along
+        if not replaced and np.any(actuator.gear[3:]):
+            raise ConfigurationError(
+                f"thruster {name!r}: its actuator's gear must leave the torque to torque_per_thrust, got "
+                f"{actuator.gear.tolist()}"
+            )
+        _check_motor(name, lambda field, actuator=actuator: getattr(actuator, field), actuator.refsite != "")
+        actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
         actuator.userdata = row
     # Every actuator's row must have one length; absent values compile to zero, which reads as "no thruster".
     spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
+
+
+def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
+    """ConfigurationError unless MuJoCo applies an actuator's control as it is, along a unit axis of a site.
+
+    `field` gives a field of it by the name that spec and model share; `refers` to a reference site or a plugin.
+    """
+    along = np.array(field("gear")[:3])
+    odd = [word for word, plain in _PLAIN.items() if np.any(np.ravel(field(word)) != plain)]
+    if field("gainprm")[0] != 1.0:
+        odd.append("gainprm")
+    if refers:
+        odd.append("refsite or plugin")
+    for word in ("ctrl", "force"):
+        low, high = field(f"{word}range")
+        limited = int(field(f"{word}limited"))
+        if limited == mujoco.mjtLimited.mjLIMITED_TRUE or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high):
+            odd.append(f"{word}range")
+    if odd:
+        raise ConfigurationError(
+            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the thrust [N]: gain 1, no "
+            f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
+        )
+    if not abs(np.linalg.norm(along) - 1.0) < _XML:
+        raise ConfigurationError(
+            f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got {along.tolist()}"
+        )
 
 
 def pack(thruster: Thruster) -> Array:
@@ -227,7 +261,8 @@ def carries(row: Array) -> bool:
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
     """Actuators (m,) that are thrusters of `model`, and their rows (m, width), as `pack` makes them.
 
-    Raises ConfigurationError, with the actuator's name, for a row that cannot be.
+    Raises ConfigurationError, with the actuator's name, for a row that cannot be, and for an actuator that would not
+    apply the thrust as it is (see `attach`).
     """
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
@@ -236,6 +271,16 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
             unpack(rows[i])
         except ConfigurationError as error:
             raise ConfigurationError(f"actuator {model.actuator(int(i)).name!r}: {error}") from error
+        name, gear = model.actuator(int(i)).name, model.actuator_gear[i]
+        _check_motor(
+            name, lambda field, i=i: getattr(model, f"actuator_{field}")[i],
+            model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
+        )  # fmt: skip
+        if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
+            raise ConfigurationError(
+                f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} along the thrust, got "
+                f"{gear.tolist()}"
+            )
     return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
 
 
@@ -254,18 +299,11 @@ def curves(table: Array) -> Array:
     return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
 
 
-def _number(value: Any, name: str) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise ConfigurationError(f"thruster {name}: expected a number, got {value!r}") from None
-
-
 def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     if value is None:
         return None
     try:
-        first, second = (tuple(float(x) for x in side) for side in value)
+        first, second = (tuple(number(x, f"thruster {name}") for x in side) for side in value)
     except (TypeError, ValueError):
         raise ConfigurationError(f"thruster {name}: expected two rows of numbers, got {value!r}") from None
     return first, second

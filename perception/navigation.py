@@ -17,6 +17,7 @@ import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import (
     DvlMeasurement,
     EncoderMeasurement,
@@ -32,6 +33,7 @@ _HISTORY = 256  # past positions kept, at the IMU's rate: vision may be this man
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _predict(dt, specific_force_B, w_B, R_meas, noise, lean_time, smooth_time, release_time, R, x, P, a_B, held):
     """Advance R (3, 3), x (3 states, 3 axes), P (3, 3), smoothed acceleration a_B (3,) and `held` by one IMU sample.
 
@@ -75,6 +77,7 @@ def _predict(dt, specific_force_B, w_B, R_meas, noise, lean_time, smooth_time, r
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _output(R, x, held):
     """Pose (4, 4) and velocity (3,) in hull axes that are handed on."""
     X_WB, v_B = np.eye(4), np.zeros(3)
@@ -87,6 +90,7 @@ def _output(R, x, held):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _update(P, row, variance, gain):
     """Kalman gain (3,) for a scalar measurement of state `row`, and the covariance after it."""
     s = P[row, row] + variance

@@ -5,9 +5,10 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked
+from sim.interfaces.spatial import Array, checked, number
 
 _BLOCK = 4096  # steps generated at a time
+_LONGEST = 1e12  # steps of a time constant: beyond, the pole of its filter is lost in rounding
 
 
 class Current:
@@ -28,39 +29,55 @@ class Current:
     ) -> None:
         """Take the steady current (3,) [m/s], gust [m/s], the gusts' time constant [s], the physics step [s].
 
-        Raises ConfigurationError for a non-finite current, negative gust, or gusts without a generator.
+        Raises ConfigurationError for what is no finite number or of the wrong sign, a time constant of too few or too
+        many steps, or gusts without a generator.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
+        gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
+        time_constant = number(time_constant, "time constant of the gusts [s]")
         if not (np.isfinite(gust) and gust >= 0.0):
             raise ConfigurationError(f"gust: must be finite and >= 0 m/s, got {gust}")
-        if gust > 0.0 and rng is None:
-            raise ConfigurationError("gusts need a random generator")
-        if not time_constant > 10.0 * timestep:
-            raise ConfigurationError(f"gust time constant {time_constant} s: must be above ten steps of {timestep} s")
-        self._gust, self._rng, self._dt = gust, rng, timestep
-        a = np.exp(-timestep / time_constant)
-        self._numerator, self._denominator = [(1.0 - a) ** 2], [1.0, -2.0 * a, a * a]
-        # Stationary variance of two equal poles a driven by unit white noise through gain (1-a)^2.
-        variance = (1.0 - a) ** 4 * (1.0 + a * a) / (1.0 - a * a) ** 3
-        self._scale = gust / np.sqrt(variance)
-        self._filter = np.zeros((2, 3))
-        self._rows = np.zeros((0, 3))
-        self._last = np.zeros(3)
-        self._at = 0
-        if gust > 0.0:
-            for _ in range(max(1, round(10.0 * time_constant / timestep / _BLOCK)) + 1):
-                self._refill()  # all but the last go by: start from the stationary state, not from a calm
+        if gust > 0.0 and not isinstance(rng, np.random.Generator):
+            raise ConfigurationError(f"gusts need a random generator, got {rng!r}")
+        if not (np.isfinite(dt) and dt > 0.0):
+            raise ConfigurationError(f"timestep of the current: must be finite and > 0 s, got {dt}")
+        if not 10.0 * dt < time_constant <= _LONGEST * dt:
+            raise ConfigurationError(
+                f"gust time constant {time_constant} s: must be above ten steps of {dt} s, and no more than "
+                f"{_LONGEST:.0e} of them"
+            )
+        self._rng, self._dt = rng, dt
+        self._blows = gust > 0.0
+        a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
+        self._numerator, self._denominator = [b], [1.0, -a]
+        # Stationary: with unit white noise through gain b and pole a twice, the deviations are those of an AR(1), then
+        # of its sum (Lyapunov's equation of the two states); scaled so that the second is the gust.
+        first = gust * (1.0 + a) / (1.0 + a * a)
+        self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
+        self._rows, self._at = np.zeros((1, 3)), 1
+        self._filters = np.zeros((2, 1, 3))
+        if self._blows:
+            assert rng is not None
+            now, other = rng.standard_normal((2, 3))
+            self._rows[0] = gust * now
+            self._filters[:, 0] = a * first * (now + a * other), a * self._rows[0]
+
+    @property
+    def timestep(self) -> float | None:
+        """The physics step [s] for which its gusts are made; None for a steady current, which fits any."""
+        return self._dt if self._blows else None
 
     def _refill(self) -> None:
         assert self._rng is not None
-        self._last = self._rows[-1] if len(self._rows) else np.zeros(3)
+        self._last = self._rows[-1]
         noise = self._scale * self._rng.standard_normal((_BLOCK, 3))
-        self._rows, self._filter = lfilter(self._numerator, self._denominator, noise, axis=0, zi=self._filter)
-        self._at = 0
+        for i in range(2):
+            noise, self._filters[i] = lfilter(self._numerator, self._denominator, noise, axis=0, zi=self._filters[i])
+        self._rows, self._at = noise, 0
 
     def step(self) -> tuple[Array, Array]:
         """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the next physics step, world axes."""
-        if self._gust == 0.0:
+        if not self._blows:
             return self._mean, np.zeros(3)
         if self._at == len(self._rows):
             self._refill()

@@ -6,13 +6,11 @@ tree's centre of mass (the reference point of `cdof` and `cvel`), four bodies at
 projected on each joint's axis, as MuJoCo's own composite-rigid-body pass does for the dry inertia.
 
 Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
-MuJoCo, or a table of coefficients, with another layout (nor code of another `four_lanes`).
+MuJoCo, or a table of coefficients, with another layout (nor code of other files than these).
 """
 
 import math
-import zlib
 from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -23,8 +21,8 @@ from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
 from models.hydrodynamics import LAYOUT, MAX_STATIONS, MAX_STRIPS
-from sim import four_lanes
 from sim.four_lanes import all_four, at_least, four_of, load_four, put_four, transposed_four
+from sim.interfaces.kernels import imports_stamp
 from sim.interfaces.spatial import Array
 from sim.mujoco_layout import offset
 
@@ -422,12 +420,12 @@ def build() -> Any:
     # linear 3), and 1 if it or a descendant carries coefficients. After all bodies, the numbers of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
-    lanes_source = zlib.crc32(Path(four_lanes.__file__).read_bytes())
+    elsewhere = int(imports_stamp(globals()), 16)
 
     @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
-        if nuser < size or lanes_source < 0:  # the last is never so: it is for the cache
+        if nuser < size or elsewhere < 0:  # the last is never so: it is for the cache
             return
         nbody = _pointer(m, nbody_at)
         parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)

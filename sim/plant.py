@@ -104,6 +104,10 @@ class Plant:
 
         `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next.
         """
+        if current.timestep not in (None, self.timestep):
+            raise ConfigurationError(
+                f"current: its timestep is {current.timestep} s, but the model's, at which it gusts, {self.timestep} s"
+            )
         data, truth = self.data, self.truth
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:

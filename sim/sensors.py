@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import (
     DvlMeasurement,
     EncoderMeasurement,
@@ -16,7 +17,7 @@ from sim.interfaces.messages import (
     TorqueMeasurement,
     VisionMeasurement,
 )
-from sim.interfaces.spatial import GRAVITY, Array, checked
+from sim.interfaces.spatial import GRAVITY, Array, checked, number
 from sim.plant import Truth
 
 SEA_LEVEL = 101325.0  # [Pa] the standard atmosphere
@@ -44,10 +45,14 @@ class SensorState:
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
     """ConfigurationError unless every number of `sensor` is finite and >= 0, and those named `above` are not zero."""
     for item in fields(sensor):
-        value = getattr(sensor, item.name)
-        if item.type is float and not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or item.name not in above)):
+        if item.type is not float:
+            continue
+        name = f"{type(sensor).__name__} {item.name}"
+        value = number(getattr(sensor, item.name), name)
+        if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or item.name not in above)):
             bound = "> 0" if item.name in above else ">= 0"
-            raise ConfigurationError(f"{type(sensor).__name__} {item.name}: must be finite and {bound}, got {value}")
+            raise ConfigurationError(f"{name}: must be finite and {bound}, got {value}")
+        object.__setattr__(sensor, item.name, value)
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
@@ -84,6 +89,7 @@ class Encoders:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _encode(q, qd, bias, noise, resolution, rate_noise):
     return np.round((q + bias[: len(q)]) / resolution) * resolution, qd + rate_noise * noise
 
@@ -113,6 +119,7 @@ class JointTorqueSensors:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _transmitted(tau_drive, armature, qdd, damping, qd, noise, share, bias):
     """What passes through the gear outputs (the drive's, less rotor inertia and gear friction), with its errors."""
     true = tau_drive - armature * qdd - damping * qd
@@ -158,6 +165,7 @@ class Imu:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _inertial(R_WB, acceleration, w_B, bias, noise, acceleration_noise, rate_noise, attitude_noise):
     """Specific force, rates and attitude with their errors; the attitude's error turns about hull axes."""
     force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)

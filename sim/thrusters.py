@@ -6,12 +6,14 @@ import numpy as np
 from models.thruster_curves import reach_at, thrust_at
 from models.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
 
 SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; allocations stop a little short of 1
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _advance(curve, decay, slew, inflow_loss, advance, command, R_WB, v_WB_W, w_WB_B, current_W, passed, speed, thrust):
     """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit."""
     saturated = False

@@ -5,6 +5,7 @@ A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coor
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +36,17 @@ def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
         raise ConfigurationError(f"{name}: every number must be finite, got {array.tolist()}")
     array.setflags(write=False)
     return array
+
+
+def number(value: Any, name: str) -> float:
+    """`value` as a float, or ConfigurationError if it is not one real number that a float can hold; inf and NaN are."""
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of unlike length
+        array = np.zeros(1)
+    if array.ndim or array.dtype.kind not in "iuf":
+        raise ConfigurationError(f"{name}: expected a number, got {value!r}")
+    return float(array)
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:

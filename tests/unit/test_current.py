@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+import models
+from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
+from sim.plant import Plant
 
 MEAN = (0.15, -0.05, 0.02)  # [m/s]
 
@@ -35,22 +38,42 @@ def test_the_axes_gust_independently():
     assert np.abs(np.corrcoef(velocity.T) - np.eye(3)).max() < 0.1
 
 
-@pytest.mark.parametrize(("time_constant", "timestep"), [(5.0, 0.002), (5.0, 0.02), (0.1, 0.002)])
+@pytest.mark.parametrize(("time_constant", "timestep"), [(5.0, 0.002), (0.1, 0.009), (5e4, 1e-7)])
 def test_gusts_blow_from_the_first_step_on(time_constant, timestep):
     """The first value of many runs has the stationary deviation already, and no jump in its acceleration."""
     first = []
-    for seed in range(100):
+    for seed in range(1000):
         rng = np.random.default_rng(seed)
         first.append(Current((0, 0, 0), gust=0.03, time_constant=time_constant, timestep=timestep, rng=rng).step())
     velocity, acceleration = np.array(first).transpose(1, 0, 2)
-    assert velocity.std() == pytest.approx(0.03, rel=0.2)  # 300 values: 4 % is one sigma
-    assert acceleration.std() == pytest.approx(0.03 / time_constant, rel=0.2)
+    assert velocity.std() == pytest.approx(0.03, rel=0.1)  # 3000 values: 1.3 % is one sigma
+    a = np.exp(-timestep / time_constant)  # of a difference over one step, by the correlation 2 a / (1 + a^2)
+    differs = 0.03 / timestep * np.sqrt(2.0 / (1.0 + a * a)) * -np.expm1(-timestep / time_constant)
+    assert acceleration.std() == pytest.approx(differs, rel=0.1)
 
 
 def test_acceleration_is_the_derivative(within):
     """Over two refills of the generator's block as well."""
     velocity, acceleration = run(Current(MEAN, gust=0.03, timestep=0.002, rng=np.random.default_rng(3)), 10_000)
     within("dv - a dt [m/s]", np.diff(velocity, axis=0) - 0.002 * acceleration[1:], 3e-16)  # measured 3e-17
+
+
+def test_gusts_of_a_long_time_and_a_short_step_begin_at_once():
+    current = Current((0, 0, 0), gust=0.03, time_constant=1e8, timestep=1e-3, rng=np.random.default_rng(5))
+    velocity, _ = run(current, 10)
+    assert 0.0 < np.abs(velocity[0]).max() < 0.2
+    assert np.ptp(velocity, axis=0).max() < 1e-9
+
+
+def test_the_plant_refuses_gusts_made_for_another_step():
+    model = hydrodynamics.compile(models.load("bluerov2_heavy"))
+    gusty = Current(MEAN, gust=0.03, timestep=2.0 * model.opt.timestep, rng=np.random.default_rng(6))
+    with pytest.raises(ConfigurationError, match="timestep"):
+        Plant(model, current=gusty)
+    assert Current(MEAN, timestep=0.1).timestep is None
+    plant = Plant(model, current=Current(MEAN, timestep=0.1))  # a steady one fits any
+    with pytest.raises(ConfigurationError, match="timestep"):
+        plant.reset(current=gusty)
 
 
 def test_same_seed_same_gusts():
@@ -74,6 +97,16 @@ def test_steady_without_gusts():
         (MEAN, {"gust": float("inf")}, "gust"),
         (MEAN, {"gust": 0.03}, "generator"),
         (MEAN, {"time_constant": 0.01}, "time constant 0.01"),
+        (MEAN, {"time_constant": float("inf")}, "time constant inf"),
+        (MEAN, {"time_constant": float("nan")}, "time constant nan"),
+        (MEAN, {"time_constant": 1e300}, "time constant 1e\\+300"),
+        (MEAN, {"time_constant": "5"}, "time constant"),
+        (MEAN, {"timestep": 0.0}, "timestep of the current"),
+        (MEAN, {"timestep": -0.002}, "timestep of the current"),
+        (MEAN, {"timestep": float("nan")}, "timestep of the current"),
+        (MEAN, {"gust": "0.3"}, "gust"),
+        (MEAN, {"gust": [0.1, 0.1, 0.1]}, "gust"),
+        (MEAN, {"gust": 0.03, "rng": 5}, "generator"),
     ],
 )
 def test_refusals(mean, options, said):

@@ -23,13 +23,17 @@ _MODELS = {
         build=bluerov2_heavy.benzon_2022, source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V"
     ),
     "bluerov2_heavy_wu2018": _Entry(
-        build=bluerov2_heavy.wu_2018, source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2; T200 at 16 V"
+        build=bluerov2_heavy.wu_2018,
+        source="Wu 2018, thesis, Flinders University, tables 5.1 and 5.2 (for fresh water, here ballasted for "
+        "1025 kg/m^3); T200 at 16 V",
     ),
     "bluerov2_heavy_alpha5": _Entry(
         build=bluerov2_heavy.with_alpha_5, source="von Benzon et al. 2022 with reach_alpha_5 under the bow"
     ),
     "phoenix_smart3s": _Entry(
-        build=phoenix_smart3s.build, source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993"
+        build=phoenix_smart3s.build,
+        source="SIMURV 4.0 (Antonelli 2013); hull: NPS AUV, Healey and Lienard 1993 (for fresh water, here "
+        "ballasted for 1025 kg/m^3)",
     ),
     "reach_alpha_5": _Entry(
         build=reach_alpha_5.build, source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"

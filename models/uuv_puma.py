@@ -1,9 +1,9 @@
 """A generic work-class hovering UUV with a six-DOF PUMA-type arm: every hydrodynamic figure and its source.
 
 No numbers of a real vehicle are used or implied. Hull: an open frame of 1.6 x 0.9 x 0.8 m, 323 kg. Its derivatives are
-estimates for a box-like ROV: added mass 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave (the range
-that Fossen 2011, ch. 6, and the data of facts like BlueROV2 and RexROV give for open frames: 0.4 to 2.1), coupling from
-a centre of added mass 4 cm above the origin; drag 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (Hoerner
+estimates for a box-like ROV: added mass 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave (Fossen
+2011, ch. 6; published sets for open frames, those of BlueROV2 and RexROV2, lie between 0.4 and 2.1), coupling from a
+centre of added mass 4 cm above the origin; drag 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (Hoerner
 3-17, box with openings). Links: cylinders by strip theory (Newman 4.15; Hoerner 3-9). Thrusters: generic, 300 N.
 """
 

@@ -23,14 +23,13 @@ def main() -> int:
     options = parse(Options)
     names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
     table = Table(title="Named models")
-    table.add_column("name", no_wrap=True)
-    for column in ("DOF", "dry mass [kg]", "volume [L]", "moved by", "source"):
-        table.add_column(column)
+    for column in ("name", "DOF", "kg, L", "moved by", "source"):  # dry mass and volume
+        table.add_column(column, overflow="fold")
     for told in map(models.describe, names):
         joints = f", {len(told.joints)} joints" if told.joints else ""
         moved = f"{told.thrusters} thrusters" if told.thrusters else told.drive
-        row = told.name, f"{told.dof}", f"{told.mass:.4g}", f"{1e3 * told.volume:.4g}", moved + joints, told.source
-        table.add_row(*row)
+        size = f"{told.mass:.4g}, {1e3 * told.volume:.4g}"
+        table.add_row(told.name, f"{told.dof}", size, moved + joints, told.source)
     Console().print(table)
     return 0
 

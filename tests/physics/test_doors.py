@@ -1,5 +1,6 @@
 """What the doors refuse, by name and with the number."""
 
+import re
 from typing import Any
 
 import mujoco
@@ -234,4 +235,25 @@ def test_drag_too_strong_for_the_step_is_refused_with_the_number():
     with pytest.raises(HydrodynamicsError, match=r"timestep 0.002 s .* 600 1/s, is 1.2, .* at most 0.00167 s"):
         hydrodynamics.compile(spec)
     spec.option.timestep = 0.0016
+    hydrodynamics.compile(spec)
+
+
+@pytest.mark.check("rate of strips in that refusal", "4 k L / m, 4 k L^3 / (12 I) at 2 m/s, rad/s")
+@pytest.mark.parametrize(
+    ("normal", "tangential", "length", "turns"), [(9e3, 0.0, 0.1, 0), (30.0, 9e3, 0.1, 0), (3e3, 0.0, 0.8, 1)]
+)
+def test_drag_of_strips_too_strong_for_the_step_is_refused(normal, tangential, length, turns, within):
+    """A strip through the middle of the ball: across, along, and where it is long, turning."""
+    spec = ball()
+    end = np.array([0.5 * length, 0.0, 0.0])
+    strip = StripDrag(start=-end, end=end, normal=normal, tangential=tangential)
+    water.attach(spec, {"ball": BodyHydrodynamics(volume=0.0, strips=strip)})
+    inertia = 0.4 * 4.0 * 0.1**2
+    rate = 4.0 * normal * length**3 / 12.0 / inertia if turns else 4.0 * max(normal, tangential) * length / 4.0
+    spec.option.timestep = 1.01 / rate
+    with pytest.raises(HydrodynamicsError, match="the rate of the drag") as refusal:
+        hydrodynamics.compile(spec)
+    (printed,) = re.findall(r"([\d.e+]+) 1/s", str(refusal.value))
+    within("relative rate", float(printed) / rate - 1.0, 5e-4)  # printed with four digits
+    spec.option.timestep = 0.99 / rate
     hydrodynamics.compile(spec)

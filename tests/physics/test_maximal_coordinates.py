@@ -1,4 +1,8 @@
-"""Random trees against an independent formulation: every body by itself, joint reactions as unknowns."""
+"""Random trees against an independent formulation: every body by itself, joint reactions as unknowns.
+
+Positions and Jacobians of the bodies come from MuJoCo (mj_kinematics, mj_jacBody), accelerations from differences of
+those; what is independent is the dynamics: inertia, velocity terms, water, current, and how forces pass through joints.
+"""
 
 import mujoco
 import numpy as np
@@ -128,4 +132,4 @@ def test_acceleration_of_random_trees(rng, within):
             largest = max(largest, float(np.max(np.abs(expected))))
             worst = max(worst, float(np.max(np.abs(data.qacc - expected)) / np.max(np.abs(expected))))
     assert largest > 1.0
-    within("relative qacc", worst, 1e-10)  # measured up to 3e-12
+    within("relative qacc", worst, 2e-11)  # measured up to 1.1e-12 over 90 seeds, 22 000 states; once 3e-12

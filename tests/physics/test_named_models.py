@@ -239,6 +239,50 @@ def test_drag_of_the_alpha_5_in_uniform_flow_is_the_published():
         assert (strip.normal * length, strip.tangential * length) == pytest.approx((across, along))
 
 
+# hkolano/PitchPrediction, MagicNumAlpha.jl: kg, 1e-3 m^3 of volume, kg added across.
+ALPHA_LINKS = {
+    "arm_base": (0.341, 0.202, None), "shoulder": (0.194, 0.018, 0.032), "upper_arm": (0.429, 0.203, 0.201),
+    "elbow": (0.115, 0.025, 0.032), "wrist": (0.333, 0.155, 0.226),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ALPHA_LINKS)
+def test_links_of_the_alpha_5_have_the_published_mass_and_water(name, within):
+    mass, volume, added = ALPHA_LINKS[name]
+    model = compiled("reach_alpha_5")
+    body = model.body(name).id
+    found = coefficients(model, body)
+    assert found is not None
+    within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
+    within("relative volume", found.volume / (1e-3 * volume) - 1.0, 1e-15)
+    if added is not None:  # twice across, none along
+        within("relative added mass", np.linalg.eigvalsh(found.added_mass[:3, :3]) / added - [0.0, 1.0, 1.0], 1e-14)
+
+
+# SIMURV 4.0, data/data_phoenix_smart3s.m: kg, radius and length [m] of each link; drag coefficient 0.6, fresh water.
+PHOENIX_LINKS = (
+    (80, 0.2, 0.85), (80, 0.1, 1.0), (30, 0.15, 0.2), (50, 0.1, 0.8), (20, 0.15, 0.2), (25, 0.1, 0.3),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("link", range(6))
+def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
+    mass, radius, length = PHOENIX_LINKS[link]
+    model = compiled("phoenix_smart3s")
+    body = model.body(f"link{link + 1}").id
+    found = coefficients(model, body)
+    assert found is not None
+    displaced = RHO * np.pi * radius**2 * length
+    within("relative mass", model.body_mass[body] / mass - 1.0, 1e-15)
+    within("relative volume", RHO * found.volume / displaced - 1.0, 1e-14)
+    across_along = sorted([0.1 * mass, displaced, displaced])
+    within("relative added mass", np.linalg.eigvalsh(found.added_mass[:3, :3]) / across_along - 1.0, 1e-13)
+    (strip,) = found.segments
+    within("length of the strip [m]", np.linalg.norm(strip.end - strip.start) - length, 1e-15)
+    within("relative drag across", strip.normal / (0.5 * RHO * 0.6 * 2.0 * radius) - 1.0, 1e-15)
+    assert strip.tangential == 0.0
+
+
 # ------------------------------------------------------------------------------------------------- statics and motion
 
 

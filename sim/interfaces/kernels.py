@@ -33,15 +33,15 @@ def imports_stamp(namespace: Mapping[str, Any]) -> str:
 
 def _parts(namespace: Mapping[str, Any], seen: set[str]) -> Iterator[bytes]:
     for name, value in sorted(namespace.items()):
-        if isinstance(value, (int, float, tuple)) and not name.startswith("__"):
-            yield f"{name}={value!r};".encode()
-        elif hasattr(value, "__wrapped__"):  # numba's functions say so what they were made of
+        if hasattr(value, "__wrapped__"):  # numba's functions say so what they were made of
             origin = inspect.unwrap(value)
             file = inspect.getfile(origin)
             if file not in seen:
                 seen.add(file)
                 yield _source(file)
                 yield from _parts(origin.__globals__, seen)
+        elif isinstance(value, (int, float, tuple)) and not name.startswith("__"):
+            yield f"{name}={value!r};".encode()
 
 
 @cache

@@ -25,7 +25,7 @@ from models.thrusters import FORWARD, LEAST, REVERSE, curves
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.spatial import Array, checked
+from sim.interfaces.spatial import Array, checked, fitting
 
 # Share that matters in each axis once thrusters saturate: attitude first, yaw last. [1/N] and [1/(N m)], relative.
 WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)
@@ -78,8 +78,10 @@ class Allocation:
         """Thrusts (m,) [N] whose wrench is nearest to `wrench_B` (6,), within what each thruster can give.
 
         Exact (least effort) while no bound is met; otherwise the weighted bounded least squares. Where a thruster has a
-        least thrust, each thrust is zero or at least that.
+        least thrust, each thrust is zero or at least that. Raises ConfigurationError for another shape or a number that
+        is not finite.
         """
+        wrench_B = fitting(wrench_B, (6,), "wrench wanted of the thrusters")
         thrust = self._inverse @ wrench_B
         inside = np.all(thrust >= self._low) and np.all(thrust <= self._high)
         if inside and not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
@@ -87,8 +89,11 @@ class Allocation:
         return nearest_thrusts(self._H, self._right @ wrench_B, self._low, self._high, self._least, self._patterns)
 
     def command(self, thrust: Array) -> Array:
-        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest."""
-        return _commands(self._curves, thrust)
+        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest.
+
+        Raises ConfigurationError for another shape or a number that is not finite.
+        """
+        return _commands(self._curves, fitting(thrust, self._least.shape, "thrusts wanted [N]"))
 
     def lacking(self, wrench_B: Array, thrust: Array) -> Array:
         """What saturation withholds of `wrench_B` (6,) where `thrust` (m,) is its allocation; zero while none is."""

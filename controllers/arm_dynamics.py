@@ -20,7 +20,7 @@ import numpy as np
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, exp_so3
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2
 
@@ -33,8 +33,8 @@ class _Tree:
     kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
     column: np.ndarray  # (nb,) index into q, or -1
     axis: Array  # (nb, 3) joint axis in body axes
-    R0: Array  # (nb, 3, 3) body in parent at q = 0
-    p0: Array  # (nb, 3) joint frame in the parent's joint frame at q = 0 [m]
+    R0: Array  # (nb, 3, 3) body in parent at q = 0; a joint that is held stands at its qpos0
+    p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
     mass: Array  # (nb,) [kg]
     com: Array  # (nb, 3) [m]
     inertia: Array  # (nb, 3, 3) about the joint frame's origin [kg m^2]
@@ -335,8 +335,8 @@ class ArmDynamics:
         """Read the arm of the vehicle in `model` (`models.vehicle.Vehicle`).
 
         With `passive`, joints without actuator (the sliding pad) are coordinates too, in the order of the model; by
-        default they are held at zero, as a controller sees them. `water_error` scales every hydrodynamic coefficient
-        by (1 + water_error), to work with a deliberately wrong model; volumes stay.
+        default they are held at their qpos0, as a controller sees them. `water_error` scales every hydrodynamic
+        coefficient by (1 + water_error), to work with a deliberately wrong model; volumes stay.
 
         Raises ConfigurationError if the arm has joints other than hinges and slides, or a body with several joints, or
         if the hull carries no other body.
@@ -439,6 +439,12 @@ def _read_tree(
         if parent != vehicle.hull:
             tree.parent[row] = rows[parent]
             tree.p0[row] += tree.origin[rows[parent]]
+        if tree.column[row] >= 0:  # MuJoCo's pose of a body is that at qpos0 (`ref`)
+            at_rest = model.qpos0[model.jnt_qposadr[model.body_jntadr[body]]] * tree.axis[row]
+            if tree.kind[row] == _HINGE:
+                tree.R0[row] = tree.R0[row] @ exp_so3(-at_rest)
+            else:
+                tree.p0[row] -= tree.R0[row] @ at_rest
         tree.mass[row] = model.body_mass[body]
         com = model.body_ipos[body] - anchor
         tree.com[row] = com
@@ -452,7 +458,7 @@ def _read_tree(
             tree.added[row] = water_scale * water.added_mass
             tree.linear[row] = water_scale * water.linear_damping
             tree.quadratic[row] = water_scale * water.quadratic_damping
-            tree.buoyancy[row] = model.body_user[0, hydrodynamics.LAYOUT.density] * water.volume
+            tree.buoyancy[row] = hydrodynamics.water_density(model) * water.volume
             tree.cob[row] = water.center_of_buoyancy
     return tree, tuple(names), rows
 

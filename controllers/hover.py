@@ -10,7 +10,7 @@ from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, log_so3, skew
+from sim.interfaces.spatial import Array, checked, log_so3, skew
 
 
 @dataclass(slots=True, eq=False)
@@ -39,8 +39,12 @@ class Hover:
         `arm` is read from `model` too where it is not given, and may be missing there: a vehicle without an arm hovers.
         `frequency` [rad/s] and `damping` ratio of the closed loop; `integral_time` [s] within which a steady
         disturbance is taken up; `water_error` makes the hull's added mass wrong by that share. Raises
-        ConfigurationError if the hull carries no hydrodynamics.
+        ConfigurationError for a figure that cannot be, or if the hull carries no hydrodynamics.
         """
+        for name, value in (("frequency", frequency), ("damping", damping), ("integral_time", integral_time)):
+            if not checked([value], (1,), f"hover {name}")[0] > 0.0:
+                raise ConfigurationError(f"hover {name}: must be > 0, got {value}")
+        checked([water_error], (1,), "hover water_error")
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
@@ -53,7 +57,7 @@ class Hover:
         self._damping = 2.0 * damping * frequency
         self._integral = frequency**2 / integral_time
         gravity = -float(model.opt.gravity[2])
-        mass, density = float(model.body_mass[vehicle.hull]), float(model.body_user[0, hydrodynamics.LAYOUT.density])
+        mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
         self._drag = (1.0 + water_error) * np.array(
             [water.linear_damping.diagonal()[:3], water.quadratic_damping[:3]]

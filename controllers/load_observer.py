@@ -24,7 +24,7 @@ from controllers.arm_dynamics import ArmDynamics, newton_euler
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, fitting
 
 _HINGE = 1  # the kind in `layout` of controllers.arm_dynamics; other joints slide
 
@@ -82,8 +82,16 @@ class LoadObserver:
             R_WB: hull attitude (3, 3).
             nu_B: hull velocity (6,), (linear; angular), hull axes [m/s, rad/s].
             v_current_W: steady current (3,) [m/s].
+
+        Raises ConfigurationError for a shape that is not so or a number that is not finite.
         """
         arm, hull = self._arm, self._hull
+        joints = (arm.n,)
+        q, qd = fitting(q, joints, "load observer q"), fitting(qd, joints, "load observer qd")
+        tau_motor = fitting(tau_motor, joints, "load observer tau_motor")
+        R_WB = fitting(R_WB, (3, 3), "load observer R_WB")
+        nu_B = fitting(nu_B, (6,), "load observer nu_B")
+        v_current_W = fitting(v_current_W, (3,), "load observer v_current_W")
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[9:12] -= R_WB.T @ v_current_W

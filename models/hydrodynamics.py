@@ -124,8 +124,12 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
     one that the spec has, else `SEA_WATER`). The rows of bodies survive `MjSpec.attach` and MJCF (which keeps six
     digits). A body welded to the world keeps its coefficients but feels nothing.
 
-    Raises ConfigurationError for an unknown body, a density that is not positive, or user data that is not ours.
+    Raises ConfigurationError for what is no MjSpec or no mapping, an unknown body, a density that is not positive, or
+    user data that is not ours.
     """
+    _check_spec(spec)
+    if not isinstance(bodies, Mapping):
+        raise ConfigurationError(f"bodies: expected a mapping of names to BodyHydrodynamics, got {bodies!r}")
     density = density_of(spec) if water_density is None else float(checked([water_density], (1,), "water_density")[0])
     if not density > 0.0:
         raise ConfigurationError(f"water_density [kg/m^3]: must be positive, got {density}")
@@ -164,10 +168,40 @@ def density_of(spec: mujoco.MjSpec) -> float:
     if carries(spec.worldbody.userdata):
         return float(spec.worldbody.userdata[LAYOUT.density])
     rows = {body.name: float(body.userdata[LAYOUT.body_density]) for body in spec.bodies if carries(body.userdata)}
-    if len(set(rows.values())) > 1:
-        listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
-        raise ConfigurationError(f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all")
-    return next(iter(rows.values()), SEA_WATER)
+    return _common_density(rows) if rows else SEA_WATER
+
+
+def is_wet(model: mujoco.MjModel) -> bool:
+    """Whether any row of a compiled model, of the world or of a body, is one of ours."""
+    return any(carries(row) for row in model.body_user)
+
+
+def water_density(model: mujoco.MjModel) -> float:
+    """Density of the water [kg/m^3] of a compiled model that is wet: the world's, else that of its bodies.
+
+    MuJoCo keeps only the bodies' rows in MJCF, so a model that it loads by itself has no water of the world.
+    Raises ConfigurationError if the bodies do not agree, or nothing is wet.
+    """
+    if carries(model.body_user[0]):
+        return float(model.body_user[0, LAYOUT.density])
+    rows = {
+        model.body(i).name: float(row[LAYOUT.body_density]) for i, row in enumerate(model.body_user) if carries(row)
+    }
+    if not rows:
+        raise ConfigurationError("the model has no hydrodynamics: call models.hydrodynamics.attach on its spec")
+    return _common_density(rows)
+
+
+def world_row(model: mujoco.MjModel) -> Array:
+    """The world's row of a compiled model that is wet, a live view; where there is none it is made, with its density.
+
+    Raises ConfigurationError as `water_density` does.
+    """
+    row = model.body_user[0]
+    if not carries(row):
+        row[LAYOUT.density] = water_density(model)
+        row[LAYOUT.stamp] = LAYOUT.stamp_value
+    return row
 
 
 def set_current(
@@ -181,8 +215,9 @@ def set_current(
     World axes; a body feels the current at its own origin. In a compiled model the velocity is `model.opt.wind` and the
     others are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`. MJCF keeps only the
     velocity.
-    Raises ConfigurationError for a wrong shape, or if `attach` has not been called.
+    Raises ConfigurationError for what is no MjSpec, a wrong shape, or if `attach` has not been called.
     """
+    _check_spec(spec)
     if not any(carries(body.userdata) for body in spec.bodies):
         raise ConfigurationError("set_current: this spec has no hydrodynamics; call attach first")
     attach(spec, {})
@@ -269,14 +304,14 @@ def trim(
     buoyancy lies `metacentric_height` [m] straight above its centre of mass (against gravity). Every other coefficient
     stays. All bodies must have theirs attached first. Returns what is now attached to `body`.
 
-    Raises ConfigurationError if `body` carries no coefficients, gravity is zero, `qpos` has the wrong shape, or the
-    other bodies alone already displace more than the tree weighs.
+    Raises ConfigurationError for what is no MjSpec or no number, if `body` carries no coefficients, gravity is zero,
+    `qpos` has the wrong shape, or the other bodies alone already displace more than the tree weighs.
     """
+    _check_spec(spec)
     here = attached(spec)
     if body not in here:
         raise ConfigurationError(f"{body}: no hydrodynamics attached; attached are {', '.join(sorted(here))}")
-    if not np.isfinite(metacentric_height):
-        raise ConfigurationError(f"metacentric_height [m]: must be finite, got {metacentric_height}")
+    metacentric_height = float(checked([metacentric_height], (1,), "metacentric_height [m]")[0])
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     if qpos is not None:
@@ -467,6 +502,19 @@ def _ellipsoid_factors(axes: Array) -> Array:
 
 
 # --------------------------------------------------------------------------------------------------------------- checks
+
+
+def _check_spec(spec: mujoco.MjSpec) -> None:
+    if not isinstance(spec, mujoco.MjSpec):
+        raise ConfigurationError(f"spec: expected a mujoco.MjSpec, which is not compiled yet, got {spec!r}")
+
+
+def _common_density(rows: dict[str, float]) -> float:
+    """The density [kg/m^3] on which all rows, by body name, agree."""
+    if len(set(rows.values())) > 1:
+        listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
+        raise ConfigurationError(f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all")
+    return next(iter(rows.values()))
 
 
 def _row_of(body: mujoco.MjsBody) -> Array:

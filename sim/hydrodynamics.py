@@ -28,14 +28,29 @@ import mujoco
 import numpy as np
 from numba.core import event
 
-from models.hydrodynamics import LARGEST, LAYOUT, BodyHydrodynamics, attach, carries, unpack
+from models.hydrodynamics import (
+    LARGEST,
+    LAYOUT,
+    BodyHydrodynamics,
+    attach,
+    carries,
+    is_wet,
+    unpack,
+    water_density,
+    world_row,
+)
 from sim import hydrodynamics_kernel, mujoco_layout
-from sim.interfaces.errors import HydrodynamicsError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import Array, skew
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
 
 LARGEST_START = 100.0  # [m/s, rad/s] that buoyancy may make of rest in one step
+
+_DRY_WEIGHTS = (
+    "has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile(), "
+    "or call sim.hydrodynamics.set_constants() after mj_setConst"
+)
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
 
@@ -86,15 +101,18 @@ def check_installed(model: mujoco.MjModel) -> bool:
         problem = "moves dry: call sim.hydrodynamics.install()"
     elif found := _refused(model):
         problem = f"cannot be run with {'; '.join(found)}"
-    elif not carries_hydrodynamics(model) or model.body_user[0, LAYOUT.compiled] != model.dof_invweight0.sum():
-        problem = (
-            "has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile(), "
-            "or call sim.hydrodynamics.set_constants() after mj_setConst"
-        )
+    elif _has_dry_weights(model):
+        problem = _DRY_WEIGHTS
     else:
         return True
     warnings.warn(f"this model carries hydrodynamics but {problem}", RuntimeWarning, 2)
     return False
+
+
+def check_constants(model: mujoco.MjModel) -> None:
+    """Refuse a model that carries coefficients but the contact weights of its dry mass; HydrodynamicsError says why."""
+    if _carriers(model) and _has_dry_weights(model):
+        raise HydrodynamicsError(f"this model carries hydrodynamics but {_DRY_WEIGHTS}")
 
 
 def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
@@ -106,17 +124,22 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     kinds = mujoco.mjtWarning
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
-            dof = int(data.warning[kind].lastinfo)
-            body = model.body(int(model.dof_bodyid[min(dof, model.nv - 1)])).name
+            index = int(data.warning[kind].lastinfo)
+            if what == "qpos":  # a free joint has seven of them for its six directions
+                joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
+                body = int(model.jnt_bodyid[joint])
+            else:
+                body = int(model.dof_bodyid[index])
             raise HydrodynamicsError(
-                f"the simulation became unstable near t = {data.time:g} s: {what}[{dof}] (body {body!r}) was not "
+                f"the simulation became unstable near t = {data.time:g} s: {what}[{index}] "
+                f"(body {model.body(body).name!r}) was not "
                 f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag or contact"
             )
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
-    """Whether `model` was compiled from a spec with attached coefficients."""
-    return carries(model.body_user[0])
+    """Whether `model` has bodies with attached coefficients, whoever compiled it."""
+    return is_wet(model)
 
 
 def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called with its module's name)
@@ -127,8 +150,11 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     given by `dampratio`. A spec without coefficients is compiled as it is. Where only bodies carry water (the spec
     came from MJCF, or was attached to this one), the world is given theirs.
 
-    Raises ConfigurationError if the bodies carry waters of different density, HydrodynamicsError as `check` does.
+    Raises ConfigurationError for what is no MjSpec or if the bodies carry waters of different density,
+    HydrodynamicsError as `check` does.
     """
+    if not isinstance(spec, mujoco.MjSpec):
+        raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
     if any(carries(body.userdata) for body in spec.bodies):
         attach(spec, {})
     model = spec.compile()
@@ -142,7 +168,8 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 def set_constants(model: mujoco.MjModel) -> None:
     """Set again what `compile` sets from the wet inertia, after `mj_setConst` or a change of mass or coefficients.
 
-    The damping of position actuators stays as it is. Raises HydrodynamicsError as `check` does.
+    So too for a model that MuJoCo has loaded by itself; the world is given its row. The damping of position actuators
+    stays as it is. Raises HydrodynamicsError as `check` does.
     """
     check(model)
     if carries_hydrodynamics(model):
@@ -182,7 +209,7 @@ def check(model: mujoco.MjModel) -> None:
             f"{model.opt.timestep * rate:.4g}, more than 1; use at most {1.0 / rate:.3g} s"
         )
     force = np.zeros(model.nv)
-    lift = model.body_user[0, LAYOUT.density] * model.opt.gravity
+    lift = water_density(model) * model.opt.gravity
     for i, body in bodies.items():
         R_BW = data.xmat[i].reshape(3, 3).T
         buoyancy = -body.volume * (R_BW @ lift)
@@ -245,10 +272,15 @@ def _carriers(model: mujoco.MjModel) -> list[int]:
     return [i for i in range(1, model.nbody) if carries(model.body_user[i])]
 
 
+def _has_dry_weights(model: mujoco.MjModel) -> bool:
+    water = model.body_user[0]
+    return not carries(water) or bool(water[LAYOUT.compiled] != model.dof_invweight0.sum())
+
+
 def _refused(model: mujoco.MjModel) -> list[str]:
     """Names of the options under which the hydrodynamics would be wrong."""
     option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
-    water = model.body_user[0, : LAYOUT.size] if carries_hydrodynamics(model) else np.zeros(LAYOUT.size)
+    water = model.body_user[0, : LAYOUT.size] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
     numbers = {
         "gravity": option.gravity,
         "wind (the current)": option.wind,
@@ -321,6 +353,7 @@ def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
 
 def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> None:
     """As MuJoCo's engine_setconst.c computes them, with M + A for M."""
+    water = world_row(model)
     if model.nv == 0:
         return
     data = _at_qpos0(model)
@@ -340,7 +373,7 @@ def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> N
             model.dof_invweight0[first : first + block] = mobility[first : first + block].mean()
             first += block
     model.dof_M0 = np.diag(M)
-    model.body_user[0, LAYOUT.compiled] = model.dof_invweight0.sum()
+    water[LAYOUT.compiled] = model.dof_invweight0.sum()
     model.stat.meaninertia = np.diag(M).mean()
     for i in range(model.ntendon):
         row = np.zeros(model.nv)

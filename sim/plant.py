@@ -3,13 +3,13 @@
 import mujoco
 import numpy as np
 
-from models.hydrodynamics import LAYOUT
+from models.hydrodynamics import LAYOUT, world_row
 from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, checked, fitting, quat_wxyz_from_rotation
 from sim.reaction import Reaction
 from sim.thrusters import Thrusters
 
@@ -69,13 +69,18 @@ class Plant:
 
         Every `reaction_ticks` steps the wrench of the arm on the hull is measured (`sim.reaction`); 0: never.
 
-        Raises ConfigurationError if the model has no vehicle (`models.vehicle`), HydrodynamicsError if its water cannot
-        act or the wrench cannot be measured. Installs the process's passive callback.
+        Raises ConfigurationError for arguments that cannot be and if the model has no vehicle (`models.vehicle`),
+        HydrodynamicsError if its water cannot act as it should (what `sim.hydrodynamics.check` refuses, and contact
+        weights of the dry mass) or the wrench cannot be measured. Installs the process's passive callback.
         """
+        if not isinstance(model, mujoco.MjModel):
+            raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
         if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             raise ConfigurationError(
                 "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
             )
+        hydrodynamics.check(model)
+        hydrodynamics.check_constants(model)
         hydrodynamics.install()
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model)
@@ -84,7 +89,7 @@ class Plant:
         # Written each step; a model without our coefficients has no place for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
-        self._current_slot = model.body_user[0, slot : slot + 3] if wet else np.zeros(3)
+        self._current_slot = world_row(model)[slot : slot + 3] if wet else np.zeros(3)
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
@@ -102,12 +107,17 @@ class Plant:
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
         """Start again at time 0 and at rest, arm at home, in `current`, as a new plant of the same model would.
 
-        `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next.
+        `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next. Raises ConfigurationError
+        for what is no Current or no pose.
         """
+        if not isinstance(current, Current):
+            raise ConfigurationError(f"current: expected a sim.current.Current, got {current!r}")
         if current.timestep not in (None, self.timestep):
             raise ConfigurationError(
                 f"current: its timestep is {current.timestep} s, but the model's, at which it gusts, {self.timestep} s"
             )
+        if X_WB is not None:
+            X_WB = _checked_pose(X_WB)
         data, truth = self.data, self.truth
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:
@@ -166,13 +176,17 @@ class Plant:
         return self.truth
 
     def step(self, command: Command) -> None:
-        """Let the command act for one physics step; `observe` must have been called since the last one."""
+        """Let the command act for one physics step; `observe` must have been called since the last one.
+
+        Raises ConfigurationError for torques or thruster commands of another shape or that are not finite.
+        """
+        joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
         data, vehicle, truth = self.data, self.vehicle, self.truth
         truth.saturated = self._thrusters.step(
             command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
         )
         self._ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
-        self._ctrl[vehicle.actuators] = command.joint_torque
+        self._ctrl[vehicle.actuators] = joint_torque
         if self._reaction is not None and self._tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(self.model, data)
@@ -208,6 +222,17 @@ class Plant:
             truth.contact_normal += float(force[0])
             on_second = contact.frame[i].reshape(3, 3).T @ force[:3]
             truth.contact_force_W += on_second if second == self._pad_geom else -on_second
+
+
+def _checked_pose(X_WB: Array) -> Array:
+    """A copy of the hull's first pose (4, 4); ConfigurationError if it is none."""
+    X = checked(X_WB, (4, 4), "X_WB")
+    R = X[:3, :3]
+    if not (np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0):
+        raise ConfigurationError(f"X_WB: its rotation must be orthonormal and right-handed, got {R.tolist()}")
+    if not np.array_equal(X[3], [0.0, 0.0, 0.0, 1.0]):
+        raise ConfigurationError(f"X_WB: its last row must be 0, 0, 0, 1, got {X[3].tolist()}")
+    return X
 
 
 def _view(array: Array, addresses: np.ndarray) -> Array:

@@ -50,9 +50,7 @@ class Reaction:
         self._span = last
         self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
         self._root = int(model.body_rootid[self._body])
-        self._wet = [
-            i for i in carried if hydrodynamics.carries_hydrodynamics(model) and water.carries(model.body_user[i])
-        ]
+        self._wet = [i for i in carried if water.carries(model.body_user[i])]
         self._water = _Tables(model, self._wet)
         sites = mujoco.mjtTrn.mjTRN_SITE
         self._thrusters = [
@@ -126,7 +124,7 @@ class _Tables:
         stations = []
         for k, body in enumerate(bodies):
             self.matrices[k] = body.added_mass, body.linear_damping
-            displaced = model.body_user[0, LAYOUT.density] * body.volume
+            displaced = water.water_density(model) * body.volume
             self.vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
             for strip in body.segments:
                 along = strip.end - strip.start

@@ -7,7 +7,7 @@ from models.thruster_curves import reach_at, thrust_at
 from models.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, fitting
 
 SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; allocations stop a little short of 1
 
@@ -74,7 +74,9 @@ class Thrusters:
 
         `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
         hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).
+        Raises ConfigurationError for a command of another shape or with a number that is not finite.
         """
+        command = fitting(command, self.speed.shape, "thruster command")
         return _advance(
             self._curves, self._decay, self._slew, self._inflow_loss, self._advance, command, R_WB, v_WB_W, w_WB_B,
             current_W, self._passed, self.speed, self.thrust,

@@ -14,6 +14,8 @@ from sim.interfaces.errors import ConfigurationError
 
 Array = NDArray[np.float64]
 
+_FLOAT64 = np.dtype(np.float64)
+
 GRAVITY = 9.81  # [m/s^2], along -z of W
 
 
@@ -25,9 +27,15 @@ def readonly(values: ArrayLike) -> Array:
 
 
 def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite."""
+    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite.
+
+    Complex numbers and strings are no numbers here.
+    """
     try:
-        array = np.array(values, dtype=np.float64)
+        given = np.asarray(values)
+        if given.dtype.kind not in "biufO":
+            raise TypeError(f"{given.dtype} is not a real number")
+        array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ConfigurationError(f"{name}: expected {shape} numbers, got {values!r}") from error
     if array.shape != shape:
@@ -36,6 +44,17 @@ def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
         raise ConfigurationError(f"{name}: every number must be finite, got {array.tolist()}")
     array.setflags(write=False)
     return array
+
+
+def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
+    """`values` itself where it is what `checked` would return, else a copy of that: a check for loops, about 1 us.
+
+    Raises ConfigurationError as `checked` does.
+    """
+    plain = type(values) is np.ndarray and values.shape == shape and values.dtype is _FLOAT64
+    if plain and math.isfinite(np.vdot(values, values)):
+        return values
+    return checked(values, shape, name).copy()
 
 
 def number(value: Any, name: str) -> float:

@@ -299,3 +299,16 @@ def test_a_lost_thruster_is_refused_unless_its_axis_is_given_up(vehicle):
 def test_figures_that_cannot_be(vehicle, change: dict[str, Any], named):
     with pytest.raises(ConfigurationError, match=named):
         Allocation(vehicle, **change)
+
+
+@pytest.mark.parametrize(
+    ("wrench_B", "says"), [(np.zeros(3), r"shape \(6,\), got \(3,\)"), (np.full(6, np.nan), "must be finite")]
+)
+def test_wrenches_that_cannot_be(vehicle, wrench_B, says):
+    with pytest.raises(ConfigurationError, match=f"wrench wanted of the thrusters: .*{says}"):
+        Allocation(vehicle).thrust(wrench_B)
+
+
+def test_thrusts_of_another_number_are_refused(vehicle):
+    with pytest.raises(ConfigurationError, match=r"thrusts wanted .* got \(9,\)"):
+        Allocation(vehicle).command(np.zeros(9))

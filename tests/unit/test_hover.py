@@ -10,6 +10,7 @@ from controllers.arm_dynamics import ArmDynamics
 from controllers.hover import Hover
 from models.vehicle import Vehicle
 from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, quat_wxyz_from_rotation
 
@@ -90,3 +91,10 @@ def test_the_force_that_is_held_tells_the_current(current_W, within):
         mujoco.mj_step(model, data, nstep=round(DT / model.opt.timestep))
     within("place held [m]", data.qpos[:3], 5e-5)  # 4e-6
     within("current [m/s]", hover.current(state, seen) - current_W, 2e-4)  # 1.6e-5
+
+
+@pytest.mark.parametrize("name", ["frequency", "damping", "integral_time"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "1"])
+def test_figures_that_cannot_be(name, value):
+    with pytest.raises(ConfigurationError, match=f"hover {name}: "):
+        Hover(models.load("bluerov2_heavy").compile(), **{name: value})

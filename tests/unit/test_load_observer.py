@@ -247,3 +247,19 @@ def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within)
 def test_times_that_cannot_be(change):
     with pytest.raises(ConfigurationError, match=r"load observer .* > 0 s"):
         LoadObserver(models.load("uuv_puma").compile(), **({"period": 0.002} | change))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("q", np.zeros(2)), ("qd", np.full(6, np.nan)), ("tau_motor", np.zeros(7)), ("R_WB", np.eye(4)),
+     ("nu_B", np.full(6, np.inf)), ("v_current_W", np.zeros(2))],
+)  # fmt: skip
+def test_measurements_that_cannot_be_leave_its_memory_alone(name, value):
+    observer = LoadObserver(models.load("uuv_puma").compile(), period=0.002)
+    state = observer.init()
+    good = {"q": np.zeros(6), "qd": np.zeros(6), "tau_motor": np.zeros(6)}
+    motion = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "v_current_W": np.zeros(3)}
+    with pytest.raises(ConfigurationError, match=f"load observer {name}: "):
+        observer.step(state, **{**good, **motion, name: value})
+    assert not state.started
+    assert np.all(np.isfinite(observer.step(state, **good, **motion)))

@@ -23,7 +23,8 @@ def main() -> int:
     options = parse(Options)
     names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
     table = Table(title="Named models")
-    for column in ("name", "DOF", "kg, L", "moved by", "source"):  # dry mass and volume
+    table.add_column("name", no_wrap=True, overflow="fold")
+    for column in ("DOF", "dry kg, L", "moved by", "source"):
         table.add_column(column, overflow="fold")
     for told in map(models.describe, names):
         joints = f", {len(told.joints)} joints" if told.joints else ""

@@ -134,7 +134,7 @@ def test_what_is_left_moves_alike_under_the_wrench_alone(rng, within):
         mujoco.mj_mulM(rest, alone, left_over, alone.qacc - qacc)
         worst = max(worst, float(np.max(np.abs(left_over)) / np.max(np.abs(applied))))
         cuts += 1
-    within("force left over, relative", worst, 3e-13)  # measured up to 3e-15
+    within("force left over, relative", worst, 3e-13)  # measured up to 2e-14 over 40 seeds
 
 
 def hangs_from(model: mujoco.MjModel, body: int, ancestor: int) -> bool:

@@ -221,7 +221,7 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, pus
         data.qfrc_applied = moving.data.qfrc_applied[dof : dof + 6] + np.concatenate([R @ wrench_B[:3], wrench_B[3:]])
         mujoco.mj_forward(alone, data)
         worst = max(worst, relative(data.qacc, moving.data.qacc[:6]))
-    within("relative acceleration of the hull", worst, 1e-12)  # measured up to 1e-13
+    within("relative acceleration of the hull", worst, 2e-12)  # measured up to 2.2e-13 over 200 seeds of 6 cases
 
 
 @pytest.mark.check("wrench of the arm on the hull: measured by sim.reaction", "own recursive Newton-Euler")

@@ -121,7 +121,7 @@ def test_box_meets_the_table_of_dnv(within):
 
 
 @pytest.mark.check(
-    "box of three edges: rotation, drag", "Lamb's integrals of the ellipsoid in it; |r|^3 over its faces"
+    "box of three edges: rotation, drag", "Lamb's integrals of the ellipsoid in it; speed cubed over its faces"
 )
 def test_box_in_rotation_and_its_drag(within):
     """About x, the faces that look along y and along z push back at the local speed of each strip, and so on."""

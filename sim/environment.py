@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from models import scenes
 from sim import hydrodynamics
 from sim.current import Current
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
 from sim.plant import Plant, Truth
@@ -84,14 +84,13 @@ class PlantPhysics(control.Physics):
         """
         plant, truth = self._plant, self._plant.truth
         for _ in range(n_sub_steps):
-            before = truth.time
             wanted = self._stiffness * (self._q_home - truth.q) - self._damping * truth.qd
             torque = np.clip(wanted, -self._limits, self._limits)
-            plant.step(Command(time=before, joint_torque=torque, thrusters=self._thrusters, scan=False))
-            plant.observe()
-            # MuJoCo puts a state that blows up back to the model's own, and the clock with it.
-            if not truth.time > before:
-                raise control.PhysicsError(f"the plant diverged at {before:g} s")
+            plant.step(Command(time=truth.time, joint_torque=torque, thrusters=self._thrusters, scan=False))
+            try:
+                plant.observe()
+            except HydrodynamicsError as error:
+                raise control.PhysicsError(str(error)) from error
 
     def time(self) -> float:
         """Time since the start of the episode [s]."""

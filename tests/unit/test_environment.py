@@ -254,7 +254,7 @@ def test_divergence_is_an_error(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     physics.reset()
     physics.step(3)
     plant.data.qvel[0] = np.inf
-    with pytest.raises(control.PhysicsError, match=r"diverged at 0\.006 s"):
+    with pytest.raises(control.PhysicsError, match="became unstable"):
         physics.step()
 
 

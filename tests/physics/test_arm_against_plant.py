@@ -43,7 +43,7 @@ def wet(spec: mujoco.MjSpec, rng: np.random.Generator) -> mujoco.MjSpec:
     bodies = {b.name: random_water(rng, 100.0 if b.name == "hull" else 1.0) for b in spec.bodies[1:]}
     dry = [name for name in bodies if name != "hull" and rng.uniform() < 0.15]
     water.attach(spec, {name: body for name, body in bodies.items() if name not in dry})
-    spec.option.timestep = 1e-4  # nothing is stepped; the check of the drag against the step must not stand in the way
+    spec.option.timestep = 1e-6  # nothing is stepped; the check of the drag against the step must not stand in the way
     return spec
 
 

@@ -22,6 +22,7 @@ from sim.interfaces.messages import Command, Reference, StateEstimate, Target, W
 from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
 
 LIFT = 0.05  # [m] above a nest between touches
+_STILL_WATER = np.zeros(3)  # the current's drag on the arm is small beside the push
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,9 +288,9 @@ class CompliantTouch:
         arm, vehicle, dt = self._arm, self._vehicle, self.period
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
-            estimate.w_WB_B, estimate.a_WB_B, estimate.q, estimate.qd, estimate.tau, self._no_bias, 0.01, 0.1, dt,
-            (0.015, 0.012), state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B,
-            self._f_tip_G, np.empty(3),
+            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._no_bias, 0.01,
+            0.1, dt, (0.015, 0.012), state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B,
+            state.f_tip_B, self._f_tip_G, np.empty(3),
         )  # fmt: skip
         if reference.X_WG is None:
             tau = np.empty(len(estimate.q))

@@ -2,8 +2,8 @@
 
 A command u in [-1, 1] is the normalised propeller speed (or pulse width) asked for; the propeller follows within its
 slew rate and with a first-order lag; its thrust is a static curve of that speed, lessened by inflow, the bilinear
-model T = T_nn |n| n - T_nu |n| u_a (Fossen 2011, section 9.3). The curve is quadratic, a polynomial, or a table, beyond
-a dead band. The hull feels the propeller's torque about the thrust axis in proportion to the thrust: it rides in the
+model T = T_nn |n| n - T_nu |n| u_a (Fossen 2011). The curve is quadratic, a polynomial, or a table, beyond a dead
+band. The hull feels the propeller's torque about the thrust axis in proportion to the thrust: it rides in the
 actuator's gear, so that the plant, the allocation and MuJoCo see the same column.
 """
 

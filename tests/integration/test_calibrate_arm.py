@@ -55,6 +55,17 @@ def touched() -> tuple[Arm, list[np.ndarray]]:
     return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
 
 
+def test_touching_by_contact_finds_the_arm(calibrate, tmp_path, within):
+    """A ball in nests of three balls, the hull clamped: only the encoders' steps stand between arm and truth."""
+    run = calibrate("--arm", "uuv_puma", "--touching", "clamped", "--quick", "--no-record", "--out", tmp_path)
+    assert run.returncode == 0, run.stdout + run.stderr
+    metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["contact"]["missed"] == 0
+    assert metrics["tracker"]["nominal"] > 5e-4
+    within("moves of the flange [m]", metrics["tracker"]["identified"], 2.5e-4)  # 2.6e-5
+    within("seat of the ball [m]", metrics["contact"]["seat_spread_m"], 5e-6)  # 4.6e-7
+
+
 def test_files_of_a_run_are_the_arm_that_it_found(calibrate, root, tmp_path, touched, within):
     true, series = touched
     folder = write_touches(tmp_path / "in", ["a", "b", "c"], [np.degrees(q) for q in series[:3]], JOINTS)

@@ -184,8 +184,6 @@ def _thruster_wrench(model: mujoco.MjModel, hull: int, actuators: np.ndarray) ->
     """Columns (6, m): unit thrust, with its propeller's torque, of each thruster's site, moved to the hull's origin."""
     B = np.zeros((6, len(actuators)))
     for column, actuator in enumerate(actuators):
-        if int(model.actuator_trntype[actuator]) != mujoco.mjtTrn.mjTRN_SITE:
-            raise ConfigurationError(f"thruster {model.actuator(int(actuator)).name!r} must act on a site")
         X = pose_in_body(model, int(model.actuator_trnid[actuator, 0]), hull)
         force = X[:3, :3] @ model.actuator_gear[actuator, :3]
         B[:3, column] = force

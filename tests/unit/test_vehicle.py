@@ -63,7 +63,7 @@ def base_on_a_joint(spec: mujoco.MjSpec) -> None:
         (without_actuators, r"no driven joint between body 'arm_base' and site 'tip'"),
         (unlimited_joint, r"joint 'joint3' of the arm must have a range"),
         (unlimited_motor, r"actuator of joint 'joint2' must have a ctrlrange"),
-        (thruster_on_a_joint, r"thruster 'thruster_sway' must act on a site"),
+        (thruster_on_a_joint, r"thruster 'thruster_sway': its actuator must be a plain motor on a site.*trntype"),
         (tip_on_the_hull, r"site 'tip' is not carried by body 'arm_base'"),
         (base_on_a_joint, r"body 'arm_base' must be fixed to body 'hull'"),
     ],

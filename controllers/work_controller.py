@@ -42,7 +42,7 @@ class Tuning:
     torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
-    contact_feedforward: float = 0.0  # share of the felt force that the drives bear at once
+    contact_feedforward: float = 0.5  # share of the felt force that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     hover_period: float = 0.02  # [s]

@@ -57,6 +57,7 @@ class Job:
     lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
+    roomy: float = 0.3  # margin of the placement under which less of the path is worked, where that is allowed
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
 
     def __post_init__(self) -> None:
@@ -208,23 +209,26 @@ class SurfaceWork:
     def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
         job = self._job
         obstacle = transform_points(target.X_WT, self._model.vertices)
-        placement, failure, share = None, "", 1.0
-        while placement is None and share >= job.least_share - 1e-9:
-            shorter = middle_part(path, share)
+        placement, whole, failure, share = None, path, "", 1.0
+        worked = share
+        while (placement is None or placement.margin < job.roomy) and share >= job.least_share - 1e-9:
+            shorter = middle_part(whole, share)
             try:
-                placement = place(
+                found = place(
                     self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
                     force=max(job.forces), standoff=job.standoff, search=self._search,
                 )  # fmt: skip
             except ReachError as error:
-                failure, share = failure or str(error), share - 0.04
+                failure = failure or str(error)
             else:
-                path = shorter
+                if placement is None or found.margin > placement.margin:
+                    placement, path, worked = found, shorter, share
+            share -= 0.04
         if placement is None:
             self._give_up(state, time, failure)
             return
-        if share < 1.0:
-            state.note = f"the reach ends at {share:.0%} of the path; that part is worked"
+        if worked < 1.0:
+            state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
         state.path, state.placement = path, placement
         state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
         above = np.array(placement.X_WB)

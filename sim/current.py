@@ -1,5 +1,7 @@
 """A current in time: a steady part plus gusts that have a finite acceleration."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
@@ -26,8 +28,11 @@ class Current:
         time_constant: float = 5.0,
         timestep: float = 0.002,
         rng: np.random.Generator | None = None,
+        profile: Callable[[float], tuple[float, float]] | None = None,
     ) -> None:
         """Take the steady current (3,) [m/s], gust [m/s], the gusts' time constant [s], the physics step [s].
+
+        `profile` gives, `t` [s] after the start, the share of all this that flows, and how fast the share grows [1/s].
 
         Raises ConfigurationError for what is no finite number or of the wrong sign, a time constant of too few or too
         many steps, or gusts without a generator.
@@ -47,6 +52,7 @@ class Current:
                 f"{_LONGEST:.0e} of them"
             )
         self._rng, self._dt = rng, dt
+        self._profile, self._ticks = profile, 0
         self._blows = gust > 0.0
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._numerator, self._denominator = [b], [1.0, -a]
@@ -64,8 +70,8 @@ class Current:
 
     @property
     def timestep(self) -> float | None:
-        """The physics step [s] for which its gusts are made; None for a steady current, which fits any."""
-        return self._dt if self._blows else None
+        """The physics step [s] for which it is made; None for a steady current, which fits any."""
+        return self._dt if self._blows or self._profile is not None else None
 
     def _refill(self) -> None:
         assert self._rng is not None
@@ -77,6 +83,15 @@ class Current:
 
     def step(self) -> tuple[Array, Array]:
         """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the next physics step, world axes."""
+        velocity, acceleration = self._flow()
+        if self._profile is None:
+            return velocity, acceleration
+        share, growth = self._profile(self._ticks * self._dt)
+        self._ticks += 1
+        return share * velocity, share * acceleration + growth * velocity
+
+    def _flow(self) -> tuple[Array, Array]:
+        """The same, as it is without a profile."""
         if not self._blows:
             return self._mean, np.zeros(3)
         if self._at == len(self._rows):

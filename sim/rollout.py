@@ -94,7 +94,8 @@ def rollout(
     for i, sensor in enumerate(parts.sensors):
         if sensor_ticks[i]:
             sensor_states[i], measurement = sensor.step(sensor_states[i], truth)
-            first.append(measurement)
+            if measurement is not None:
+                first.append(measurement)
     estimator_state = parts.estimator.init(first)
     estimator_state, estimate = parts.estimator.step(estimator_state, first)
     planner_state = parts.planner.init(estimate)
@@ -117,6 +118,8 @@ def rollout(
             if not due:
                 continue
             sensor_states[i], measurement = parts.sensors[i].step(sensor_states[i], truth)
+            if measurement is None:
+                continue
             if sensor_delay[i]:
                 on_the_way.setdefault(tick + sensor_delay[i], []).append(measurement)
                 if not every:

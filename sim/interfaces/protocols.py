@@ -13,7 +13,9 @@ from sim.interfaces.messages import Command, Measurement, Reference, StateEstima
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Truth in, one measurement out. `truth` is `sim.plant.Truth`; only `sim` may look into it."""
+    """Truth in, one measurement out, or None where no message comes. `truth` is `sim.plant.Truth`; only `sim` may look
+    into it.
+    """
 
     @property
     def period(self) -> float: ...  # [s]; 0 means on request (`Command.scan`)
@@ -23,7 +25,7 @@ class Sensor(Protocol):
 
     def init(self, rng: np.random.Generator) -> Any: ...
 
-    def step(self, state: Any, truth: Any) -> tuple[Any, Measurement]: ...
+    def step(self, state: Any, truth: Any) -> tuple[Any, Measurement | None]: ...
 
 
 @runtime_checkable

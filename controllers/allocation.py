@@ -1,11 +1,13 @@
 """From a wrench on the hull to thruster commands: allocation within bounds, then the inverse of the static curve.
 
-The thrusts x minimise |W (B x - w)|^2 + e^2 |D x|^2 within low <= x <= high: the wrench by its weights first, the
-effort second (e is small, and only chooses among the thrusts of one wrench where there are more thrusters than
-directions). An active set on the normal equations is exact in a few steps for the sizes that vehicles have.
+Six thrusters leave no choice, so where they run out something of the wrench is given up, and what must be said before:
+`PRIORITIES`, real levels (`controllers.priorities`), no weights. Roll and pitch come first: a tilt of the hull tilts
+the tool, and the tip moves by the length of the arm. The force comes next: where it lacks the hull is pushed off,
+slowly, and the arm re-aims. Yaw is last. Effort is least among the thrusts that are alike in all this.
 
 A propeller that turns gives a least thrust (`models.thrusters`), so between zero and that there is nothing, and the
-problem is no longer convex. Where a share falls into such a gap:
+problem is no longer convex. There the wrench that the levels have chosen is approached by weighted least squares,
+|W (B x - w)|^2 + e^2 |D x|^2, for what is lost is small and must not be all of one axis for a hair of another:
   1. With more thrusters than directions, some are set against each other: every way of that, in a fixed order, until
      one gives the wrench as well as if there were no gap. A fixed order, so that it does not change from step to step.
   2. Else thrusters in a gap are settled one at a time, the one nearest to a thrust that exists first, and all others
@@ -15,11 +17,14 @@ near the middle of a gap may chatter.
 """
 
 import itertools
+from collections.abc import Sequence
+from typing import Self
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from controllers.priorities import prioritised
 from models.thruster_curves import command_for
 from models.thrusters import FORWARD, LEAST, REVERSE, curves
 from models.vehicle import Vehicle
@@ -27,66 +32,138 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, checked, fitting
 
-# Share that matters in each axis once thrusters saturate: attitude first, yaw last. [1/N] and [1/(N m)], relative.
-WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # of a wrench on the hull, hull axes
+PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
 HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
+GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] of what least thrusts cannot give
 _ROUNDS = 4  # over the thrusters, at most, in search of a better branch
 _EFFORT = 1e-10  # share of the mean square weight of a thruster in the wrench that its effort weighs
+_BEYOND = 1e3  # times what all thrusters together can give: a wrench that asks for the most there is
 
 
 class Allocation:
     """Thrusters of one vehicle, seen from its controller."""
 
     def __init__(
-        self, vehicle: Vehicle, *, weights: ArrayLike = WEIGHTS, effort: ArrayLike | None = None,
+        self, vehicle: Vehicle, *, priorities: Sequence[Sequence[str]] = PRIORITIES, effort: ArrayLike | None = None,
         headroom: float = HEADROOM,
     ) -> None:  # fmt: skip
         """Take the thrusters of `vehicle`.
 
-        `weights` (6,) [1/N, 1/(N m)] say which axes matter once thrusters saturate; an axis of weight zero is not
-        driven. `effort` (m,), equal by default, says which thrusters to spare where there is a choice. `headroom` is
-        the share of full thrust that is used. Raises ConfigurationError for weights that cannot be, or if the thrusters
-        cannot give a wrench in every direction that has a weight.
+        `priorities` are levels of `AXES`, the first to be kept first once thrusters saturate; within a level newtons
+        and newton metres count alike, and an axis in no level is not driven. `effort` (m,), equal by default, says
+        which thrusters to spare where there is a choice. `headroom` is the share of full thrust that is used. Raises
+        ConfigurationError for priorities that cannot be, or if the thrusters cannot give a wrench in every direction
+        that is driven.
         """
-        self._B = np.array(vehicle.thruster_wrench)
-        m = self._B.shape[1]
-        self._weights = checked(weights, (6,), "weights of the wrench")
-        if not (np.all(self._weights >= 0.0) and np.any(self._weights)):
-            raise ConfigurationError(f"weights of the wrench: must be >= 0, not all zero, got {self._weights.tolist()}")
-        spare = checked(np.ones(m) if effort is None else effort, (m,), "effort of the thrusters")
-        if not np.all(spare > 0.0):
-            raise ConfigurationError(f"effort of the thrusters: must be > 0, got {spare.tolist()}")
+        m = vehicle.thruster_wrench.shape[1]
+        effort = checked(np.ones(m) if effort is None else effort, (m,), "effort of the thrusters")
+        if not np.all(effort > 0.0):
+            raise ConfigurationError(f"effort of the thrusters: must be > 0, got {effort.tolist()}")
         if not 0.0 < headroom <= 1.0:
             raise ConfigurationError(f"headroom: must be in (0, 1], got {headroom}")
-        driven = self._weights > 0.0
-        if np.linalg.matrix_rank(self._B[driven]) < np.count_nonzero(driven):
-            word = "six directions" if driven.all() else f"{np.count_nonzero(driven)} driven directions"
+        levels = _levels(priorities)
+        self._set_up(vehicle, levels, effort, headroom, np.zeros(m, dtype=bool))
+        if not self._spans:
+            driven = sum(map(len, levels))
+            word = "six directions" if driven == 6 else f"{driven} driven directions"
             raise ConfigurationError(f"the {m} thrusters do not span all {word} of the hull")
+
+    def _set_up(
+        self, vehicle: Vehicle, levels: list[list[int]], effort: Array, headroom: float, lost: np.ndarray
+    ) -> None:
+        self._of = (vehicle, levels, effort, headroom, lost)
+        self._B = np.where(lost, 0.0, vehicle.thruster_wrench)
+        m = self._B.shape[1]
+        self._order = np.array([axis for level in levels for axis in level])
+        self._rows = self._B[self._order]
+        self._starts = np.cumsum([0, *map(len, levels)])
+        self._effort = effort
+        self._spans = bool(np.linalg.matrix_rank(self._rows) == len(self._order))
         self._inverse = np.zeros((m, 6))
-        self._inverse[:, driven] = np.linalg.pinv(self._B[driven] / spare) / spare[:, None]
+        self._inverse[:, self._order] = np.linalg.pinv(self._rows / effort) / effort[:, None]
         table = vehicle.thruster_table
-        self._low, self._high = -headroom * table[:, REVERSE], headroom * table[:, FORWARD]
-        self._least = table[:, LEAST].copy()
-        self._patterns = preloads(self._B[driven])
+        self._low = np.where(lost, 0.0, -headroom * table[:, REVERSE])
+        self._high = np.where(lost, 0.0, headroom * table[:, FORWARD])
+        self._least = np.where(lost, 0.0, table[:, LEAST])
+        self._patterns = preloads(self._rows)
         self._gaps = bool(np.any(self._least > 0.0))
         self._curves = curves(table)
-        A = self._weights[:, None] * self._B
-        self._H, self._right = normal_equations(A, spare)
-        self._right = self._right * self._weights
+        weights = np.zeros(6)
+        weights[self._order] = np.array(GAP_WEIGHTS)[self._order]
+        self._H, right = normal_equations(weights[:, None] * self._B, effort)
+        self._right = right * weights
+
+    @property
+    def available(self) -> np.ndarray:
+        """(m,) bool: the thruster is there to be used."""
+        return ~self._of[4]
+
+    def without(self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None) -> Self:
+        """The allocation that is left when `thrusters`, by index or name, give nothing whatever they are told.
+
+        It need not span all directions: what is lost is given up by the priorities, which `priorities` may change.
+        Raises ConfigurationError if there is no such thruster, or none is left.
+        """
+        vehicle, levels, effort, headroom, lost = self._of
+        lost = lost.copy()
+        for thruster in thrusters:
+            names = vehicle.thruster_names
+            if isinstance(thruster, str) and thruster in names:
+                lost[names.index(thruster)] = True
+            elif isinstance(thruster, (int, np.integer)) and 0 <= thruster < len(lost):
+                lost[thruster] = True
+            else:
+                raise ConfigurationError(
+                    f"thruster {thruster!r}: expected an index below {len(lost)} or one of {list(names)}"
+                )
+        if lost.all():
+            raise ConfigurationError("no thruster is left to allocate to")
+        left = object.__new__(type(self))
+        left._set_up(vehicle, levels if priorities is None else _levels(priorities), effort, headroom, lost)
+        return left
+
+    def lost_directions(self) -> Array:
+        """Wrenches (d, 6) [N, N m] against which the thrusters can do nothing: orthonormal, force and moment alike.
+
+        None while the thrusters span all six. Among those that are at right angles to all that they can give.
+        """
+        return np.linalg.svd(self._B.T)[2][np.linalg.matrix_rank(self._B) :]
+
+    def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
+        """Least and greatest wrench (6, 2) [N, N m] along each axis while all others are zero, least thrusts aside.
+
+        Axes of `spoiling` (names of `AXES`) may come out as they will: what is left of surge if the heading is given
+        up. Raises ConfigurationError for other names.
+        """
+        free = {_axis(name) for name in spoiling}
+        most, low, high = np.zeros((6, 2)), self._low, self._high
+        for axis in range(6):
+            others = [i for i in range(6) if i != axis and i not in free]
+            A = self._B[[*others, axis]]
+            for column, sign in enumerate((-1.0, 1.0)):
+                b, x = np.zeros(len(A)), np.zeros(len(low))
+                b[-1] = sign * _BEYOND * float(np.abs(A[-1]) @ np.maximum(-low, high))
+                prioritised(A, b, np.array([0, len(others), len(A)]), self._effort, low, high, x)
+                most[axis, column] = A[-1] @ x
+        return most
 
     def thrust(self, wrench_B: Array) -> Array:
-        """Thrusts (m,) [N] whose wrench is nearest to `wrench_B` (6,), within what each thruster can give.
+        """Thrusts (m,) [N] for `wrench_B` (6,), within what each thruster can give.
 
-        Exact (least effort) while no bound is met; otherwise the weighted bounded least squares. Where a thruster has a
+        Exact (least effort) while no bound is met; otherwise the priorities say what is kept. Where a thruster has a
         least thrust, each thrust is zero or at least that. Raises ConfigurationError for another shape or a number that
         is not finite.
         """
         wrench_B = fitting(wrench_B, (6,), "wrench wanted of the thrusters")
         thrust = self._inverse @ wrench_B
-        inside = np.all(thrust >= self._low) and np.all(thrust <= self._high)
-        if inside and not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
+        if not (self._spans and np.all(thrust >= self._low) and np.all(thrust <= self._high)):
+            right = wrench_B[self._order]
+            prioritised(self._rows, right, self._starts, self._effort, self._low, self._high, thrust)
+        if not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
             return thrust
-        return nearest_thrusts(self._H, self._right @ wrench_B, self._low, self._high, self._least, self._patterns)
+        right = self._right @ (self._B @ thrust)
+        return nearest_thrusts(self._H, right, self._low, self._high, self._least, self._patterns)
 
     def command(self, thrust: Array) -> Array:
         """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest.
@@ -102,6 +179,26 @@ class Allocation:
         if not np.any(full):
             return np.zeros(6)
         return np.where(np.abs(missing) > 1e-6 * np.abs(wrench_B).max(), missing, 0.0)
+
+
+def _axis(name: str) -> int:
+    if name not in AXES:
+        raise ConfigurationError(f"axis {name!r}: expected one of {list(AXES)}")
+    return AXES.index(name)
+
+
+def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:
+    """Axes of each level, by index; ConfigurationError unless there are some, each of `AXES` and named once."""
+    try:
+        levels = [[_axis(name) for name in level] for level in priorities]
+    except TypeError:
+        raise ConfigurationError(f"priorities: expected levels of {list(AXES)}, got {priorities!r}") from None
+    flat = [axis for level in levels for axis in level]
+    if not flat or not all(levels) or len(set(flat)) < len(flat):
+        raise ConfigurationError(
+            f"priorities: expected one or more levels, none empty, no axis twice, got {priorities!r}"
+        )
+    return levels
 
 
 def preloads(B: Array) -> np.ndarray:

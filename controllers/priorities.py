@@ -1,0 +1,268 @@
+"""Least squares within bounds by levels: nothing that matters more is given up for what matters less.
+
+For levels l = 1, 2, ... of rows A_l x = b_l, in this order, |A_l x - b_l|^2 is minimised over low <= x <= high and
+A_j x = A_j x_j for every level j above, with x_j its own solution (Escande, Mansard, Wieber 2014, hierarchical least
+squares; here with the bounds above all levels). A last level of a diagonal, the effort, makes the solution unique. It
+changes continuously with b.
+
+Each level is a primal active set on the bounds, begun where the level above ended, so every point on the way is within
+bounds and spoils nothing above. Steps are found by orthogonal projection, never by normal equations.
+"""
+
+import numba
+import numpy as np
+
+_SAME = 1e-10  # share of a row's length below which what is left of it by projection is rounding
+_HELD = 1e-9  # share of a unit step below which a variable is held by the levels above: to hold its bound says nothing
+
+
+@numba.njit(cache=True)
+def prioritised(A, b, starts, effort, low, high, x):
+    """Solve the levels, rows `starts[l]` to `starts[l + 1]` of A (k, m) and b (k,), then the effort, into `x` (m,).
+
+    `x` is where the search begins; it is brought within bounds. A variable whose bounds are equal is out of the game.
+    Returns the number of steps taken.
+    """
+    k, m = A.shape
+    rows, right = A.copy(), b.copy()
+    alive = 0
+    for i in range(m):
+        x[i] = min(max(x[i], low[i]), high[i])
+        if low[i] == high[i]:
+            for r in range(k):
+                right[r] -= rows[r, i] * x[i]
+                rows[r, i] = 0.0
+        else:
+            alive += 1
+    kept = np.zeros((m, m))  # orthonormal rows that span those of the levels above
+    count = steps = 0
+    for level in range(starts.shape[0] - 1):
+        first, last = starts[level], starts[level + 1]
+        steps += _level(rows[first:last], right[first:last], kept, count, low, high, x)
+        for r in range(first, last):
+            if count < alive:
+                count = _keep(rows[r], kept, count)
+    if count < alive:
+        spare, none = np.zeros((m, m)), np.zeros(m)
+        for i in range(m):
+            if low[i] != high[i]:
+                spare[i, i] = effort[i]
+        steps += _level(spare, none, kept, count, low, high, x)
+    return steps
+
+
+@numba.njit(cache=True)
+def _keep(row, kept, count):
+    """Add what is new in `row` to the orthonormal rows `kept`; how many there are then."""
+    m = row.shape[0]
+    new = row.copy()
+    length = _off(new, kept, count)
+    if length > _SAME * np.sqrt((row * row).sum()):
+        for i in range(m):
+            kept[count, i] = new[i] / length
+        return count + 1
+    return count
+
+
+@numba.njit(cache=True)
+def _off(v, basis, count):
+    """Take the part along the orthonormal rows of `basis` off `v` in place (twice, for rounding); the length left."""
+    m = v.shape[0]
+    for _ in range(2):
+        for j in range(count):
+            along = 0.0
+            for i in range(m):
+                along += v[i] * basis[j, i]
+            for i in range(m):
+                v[i] -= along * basis[j, i]
+    total = 0.0
+    for i in range(m):
+        total += v[i] * v[i]
+    return np.sqrt(total)
+
+
+@numba.njit(cache=True)
+def _level(A, b, kept, count, low, high, x):
+    """Minimise |A x - b|^2 from `x` within bounds, the first `count` rows of `kept` times x unchanged; steps taken."""
+    k, m = A.shape
+    at = np.zeros(m, dtype=np.int8)  # bounds that are held: always independent of each other and of `kept`
+    U, L = np.zeros((m, m)), np.zeros((m, m))  # kept rows over the free variables are L U, U orthonormal
+    V, T = np.zeros((m, m)), np.zeros((k, m))  # and what A has there beside them is T V
+    G, residual, p, s = np.empty((k, m)), np.empty(k), np.empty(m), np.empty(m)
+    longest = 0.0
+    for r in range(k):
+        longest = max(longest, np.sqrt((A[r] * A[r]).sum()))
+    if longest == 0.0:
+        return 0
+    scale = 0.0
+    for r in range(k):
+        reach = abs(b[r])
+        for i in range(m):
+            reach += abs(A[r, i]) * max(abs(low[i]), abs(high[i]))
+        scale = max(scale, longest * reach)
+    stuck = 0
+    for step in range(30 * (m + 1)):
+        for r in range(k):
+            total = -b[r]
+            for i in range(m):
+                total += A[r, i] * x[i]
+            residual[r] = total
+        for j in range(count):
+            for i in range(m):
+                U[j, i] = kept[j, i] if at[i] == 0 and low[i] != high[i] else 0.0
+            _split(U, j, L)
+        rank = _beside(A, at, low, high, U, count, longest, G, V, T)
+        _least(T, residual, k, rank, s)
+        for i in range(m):
+            p[i] = 0.0
+            for j in range(rank):
+                p[i] += s[j] * V[j, i]
+        share, hit = 1.0, -1
+        for i in range(m):
+            if at[i] != 0 or low[i] == high[i] or p[i] == 0.0:
+                continue
+            room = (high[i] - x[i]) / p[i] if p[i] > 0.0 else (low[i] - x[i]) / p[i]
+            if room < share or (room == share and hit >= 0 and abs(p[i]) > abs(p[hit])):
+                share, hit = max(room, 0.0), i
+        for i in range(m):
+            if at[i] == 0 and low[i] != high[i]:
+                x[i] = min(max(x[i] + share * p[i], low[i]), high[i])
+        if hit >= 0:
+            at[hit] = 1 if p[hit] > 0.0 else -1
+            x[hit] = high[hit] if at[hit] > 0 else low[hit]
+            stuck = stuck + 1 if share == 0.0 else 0
+            continue
+        release = _wrong_way(A, residual, s, rank, T, kept, count, U, L, at, 1e-12 * scale, stuck > 2 * m)
+        if release < 0:
+            return step + 1
+        at[release] = 0
+    return 30 * (m + 1)
+
+
+@numba.njit(cache=True)
+def _split(U, j, L):
+    """Make row `j` of U orthonormal to those before it; row `j` of L holds how it is made of them."""
+    m = U.shape[1]
+    for c in range(j + 1):
+        L[j, c] = 0.0
+    for _ in range(2):
+        for c in range(j):
+            along = 0.0
+            for i in range(m):
+                along += U[j, i] * U[c, i]
+            L[j, c] += along
+            for i in range(m):
+                U[j, i] -= along * U[c, i]
+    length = np.sqrt((U[j] * U[j]).sum())
+    L[j, j] = length
+    if length > 0.0:
+        for i in range(m):
+            U[j, i] /= length
+
+
+@numba.njit(cache=True)
+def _beside(A, at, low, high, U, count, longest, G, V, T):
+    """Orthonormal rows V of what A has over the free variables beside U, and T (k, rank): A there is T V; the rank."""
+    k, m = A.shape
+    for r in range(k):
+        for i in range(m):
+            G[r, i] = A[r, i] if at[i] == 0 and low[i] != high[i] else 0.0
+        _off(G[r], U, count)
+    rank = 0
+    while rank < min(k, m):  # the longest of what is left comes first: the others are then small beside it or not
+        most, which = 0.0, -1
+        for r in range(k):
+            length = (G[r] * G[r]).sum()
+            if length > most:
+                most, which = length, r
+        most = np.sqrt(most)
+        if most <= _SAME * longest:
+            break
+        for i in range(m):
+            V[rank, i] = G[which, i] / most
+        _off(V[rank], U, count)
+        length = _off(V[rank], V, rank)
+        for i in range(m):
+            V[rank, i] /= length
+        for r in range(k):
+            along = 0.0
+            for i in range(m):
+                along += G[r, i] * V[rank, i]
+            T[r, rank] = along
+            for i in range(m):
+                G[r, i] -= along * V[rank, i]
+        rank += 1
+    for i in range(m):
+        moves = 0.0
+        for j in range(rank):
+            moves += V[j, i] * V[j, i]
+        if moves < _HELD * _HELD:
+            for j in range(rank):
+                V[j, i] = 0.0
+    return rank
+
+
+@numba.njit(cache=True)
+def _least(T, residual, k, rank, s):
+    """s (rank,) that minimises |T s + residual|, T (k, rank) of full column rank, by modified Gram-Schmidt."""
+    Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
+    for c in range(rank):
+        for r in range(k):
+            Q[c, r] = T[r, c]
+        for d in range(c):
+            R[d, c] = 0.0
+        for _ in range(2):
+            for d in range(c):
+                along = 0.0
+                for r in range(k):
+                    along += Q[c, r] * Q[d, r]
+                R[d, c] += along
+                for r in range(k):
+                    Q[c, r] -= along * Q[d, r]
+        R[c, c] = np.sqrt((Q[c] * Q[c]).sum())
+        for r in range(k):
+            Q[c, r] /= R[c, c]
+        along = 0.0
+        for r in range(k):
+            along += Q[c, r] * right[r]
+        s[c] = -along
+        for r in range(k):
+            right[r] -= along * Q[c, r]
+    for c in range(rank - 1, -1, -1):
+        for d in range(c + 1, rank):
+            s[c] -= R[c, d] * s[d]
+        s[c] /= R[c, c]
+
+
+@numba.njit(cache=True)
+def _wrong_way(A, residual, s, rank, T, kept, count, U, L, at, enough, in_order):
+    """The held bound whose release lowers the cost most, or the first such one `in_order` (Bland); -1 if none does."""
+    k, m = A.shape
+    gradient, multiplier = np.zeros(m), np.zeros(m)
+    for r in range(k):
+        now = residual[r]  # after the step that has just been taken
+        for j in range(rank):
+            now += T[r, j] * s[j]
+        for i in range(m):
+            gradient[i] += A[r, i] * now
+    for j in range(count - 1, -1, -1):  # L^T multiplier = -U gradient
+        total = 0.0
+        for i in range(m):
+            total -= U[j, i] * gradient[i]
+        for c in range(j + 1, count):
+            total -= L[c, j] * multiplier[c]
+        multiplier[j] = total / L[j, j]
+    worst, release = enough, -1
+    for i in range(m):
+        if at[i] == 0:
+            continue
+        slope = gradient[i]
+        for j in range(count):
+            slope += kept[j, i] * multiplier[j]
+        pull = -slope if at[i] < 0 else slope
+        if pull > worst:
+            release = i
+            if in_order:
+                break
+            worst = pull
+    return release

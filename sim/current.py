@@ -7,9 +7,10 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, number
+from sim.interfaces.spatial import Array, checked, number, readonly
 
 _BLOCK = 4096  # steps generated at a time
+_STEADY = readonly(np.zeros(3))  # [m/s^2]
 _LONGEST = 1e12  # steps of a time constant: beyond, the pole of its filter is lost in rounding
 
 
@@ -60,13 +61,14 @@ class Current:
         # of its sum (Lyapunov's equation of the two states); scaled so that the second is the gust.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
-        self._rows, self._at = np.zeros((1, 3)), 1
+        self._velocity = self._acceleration = np.zeros((0, 3))  # of the steps generated ahead; read-only
+        self._at = 0
         self._filters = np.zeros((2, 1, 3))
         if self._blows:
             assert rng is not None
             now, other = rng.standard_normal((2, 3))
-            self._rows[0] = gust * now
-            self._filters[:, 0] = a * first * (now + a * other), a * self._rows[0]
+            self._gust = gust * now  # of the last step generated
+            self._filters[:, 0] = a * first * (now + a * other), a * self._gust
 
     @property
     def timestep(self) -> float | None:
@@ -75,11 +77,14 @@ class Current:
 
     def _refill(self) -> None:
         assert self._rng is not None
-        self._last = self._rows[-1]
         noise = self._scale * self._rng.standard_normal((_BLOCK, 3))
         for i in range(2):
             noise, self._filters[i] = lfilter(self._numerator, self._denominator, noise, axis=0, zi=self._filters[i])
-        self._rows, self._at = noise, 0
+        self._velocity = self._mean + noise
+        self._acceleration = np.diff(noise, axis=0, prepend=self._gust[None]) / self._dt
+        for rows in (self._velocity, self._acceleration):
+            rows.setflags(write=False)
+        self._gust, self._at = noise[-1], 0
 
     def step(self) -> tuple[Array, Array]:
         """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the next physics step, world axes."""
@@ -93,10 +98,9 @@ class Current:
     def _flow(self) -> tuple[Array, Array]:
         """The same, as it is without a profile."""
         if not self._blows:
-            return self._mean, np.zeros(3)
-        if self._at == len(self._rows):
+            return self._mean, _STEADY
+        if self._at == len(self._velocity):
             self._refill()
-        previous = self._rows[self._at - 1] if self._at else self._last
-        now = self._rows[self._at]
-        self._at += 1
-        return self._mean + now, (now - previous) / self._dt
+        at = self._at
+        self._at = at + 1
+        return self._velocity[at], self._acceleration[at]

@@ -211,16 +211,16 @@ class Plant:
         if data.ncon == 0:
             return
         contact, force = data.contact, self._force
-        addresses = contact.efc_address
-        for i, (first, second) in enumerate(contact.geom.tolist()):
-            if self._own_geom[first] == self._own_geom[second] or addresses[i] < 0:
+        pairs = zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True)
+        for i, ((first, second), address) in enumerate(pairs):
+            if self._own_geom[first] == self._own_geom[second] or address < 0:
                 continue
             if self._pad_geom not in (first, second):
                 truth.collision = True
                 continue
             mujoco.mj_contactForce(self.model, data, i, force)
             truth.contact_normal += float(force[0])
-            on_second = contact.frame[i].reshape(3, 3).T @ force[:3]
+            on_second = force[:3] @ contact.frame[i].reshape(3, 3)
             truth.contact_force_W += on_second if second == self._pad_geom else -on_second
 
 

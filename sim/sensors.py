@@ -65,6 +65,12 @@ def _quantised(value: Array, resolution: float) -> Array:
     return np.round(value / resolution) * resolution if resolution > 0.0 else value
 
 
+@numba.njit(cache=True)
+def _in_steps(value, resolution):
+    """`_quantised` of one number."""
+    return np.rint(value / resolution) * resolution if resolution > 0.0 else value
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Encoders:
     """Joint encoders: quantised angle, and speed from the drive."""
@@ -83,15 +89,21 @@ class Encoders:
         return SensorState(rng, self.bias * _constant(rng, _MOST_JOINTS))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, EncoderMeasurement]:
-        noise = state.normal(len(truth.q))
-        q, qd = _encode(truth.q, truth.qd, state.bias, noise, self.resolution, self.rate_noise)
-        return state, EncoderMeasurement(time=truth.time, q=q, qd=_quantised(qd, self.rate_resolution))
+        q, qd = _encode(
+            truth.q, truth.qd, state.bias, state.normal(len(truth.q)), self.resolution, self.rate_noise,
+            self.rate_resolution,
+        )  # fmt: skip
+        return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _encode(q, qd, bias, noise, resolution, rate_noise):
-    return np.round((q + bias[: len(q)]) / resolution) * resolution, qd + rate_noise * noise
+def _encode(q, qd, bias, noise, resolution, rate_noise, rate_resolution):
+    angle, rate = np.empty_like(q), np.empty_like(qd)
+    for j in range(len(q)):
+        angle[j] = _in_steps(q[j] + bias[j], resolution)
+        rate[j] = _in_steps(qd[j] + rate_noise * noise[j], rate_resolution)
+    return angle, rate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,17 +125,20 @@ class JointTorqueSensors:
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
         tau = _transmitted(
             truth.tau_drive, truth.armature, truth.qdd, truth.joint_damping, truth.qd, state.normal(len(truth.q)),
-            self.noise, state.bias,
+            self.noise, state.bias, self.resolution,
         )  # fmt: skip
-        return state, TorqueMeasurement(time=truth.time, tau=_quantised(tau, self.resolution))
+        return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _transmitted(tau_drive, armature, qdd, damping, qd, noise, share, bias):
+def _transmitted(tau_drive, armature, qdd, damping, qd, noise, share, bias, resolution):
     """What passes through the gear outputs (the drive's, less rotor inertia and gear friction), with its errors."""
-    true = tau_drive - armature * qdd - damping * qd
-    return true * (1.0 + share * noise) + bias[: len(true)]
+    tau = np.empty_like(tau_drive)
+    for j in range(len(tau)):
+        true = tau_drive[j] - armature[j] * qdd[j] - damping[j] * qd[j]
+        tau[j] = _in_steps(true * (1.0 + share * noise[j]) + bias[j], resolution)
+    return tau
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,26 +169,25 @@ class Imu:
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
         force_B, w_B, R = _inertial(
             truth.R_WB, truth.acceleration, truth.w_WB_B, state.bias, state.normal(9), self.acceleration_noise,
-            self.rate_noise, self.attitude_noise,
+            self.rate_noise, self.attitude_noise, self.acceleration_resolution, self.rate_resolution,
         )  # fmt: skip
-        return state, ImuMeasurement(
-            time=truth.time,
-            specific_force_B=_quantised(force_B, self.acceleration_resolution),
-            w_WB_B=_quantised(w_B, self.rate_resolution),
-            R_WB=R,
-        )
+        return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _inertial(R_WB, acceleration, w_B, bias, noise, acceleration_noise, rate_noise, attitude_noise):
+def _inertial(
+    R_WB, acceleration, w_B, bias, noise, acceleration_noise, rate_noise, attitude_noise, acceleration_resolution,
+    rate_resolution,
+):  # fmt: skip
     """Specific force, rates and attitude with their errors; the attitude's error turns about hull axes."""
     force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
-        force_B[i] = bias[i] + acceleration_noise * noise[i]
+        force = bias[i] + acceleration_noise * noise[i]
         for j in range(3):
-            force_B[i] += R_WB[j, i] * (acceleration[j] + (GRAVITY if j == 2 else 0.0))
-        w[i] = w_B[i] + bias[6 + i] + rate_noise * noise[3 + i]
+            force += R_WB[j, i] * (acceleration[j] + (GRAVITY if j == 2 else 0.0))
+        force_B[i] = _in_steps(force, acceleration_resolution)
+        w[i] = _in_steps(w_B[i] + bias[6 + i] + rate_noise * noise[3 + i], rate_resolution)
         phi[i] = bias[3 + i] + attitude_noise * noise[6 + i]
     # Second order in the error, which is below a milliradian: 1e-10 from a rotation, far below the noise.
     S = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])

@@ -51,7 +51,7 @@ def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
 
     Raises ConfigurationError as `checked` does.
     """
-    plain = type(values) is np.ndarray and values.shape == shape and values.dtype is _FLOAT64
+    plain = type(values) is np.ndarray and values.shape == shape and values.dtype == _FLOAT64
     if plain and math.isfinite(np.vdot(values, values)):
         return values
     return checked(values, shape, name).copy()

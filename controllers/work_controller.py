@@ -24,11 +24,14 @@ from controllers.hover import Hover, HoverState
 from controllers.load_observer import LoadObserver, LoadObserverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
+from controllers.wrench_terms import WrenchTerms
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, inverse, skew
 
-Method = Literal["compensation", "drift-correction", "force-control"]
+Method = Literal[
+    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,6 +133,7 @@ class WorkController:
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_borne_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B = np.empty((4, 4)), np.empty((6, n))
         self._home_wrench = self._wrench_at_rest(np.array(vehicle.q_home))
+        self._terms = WrenchTerms(self._arm) if self._without & {"hydrodynamic-term", "dynamic-term"} else None
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
         n = self._vehicle.joints.size
@@ -256,11 +260,12 @@ class WorkController:
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, in_contact: bool
     ) -> None:
         """Thruster commands: the hover's wrench, with the arm's wrench on the hull cancelled."""
-        arm_wrench_B = self._wrench_free_B.copy()
+        contact_B = np.zeros(6)
         if in_contact:  # C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e (paper 002)
-            arm_wrench_B[:3] += state.f_tip_B
-            arm_wrench_B[3:] += skew(self._X_BG[:3, 3]) @ state.f_tip_B
-        fed = self._home_wrench if "compensation" in self._without else arm_wrench_B
+            contact_B[:3] = state.f_tip_B
+            contact_B[3:] = skew(self._X_BG[:3, 3]) @ state.f_tip_B
+        arm_wrench_B = self._wrench_free_B + contact_B
+        fed = arm_wrench_B - self._left_out(state, estimate, contact_B) if self._without else arm_wrench_B
         wanted_B = self._hover.step(
             state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * self.period
         )
@@ -277,6 +282,19 @@ class WorkController:
             "current_W": state.current_W.copy(),
             "q_wanted": state.q_wanted,
         }
+
+    def _left_out(self, state: WorkControllerState, estimate: StateEstimate, contact_B: Array) -> Array:
+        """Ablation: what of the arm's wrench (6,) is not fed forward."""
+        if "compensation" in self._without:
+            return self._wrench_free_B + contact_B - self._home_wrench
+        left_out = contact_B.copy() if "contact-term" in self._without else np.zeros(6)
+        if self._terms is not None:
+            time = self._tuning.acceleration_filter
+            qdd = (estimate.qd - state.qd_slow) / max(time - self.period, self.period)  # `feel` has moved qd_slow on
+            for name in ("hydrodynamic", "dynamic"):
+                if f"{name}-term" in self._without:
+                    left_out += getattr(self._terms, name)(self._hull, estimate.q, estimate.qd, qdd)
+        return left_out
 
     def _wrench_at_rest(self, q: Array) -> Array:
         """Wrench (6,) of the arm on the hull, both still and level."""

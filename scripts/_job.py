@@ -1,37 +1,38 @@
-"""Wires the parts of a contact job together, runs it, and writes what came of it. Shared by the scenarios."""
+"""A contact job: its parts wired together as a value, run without a word, or run and written for a scenario."""
 
-import importlib
 import math
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import _deck_calibration
 import mujoco
 import numpy as np
+from _job_parts import Misplacing, believed_and_built, controller, hull_box, scan_pose, undriven
+from _variation import NOMINAL, Variation, vary
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers import drive
 from controllers.mkps import Chain
 from controllers.supervisor import Job, SurfaceWork
-from models import arm_geometry, scenes
+from models import scenes
 from models.targets import TargetModel
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
 from perception.navigation import Navigation
+from perception.raw_navigation import RawNavigation
 from perception.target_finder import FinderState, KnownObjectFinder
 from sim import hydrodynamics, sensors
 from sim.current import Current
 from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
-from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
 from sim.plant import PAD_GEOM, Plant
-from sim.recording import Recorder
+from sim.recording import Recorder, Recording
 from sim.results_table import results_table
 from sim.rollout import Moment, Observer, Parts, rollout
 from sim.startup import ScenarioOptions
@@ -39,7 +40,6 @@ from sim.startup import ScenarioOptions
 REHEARSAL = 0.1  # [s] simulated
 REACTION_TICKS = 10  # physics steps between measurements of the arm's wrench on the hull, for the report
 LONGEST = 400.0  # [s] simulated, whatever happens
-WATER_ERROR = 0.15  # share by which the controller's hydrodynamic coefficients are wrong
 NOT_ACCEPTED = 1  # exit code
 
 
@@ -66,27 +66,55 @@ class ContactJob:
     arm: Path | None = None  # or as a file says
 
 
-def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float) -> int:
-    """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
-    console = Console()
-    if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
-        console.print("first start: the inner loops are compiled, once; this takes about half a minute")
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Built:
+    """A job ready to run, once: its streams of random numbers run on."""
+
+    job: ContactJob
+    options: ScenarioOptions
+    variation: Variation
+    plant: Plant
+    parts: Parts
+    truth: TrueObject
+    X_WB: Array  # (4, 4) the hull's first pose
+    gusts: np.random.Generator
+    noise: np.random.Generator  # of the sensors
+    said: str  # of the arm; empty where there is nothing to say
+    drawn: Mapping[str, float]  # what was drawn for the variation
+
+    def current(self) -> Current:
+        """The current of the job, from its beginning."""
+        options = self.options
+        return Current(options.current, gust=options.gust, timestep=self.plant.timestep, rng=self.gusts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """What came of a job."""
+
+    recording: Recording
+    assessment: Assessment
+    last: Moment
+
+
+def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
+    """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
     work = Job(
         forces=job.forces, speed=job.speed, least_share=job.least_share,
         force_control="force-control" not in job.without,
     )  # fmt: skip
     truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT)
-    folder = options.folder(job.scenario)
-    believed, built, said = _as_believed_and_built(job)
-    if said:
-        console.print(said, highlight=False)
+    believed, built, said = believed_and_built(
+        job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
+    )
+    drawn = vary(built, variation)
     own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
     vehicle = Vehicle.of(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
-    X_WB = _scan_pose(X_BC, job)
+    X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
     model = hydrodynamics.compile(scenes.work_site(built, job.target, job.X_WT))
-    gusts, loop, start, sampling = rng.spawn(4)
+    gusts, noise, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
         model,
@@ -94,29 +122,76 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
         X_WB=X_WB @ offset,
         reaction_ticks=REACTION_TICKS if options.record else 0,
     )
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=_undriven(own, vehicle))
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
     finder = KnownObjectFinder(
         job.target, job.path, job.approach_W, job.orientation_W, seed=int(sampling.integers(2**31))
     )
     parts = Parts(
         sensors=[
-            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(noise=variation.torque_noise, bias=variation.torque_bias),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(
+                period=variation.vision_period, delay=variation.vision_delay, noise=variation.vision_noise
+            ),
             DepthCamera(model, HULL_BODY, X_BC),
         ],
-        estimator=Navigation(),
-        finder=finder,
+        estimator=RawNavigation() if "fusion" in job.without else Navigation(),
+        finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,
         planner=SurfaceWork(
-            vehicle, chain, job.target, work, X_WB_scan=X_WB, hull_box=_hull_box(own, vehicle),
+            vehicle, chain, job.target, work, X_WB_scan=X_WB, hull_box=hull_box(own, vehicle),
         ),
-        controller=_controller(job, own),
+        controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
     )  # fmt: skip
-    recorder = Recorder(model, full=options.record)
-    observers: list[Observer] = [recorder]
+    return Built(
+        job=job, options=options, variation=variation, plant=plant, parts=parts, truth=truth, X_WB=X_WB @ offset,
+        gusts=gusts, noise=noise, said=said, drawn=drawn,
+    )  # fmt: skip
+
+
+def run(
+    built: Built, *, recorder: Recorder | None = None, observers: Sequence[Observer] = (), longest: float = LONGEST
+) -> Outcome:
+    """Run the job to its end, or for `longest` [s] simulated. Writes and prints nothing.
+
+    `recorder` is that of the outcome where it is given; else one is made that keeps what the metrics need. Raises
+    UuvError for a motion that blows up, or parts that do not fit together.
+    """
+    recorder = recorder or Recorder(built.plant.model, full=built.options.record)
+    built.plant.reset(current=built.current(), X_WB=built.X_WB)
+    began = time.perf_counter()
+    last = rollout(built.plant, built.parts, duration=longest, rng=built.noise, observers=[recorder, *observers])
+    wall_s = time.perf_counter() - began
+    state = last.found
+    found = state.last if isinstance(state, FinderState) else None
+    recording = recorder.recording()
+    assessment = assess(
+        recording, built.truth, seed=built.options.seed, wall_s=wall_s,
+        identification_s=found.duration_s if found is not None else None,
+    )  # fmt: skip
+    return Outcome(recording=recording, assessment=assessment, last=last)
+
+
+def run_contact_job(
+    job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float,
+    variation: Variation = NOMINAL,
+) -> int:  # fmt: skip
+    """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
+    console = Console()
+    if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
+        console.print("first start: the inner loops are compiled, once; this takes about half a minute")
+    built = build(job, options, rng, variation)
+    folder = options.folder(job.scenario)
+    if built.said:
+        console.print(built.said, highlight=False)
+    recorder = Recorder(built.plant.model, full=options.record)
+    observers: list[Observer] = []
     log: Any = None
     if options.record or options.view:
         from sim.rerun_log import RerunLog
 
-        log = RerunLog(folder / "run.rrd", model, title=job.title, view=options.view)
+        log = RerunLog(folder / "run.rrd", built.plant.model, title=job.title, view=options.view)
         observers.append(log)
     progress = Progress(
         TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
@@ -125,27 +200,19 @@ def run_contact_job(job: ContactJob, options: ScenarioOptions, rng: np.random.Ge
     observers += [Clouds(recorder, log), Teller(progress, console)]
     # A short rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once. The parts'
     # state is explicit, so nothing of it is left but in the plant.
-    current = Current(options.current, gust=options.gust, timestep=model.opt.timestep, rng=gusts)
-    rollout(plant, parts, duration=REHEARSAL, rng=np.random.default_rng(options.seed))
-    plant.reset(current=current, X_WB=X_WB @ offset)
+    rollout(built.plant, built.parts, duration=REHEARSAL, rng=np.random.default_rng(options.seed))
     console.print(f"[bold]{job.title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
-    began = time.perf_counter()
     try:
         with progress:
-            last = rollout(plant, parts, duration=LONGEST, rng=loop, observers=observers)
+            outcome = run(built, recorder=recorder, observers=observers)
     finally:
         if log is not None:
             log.close()
-    wall_s = time.perf_counter() - began
-    found = last.found.last
-    assessment = assess(
-        recorder.recording(), truth, seed=options.seed, wall_s=wall_s,
-        identification_s=found.duration_s if found is not None else None,
-    )  # fmt: skip
-    _write(folder, job, options, truth, assessment, recorder, console)
-    if not recorder.recording().within(WorkState.WORK).any():
-        raise ConfigurationError(f"the work could not begin: {last.reference.note or f'not within {LONGEST:.0f} s'}")
-    return 0 if assessment.accepted else NOT_ACCEPTED
+    _write(folder, built, outcome, console)
+    if not outcome.recording.within(WorkState.WORK).any():
+        note = outcome.last.reference.note or f"not within {LONGEST:.0f} s"
+        raise ConfigurationError(f"the work could not begin: {note}")
+    return 0 if outcome.assessment.accepted else NOT_ACCEPTED
 
 
 class Clouds:
@@ -184,81 +251,9 @@ class Teller:
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
 
 
-def _as_believed_and_built(job: ContactJob) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
-    """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
-    what there is to say of the arm."""
-    believed, built = scenes.vehicle_spec(job.vehicle), scenes.vehicle_spec(job.vehicle)
-    if job.arm_errors is None and not job.calibrated and job.arm is None:
-        return believed, built, ""
-    if job.calibrated and job.arm is not None:
-        raise ConfigurationError("--calibrated and --arm: one of the two")
-    drawn = believed.compile()
-    passive = _undriven(drawn, Vehicle.of(drawn))
-    arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
-    if job.arm_errors is not None:
-        true = arm_geometry.with_errors(arm, np.random.default_rng(job.arm_errors))
-        arm_geometry.move(built, arm, true)
-    known, said = arm, ""
-    if job.calibrated:
-        known, said = _deck_calibration.on_deck(arm, true, np.random.default_rng([job.arm_errors or 0, 1]))
-    elif job.arm is not None:
-        known, said = _deck_calibration.from_file(job.arm, arm)
-    if known is not arm:
-        arm_geometry.move(believed, arm, known)
-    return believed, built, said
-
-
-def _undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Joints beside the arm's own and the hull's: springs, a pad."""
-    return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
-
-
-def _controller(job: ContactJob, own: mujoco.MjModel) -> Controller:
-    """The controller named MODULE:CLASS on the vehicle's own model. Raises ConfigurationError if there is none."""
-    module, _, name = job.controller.partition(":")
-    try:
-        kind = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigurationError(f"--controller {job.controller!r}: expected MODULE:CLASS; {error}") from error
-    try:
-        return kind(own, without=job.without, water_error=WATER_ERROR)
-    except TypeError as error:
-        raise ConfigurationError(f"--controller {job.controller!r}: cannot be made of a model; {error}") from error
-
-
-def _scan_pose(X_BC: Array, job: ContactJob) -> Array:
-    """Level hull pose from which the camera looks at the coarse position from `scan_range`."""
-    if not (np.isfinite(job.scan_range) and job.scan_range > 0.0):
-        raise ConfigurationError(f"--range: must be > 0 m, got {job.scan_range}")
-    return pose(p=job.approach_W - X_BC[:3, 3] - job.scan_range * X_BC[:3, 2])
-
-
-def _hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
-    """Corners (2, 3) [m] of the box around the hull's own geoms, hull axes."""
-    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
-    if not geoms:
-        return np.zeros((2, 3))
-    centre = np.array([own.geom_pos[g] for g in geoms])
-    reach = np.empty_like(centre)
-    for row, g in enumerate(geoms):
-        R = np.empty(9)
-        mujoco.mju_quat2Mat(R, own.geom_quat[g])
-        box = own.geom_aabb[g]
-        centre[row] += R.reshape(3, 3) @ box[:3]
-        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
-    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])
-
-
-def _write(
-    folder: Path,
-    job: ContactJob,
-    options: ScenarioOptions,
-    truth: TrueObject,
-    assessment: Assessment,
-    recorder: Recorder,
-    console: Console,
-) -> None:
+def _write(folder: Path, built: Built, outcome: Outcome, console: Console) -> None:
     """metrics.json, the table, and the report."""
+    assessment = outcome.assessment
     assessment.write(folder / "metrics.json")
     console.print(results_table(assessment))
     run = assessment.metrics["run"]
@@ -270,10 +265,11 @@ def _write(
         "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
     )
     console.print(verdict)
-    if options.record:
+    if built.options.record:
         from sim.report import write_report
 
         write_report(
-            folder / "report.html", recorder.recording(), truth, assessment, title=job.title, options=asdict(options)
-        )
+            folder / "report.html", outcome.recording, built.truth, assessment, title=built.job.title,
+            options=asdict(built.options),
+        )  # fmt: skip
     console.print(f"written to {folder}/", highlight=False)

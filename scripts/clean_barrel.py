@@ -17,6 +17,10 @@ from _job import ContactJob, run_contact_job
 from models.targets import barrel
 from sim.interfaces.spatial import exp_so3, pose
 
+Left = Literal[
+    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
+]
+
 
 @dataclass(kw_only=True)
 class Options(ScenarioOptions):
@@ -36,7 +40,7 @@ class Options(ScenarioOptions):
     """Of the tool along the path [m/s]."""
     range: float = 1.25
     """From camera to barrel [m] at which it is scanned."""
-    without: tuple[Literal["compensation", "drift-correction", "force-control"], ...] = ()
+    without: tuple[Left, ...] = ()
     """Methods to leave out, for ablation."""
     arm_errors: int | None = None
     """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
@@ -50,9 +54,8 @@ class Options(ScenarioOptions):
     """MODULE:CLASS of the controller."""
 
 
-def main() -> int:
-    options = parse(Options)
-    rng = np.random.default_rng(options.seed)
+def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
+    """The job that `options` ask for, the barrel and what is coarsely known of it drawn from `rng`."""
     arc = 60.0 if options.quick else options.arc
     azimuth = np.radians(options.azimuth)
     length = 0.2 if options.quick else options.length
@@ -62,7 +65,7 @@ def main() -> int:
     way, axis = rng.standard_normal((2, 3))
     approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
     turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
-    job = ContactJob(
+    return ContactJob(
         scenario="clean_barrel",
         title=f"Cleaning a barrel, {options.path} path, seed {options.seed}",
         target=target,
@@ -81,7 +84,12 @@ def main() -> int:
         calibrated=options.calibrated,
         arm=options.arm,
     )
-    return run_contact_job(job, options, rng, started=time.perf_counter())
+
+
+def main() -> int:
+    options = parse(Options)
+    rng = np.random.default_rng(options.seed)
+    return run_contact_job(barrel_job(options, rng), options, rng, started=time.perf_counter())
 
 
 if __name__ == "__main__":

@@ -1,0 +1,107 @@
+"""The concrete parts of a contact job, made from what the job says."""
+
+import importlib
+from collections.abc import Set
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import _deck_calibration
+import mujoco
+import numpy as np
+
+from models import arm_geometry, scenes
+from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from perception.target_finder import KnownObjectFinder
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Measurement, StateEstimate, Target
+from sim.interfaces.protocols import Controller
+from sim.interfaces.spatial import Array, pose, readonly
+
+
+def believed_and_built(
+    vehicle: str, *, arm_errors: int | None, calibrated: bool, arm_file: Path | None
+) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+    """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
+    what there is to say of the arm. Raises ConfigurationError for an arm that is both calibrated and given."""
+    believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
+    if arm_errors is None and not calibrated and arm_file is None:
+        return believed, built, ""
+    if calibrated and arm_file is not None:
+        raise ConfigurationError("--calibrated and --arm: one of the two")
+    drawn = believed.compile()
+    passive = undriven(drawn, Vehicle.of(drawn))
+    arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+    if arm_errors is not None:
+        true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
+        arm_geometry.move(built, arm, true)
+    known, said = arm, ""
+    if calibrated:
+        known, said = _deck_calibration.on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
+    elif arm_file is not None:
+        known, said = _deck_calibration.from_file(arm_file, arm)
+    if known is not arm:
+        arm_geometry.move(believed, arm, known)
+    return believed, built, said
+
+
+def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
+    """Joints beside the arm's own and the hull's: springs, a pad."""
+    return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
+
+
+def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
+    """The controller named MODULE:CLASS on the vehicle's own model. Raises ConfigurationError if there is none."""
+    module, _, word = name.partition(":")
+    try:
+        kind = getattr(importlib.import_module(module), word)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigurationError(f"--controller {name!r}: expected MODULE:CLASS; {error}") from error
+    try:
+        return kind(own, without=without, water_error=water_error)
+    except TypeError as error:
+        raise ConfigurationError(f"--controller {name!r}: cannot be made of a model; {error}") from error
+
+
+def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
+    """Level hull pose (4, 4) from which the camera at `X_BC` looks at the coarse position from `scan_range` [m]."""
+    if not (np.isfinite(scan_range) and scan_range > 0.0):
+        raise ConfigurationError(f"--range: must be > 0 m, got {scan_range}")
+    return pose(p=approach_W - X_BC[:3, 3] - scan_range * X_BC[:3, 2])
+
+
+def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
+    """Corners (2, 3) [m] of the box around the hull's own geoms, hull axes."""
+    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
+    if not geoms:
+        return np.zeros((2, 3))
+    centre = np.array([own.geom_pos[g] for g in geoms])
+    reach = np.empty_like(centre)
+    for row, g in enumerate(geoms):
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, own.geom_quat[g])
+        box = own.geom_aabb[g]
+        centre[row] += R.reshape(3, 3) @ box[:3]
+        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
+    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misplacing:
+    """A finder (`sim.interfaces.protocols.TargetFinder`) whose finds lie off, against the tool's way into them."""
+
+    finder: KnownObjectFinder
+    offset: float  # [m] by which the true surface is farther than it is said to be
+
+    def init(self) -> Any:
+        return self.finder.init()
+
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target]:
+        state, target = self.finder.step(state, estimate, measurement)
+        if target.path is None:
+            return state, target
+        way = target.path.z[len(target.path.z) // 2]
+        X_WT = np.array(target.X_WT)
+        X_WT[:3, 3] -= self.offset * way
+        path = replace(target.path, p=readonly(target.path.p - self.offset * way))
+        return state, replace(target, X_WT=readonly(X_WT), path=path)

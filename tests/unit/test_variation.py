@@ -1,0 +1,146 @@
+"""Variations of a contact job: what the plant then is, against its own compiled numbers and a press on the pad."""
+
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from models import hydrodynamics, thrusters
+from sim import hydrodynamics as hydrodynamics_of_plant
+from sim.interfaces.errors import ConfigurationError
+
+
+@pytest.fixture
+def variation(root: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    return import_module("_variation")
+
+
+def test_nominal_changes_nothing(variation):
+    spec = models.load("uuv_puma")
+    before = spec.compile()
+    assert variation.vary(spec, variation.NOMINAL) == {}
+    after = spec.compile()
+    assert np.array_equal(before.body_user, after.body_user)
+    assert np.array_equal(before.actuator_user, after.actuator_user)
+    assert np.array_equal(before.body_mass, after.body_mass)
+    assert np.array_equal(before.dof_damping, after.dof_damping)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_each_coefficient_is_drawn_by_itself_within_its_spread(variation, seed):
+    plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
+    variation.vary(spec, variation.Variation(water_spread=0.3, seed=seed))
+    ratios = []
+    old = hydrodynamics.attached(plain)
+    for name, body in hydrodynamics.attached(spec).items():
+        was = old[name]
+        for new, before in (
+            (body.added_mass.diagonal(), was.added_mass.diagonal()),
+            (body.linear_damping.diagonal(), was.linear_damping.diagonal()),
+            (body.quadratic_damping, was.quadratic_damping),
+            ([s.normal for s in body.segments], [s.normal for s in was.segments]),
+        ):
+            there = np.asarray(before) > 0.0
+            ratios += (np.asarray(new)[there] / np.asarray(before)[there]).tolist()
+        assert body.volume == was.volume
+    assert len(ratios) > 50
+    assert len(set(np.round(ratios, 12))) == len(ratios)
+    assert 0.7 <= min(ratios) < 0.75
+    assert 1.25 < max(ratios) <= 1.3
+
+
+def test_payload_keeps_the_ballast_of_the_arm_as_drawn(variation, within):
+    plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
+    said = variation.vary(spec, variation.Variation(payload_spread=0.1, trim_error=0.05, seed=4))
+    before, after = plain.compile(), spec.compile()
+    arm = [b for b in range(before.nbody) if before.body(b).name not in ("world", "hull")]
+    factors = after.body_mass[arm] / before.body_mass[arm]
+    assert np.all(np.abs(factors - 1.0) <= 0.1)
+    assert len(set(np.round(factors, 9))) == len(arm)
+    within("inertia in proportion", after.body_inertia[arm] / before.body_inertia[arm] - factors[:, None], 1e-9)
+
+    def net(model: mujoco.MjModel) -> float:
+        displaced = sum(hydrodynamics.unpack(row).volume for row in model.body_user[1:] if hydrodynamics.carries(row))
+        return float(model.body_subtreemass[0]) - displaced * hydrodynamics.water_density(model)
+
+    within("trimmed as drawn [kg]", net(before), 1e-6)
+    within("said to be too heavy by [kg]", net(after) - said["too_heavy_kg"], 1e-6)
+
+
+def test_thrusters_are_slower_and_weaker_each_by_itself(variation):
+    plain, spec = models.load("bluerov2_heavy"), models.load("bluerov2_heavy")  # tables
+    variation.vary(spec, variation.Variation(thruster_lag_spread=0.2, thruster_gain_spread=0.2, seed=1))
+    (_, old), (_, new) = thrusters.read(plain.compile()), thrusters.read(spec.compile())
+    for column in (thrusters.FORWARD, thrusters.TIME_CONSTANT):
+        ratio = new[:, column] / old[:, column]
+        assert np.all(np.abs(ratio - 1.0) <= 0.2)
+        assert len(set(np.round(ratio, 9))) == len(ratio)
+
+
+def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[float, float]:
+    """Mean and deviation of the force on a plate `depth` [m] before the tip of the rigid tool, all but the pad held."""
+    varied = models.load("uuv_puma")
+    variation.vary(varied, variation.Variation(stiffness=stiffness))
+    whole = hydrodynamics_of_plant.compile(varied)
+    spec = models.load("uuv_puma")
+    variation.vary(spec, variation.Variation(stiffness=stiffness))
+    for one in (*spec.actuators, *spec.keys, *(joint for joint in spec.joints if joint.name != "pad")):
+        spec.delete(one)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    tip = model.site("tip").id
+    R, quat = np.array(data.site_xmat[tip]).reshape(3, 3), np.empty(4)
+    mujoco.mju_mat2Quat(quat, R.ravel())
+    plate = data.site_xpos[tip] + R[:, 2] * (0.1 - depth)
+    spec.worldbody.add_geom(
+        name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1], pos=plate, quat=quat
+    )  # fmt: skip
+    model = spec.compile()
+    model.opt.gravity[:] = 0.0
+    pad = model.body("pad").id
+    model.body_invweight0[pad] = whole.body_invweight0[pad]  # as the plant has it, on its arm and in water
+    data, one, force = mujoco.MjData(model), np.zeros(6), []
+    for _ in range(round(1.0 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        if data.ncon:
+            mujoco.mj_contactForce(model, data, 0, one)
+        force.append(one[0] if data.ncon else 0.0)
+    settled = force[len(force) // 2 :]
+    return float(np.mean(settled)), float(np.std(settled))
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 3e4, 1e5, 3e5, 1e6])
+def test_pad_and_surface_yield_as_said(variation, stiffness, within):
+    for force in (6.0, 60.0, 90.0):
+        mean, deviation = pressed(variation, stiffness, force / stiffness)
+        within("stiffness, relative", mean / force - 1.0, 0.08)
+        within("chatter [N]", deviation, 1e-3)
+
+
+def test_friction_is_that_of_the_pad(variation):
+    spec = models.load("uuv_puma")
+    variation.vary(spec, variation.Variation(friction=0.45))
+    model = spec.compile()
+    pad = model.geom("pad").id
+    assert model.geom_friction[pad, 0] == 0.45
+    assert model.geom_priority[pad] > 0
+    assert model.opt.timestep == 0.002
+
+
+def test_what_cannot_be_is_refused(variation):
+    with pytest.raises(ConfigurationError, match="friction"):
+        variation.Variation(friction=0.0)
+    with pytest.raises(ConfigurationError, match="water_spread"):
+        variation.Variation(water_spread=1.0)
+    with pytest.raises(ConfigurationError, match="vision_noise"):
+        variation.Variation(vision_noise=float("nan"))
+    with pytest.raises(ConfigurationError, match="arm_base"):
+        variation.vary(models.load("bluerov2_heavy"), variation.Variation(payload_spread=0.1))
+    with pytest.raises(ConfigurationError, match="pad"):
+        variation.vary(models.load("bluerov2_heavy"), variation.Variation(stiffness=1e4))

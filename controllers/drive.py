@@ -15,12 +15,12 @@ from sim.interfaces.kernels import keyed_by_imports
 @keyed_by_imports
 def feel(
     layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, current_W, q, qd, tau_measured, bias, noise, floor, dt,
-    filters, qd_slow, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
+    filters, qd_slow, qdd, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
 ):  # fmt: skip
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
     Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration is not known, and taken as
-    zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration, and the filtered
+    zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration `qdd` (n,), and the filtered
     force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,)
     before the bias is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and
     Jacobian in the hull's frame, and the force in tool axes and in world axes.
@@ -31,13 +31,12 @@ def feel(
         hull[9 + i], hull[12 + i], hull[18 + i], hull[21 + i] = v_B[i], w_B[i], 0.0, current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # rate of the components of v_B
-    acceleration = np.empty(q.shape[0])
     lag = min(1.0, dt / filters[0])
     for j in range(q.shape[0]):
-        acceleration[j] = (qd[j] - qd_slow[j]) / filters[0]
+        qdd[j] = (qd[j] - qd_slow[j]) / filters[0]
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
     f_B = tip_force(
-        layout, numbers, stations, work, hull, q, qd, acceleration, tau_measured, bias, noise, floor, tau_e, wrench_B,
+        layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B,
         X_BG, J_B,
     )  # fmt: skip
     lag = min(1.0, dt / filters[1])
@@ -116,15 +115,32 @@ def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
 
 @numba.njit(cache=True)
 @keyed_by_imports
+def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, share, friction):
+    """Follow the dry friction `friction` (n,) [N m] that the drives must overcome, as the torque sensors show it.
+
+    What the motors gave beyond the rotors' inertia, viscous friction, and what passed the sensors; `share` of the news
+    is taken over each time, and never more than `most` (n,) either way. Fed to the motors it makes of them sources of
+    torque at the gear output, at rest too: there friction is whatever keeps the joint, and the motors' torque grows
+    until it breaks away.
+    """
+    for j in range(qd.shape[0]):
+        lost = tau_motor[j] - armature[j] * qdd[j] - damping[j] * qd[j] - tau_measured[j]
+        friction[j] += share * (lost - friction[j])
+        friction[j] = min(max(friction[j], -most[j]), most[j])
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
 def drive(
     layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, since, integral, dt, gains, armature, damping,
-    limits, borne_G, qdd, tau, wrench_B,
+    friction, limits, borne_G, qdd, tau, wrench_B,
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
     `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`. `gains`: stiffness [1/s^2], damping [1/s],
-    integral [1/s^3], limit of the integral [rad s]. `borne_G` (6,) is the contact that the drives bear at once. Where a
-    drive is at its torque limit its integral stands still.
+    integral [1/s^3], limit of the integral [rad s]. `friction` (n,) [N m] is lost in the gears beside the viscous one
+    of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a drive is at its torque limit its
+    integral stands still.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
@@ -136,7 +152,7 @@ def drive(
         )
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
     for j in range(n):
-        tau[j] += armature[j] * qdd[j] + damping[j] * qd[j]
+        tau[j] += armature[j] * qdd[j] + damping[j] * qd[j] + friction[j]
         if abs(tau[j]) > limits[j]:
             tau[j] = np.sign(tau[j]) * limits[j]
         else:

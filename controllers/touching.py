@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
-from controllers.drive import drive, feel
+from controllers.drive import drive, feel, lost_in_gears
 from controllers.hover import Hover, HoverState
 from controllers.mkps import Chain, solve
 from models.vehicle import Vehicle
@@ -23,6 +23,7 @@ from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_
 
 LIFT = 0.05  # [m] above a nest between touches
 _STILL_WATER = np.zeros(3)  # the current's drag on the arm is small beside the push
+_FRICTION_FILTER = 0.004  # [s] of the friction in the gears, as the torque sensors show it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -250,6 +251,8 @@ class CompliantState:
     thrusters: Array  # (m,)
     p_WG_held: Array | None  # (3,) [m] the spring's end, once it was let go
     push: float  # [N] reached
+    tau: Array  # (n,) [N m] last asked of the motors
+    friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
 
 
 class CompliantTouch:
@@ -274,12 +277,14 @@ class CompliantTouch:
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B, self._no_bias = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
         self._hover_ticks = max(1, round(0.02 / period))
+        self._most_friction = 1.5 * vehicle.dry_friction.stiction
 
     def init(self, estimate: StateEstimate) -> CompliantState:
         n = len(estimate.q)
         return CompliantState(
             hover=self._hover.init(), tick=0, integral=np.zeros(n), qd_slow=np.array(estimate.qd),
             f_tip_B=np.zeros(3), thrusters=np.zeros(self._vehicle.thruster_actuators.size), p_WG_held=None, push=0.0,
+            tau=np.zeros(n), friction=np.zeros(n),
         )  # fmt: skip
 
     def step(
@@ -289,15 +294,20 @@ class CompliantTouch:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
             estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._no_bias, 0.01,
-            0.1, dt, (0.015, 0.012), state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B,
+            0.1, dt, (0.015, 0.012), state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B,
             state.f_tip_B, self._f_tip_G, np.empty(3),
+        )  # fmt: skip
+        lost_in_gears(
+            state.tau, estimate.tau, estimate.qd, self._qdd, vehicle.armature, vehicle.joint_damping,
+            self._most_friction, min(1.0, dt / _FRICTION_FILTER), state.friction,
         )  # fmt: skip
         if reference.X_WG is None:
             tau = np.empty(len(estimate.q))
             drive(
                 arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.q, estimate.qd, reference.q,
                 reference.qd, estimate.time - reference.time, state.integral, dt, self._gains, vehicle.armature,
-                vehicle.joint_damping, vehicle.torque_limits, self._none_G, self._qdd, tau, self._wrench_B,
+                vehicle.joint_damping, state.friction, vehicle.torque_limits, self._none_G, self._qdd, tau,
+                self._wrench_B,
             )  # fmt: skip
             state.p_WG_held, state.push = None, 0.0
         else:
@@ -312,6 +322,7 @@ class CompliantTouch:
                 state.hover, estimate, reference.X_WB, reference.v_WB_W, arm_wrench_B, self._hover_ticks * dt
             )
             state.thrusters = self._allocation.command(self._allocation.thrust(wanted_B))
+        state.tau = tau
         state.tick += 1
         return state, Command(
             time=estimate.time, joint_torque=tau, thrusters=state.thrusters, scan=False, felt_normal=felt
@@ -340,7 +351,7 @@ class CompliantTouch:
             nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3), wrench_tip_G=self._none_G,
         )  # fmt: skip
         tau = weight + self._J_B.T @ np.concatenate([R_BW @ f_W, R_BW @ m_W])
-        tau -= tuning.damping * vehicle.joint_damping * estimate.qd
+        tau += state.friction - tuning.damping * vehicle.joint_damping * estimate.qd
         return np.clip(tau, -vehicle.torque_limits, vehicle.torque_limits)
 
 

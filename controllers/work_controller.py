@@ -18,7 +18,7 @@ import numpy as np
 
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
-from controllers.drive import aim, drive, feel, resolve
+from controllers.drive import aim, drive, feel, lost_in_gears, resolve
 from controllers.force_estimate import Tare
 from controllers.hover import Hover, HoverState
 from controllers.load_observer import LoadObserver, LoadObserverState
@@ -48,6 +48,8 @@ class Tuning:
     contact_feedforward: float = 0.5  # share of the felt force that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
+    friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
+    friction_excess: float = 1.5  # times the believed stiction that is compensated at most
     hover_period: float = 0.02  # [s]
     current_time: float = 4.0  # [s] over which the current is averaged
     task_period: float = 0.004  # [s] of IK and force loop
@@ -76,6 +78,7 @@ class WorkControllerState:
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
     tau: Array  # (n,) [N m] last asked of the motors
+    friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
     thrusters: Array  # (m,) normalised
     believed: dict[str, Array] = field(default_factory=dict)
@@ -128,6 +131,8 @@ class WorkController:
         self._filters = (tuning.acceleration_filter, tuning.force_filter)
         self._armature, self._joint_damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._torque_limits = np.array(vehicle.torque_limits)
+        self._most_friction = tuning.friction_excess * vehicle.dry_friction.stiction
+        self._friction_share = min(1.0, period / tuning.friction_filter)
         # Scratch of one step; nothing in it outlives the step, so the state stays explicit.
         self._hull, self._borne_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_borne_B = (np.empty(k) for k in (n, n, 6, 6))
@@ -153,6 +158,7 @@ class WorkController:
             integral=np.zeros(n),
             load=self._observer.init(),
             tau=np.zeros(n),
+            friction=np.zeros(n),
             f_tip_B=np.zeros(3),
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
         )
@@ -167,8 +173,8 @@ class WorkController:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            tuning.torque_floor, dt, self._filters, state.qd_slow, self._tau_e, self._wrench_free_B, self._X_BG,
-            self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
+            tuning.torque_floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
+            self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if tuning.torque_source == "observer":
             self._tau_e[:] = self._observer.step(
@@ -178,6 +184,11 @@ class WorkController:
             felt = resolve(
                 estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, tuning.torque_noise,
                 tuning.torque_floor, state.f_tip_B, self._f_tip_G, f_tip_W,
+            )  # fmt: skip
+        else:
+            lost_in_gears(
+                state.tau, estimate.tau, estimate.qd, self._qdd, self._armature, self._joint_damping,
+                self._most_friction, self._friction_share, state.friction,
             )  # fmt: skip
         if reference.tare:
             state.tare.add(self._tau_e)
@@ -196,7 +207,7 @@ class WorkController:
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
             state.qd_wanted, since * dt, state.integral, dt, self._gains, self._armature, self._joint_damping,
-            self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
+            state.friction, self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
 
         state.tau = tau

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models import thrusters
+from models import gear_friction, thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, readonly
 
@@ -59,6 +59,7 @@ class Vehicle:
     torque_limits: Array  # (n,) [N m]
     armature: Array  # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
     joint_damping: Array  # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
+    dry_friction: gear_friction.DryFriction  # beside it
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
@@ -108,6 +109,7 @@ class Vehicle:
             torque_limits=readonly(np.abs(model.actuator_ctrlrange[actuators]).min(axis=1)),
             armature=readonly(np.asarray(model.dof_armature)[dof]),
             joint_damping=readonly(np.asarray(model.dof_damping).reshape(model.nv, -1)[dof, 0]),
+            dry_friction=gear_friction.read(model, np.array(joints, dtype=np.int64)),
             q_home=readonly(_keyframe(model, HOME_KEY, model.qpos0)[qpos]),
             q_ready=readonly(np.clip(_keyframe(model, READY_KEY, model.qpos0)[qpos], limits[:, 0], limits[:, 1])),
             thruster_actuators=thruster_actuators,

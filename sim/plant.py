@@ -1,6 +1,7 @@
 """The plant: one vehicle in one MjModel, stepped at the physics rate; and the ground truth that it alone knows."""
 
 import mujoco
+import numba
 import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
@@ -8,6 +9,7 @@ from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, fitting, quat_wxyz_from_rotation
 from sim.reaction import Reaction
@@ -27,7 +29,7 @@ class Truth:
     __slots__ = (
         "R_WB", "R_WG", "acceleration", "arm_wrench_B", "armature", "collision", "contact_force_W", "contact_normal",
         "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q", "qd", "qdd", "saturated",
-        "tau_drive", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
+        "tau_drive", "tau_friction", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
     )  # fmt: skip
 
     time: float  # [s]
@@ -43,6 +45,7 @@ class Truth:
     qd: Array  # (n,) [rad/s]
     qdd: Array  # (n,) [rad/s^2]
     tau_drive: Array  # (n,) [N m] of the motors
+    tau_friction: Array  # (n,) [N m] of dry friction in the gears, on the joint
     armature: Array  # (n,) [kg m^2]
     joint_damping: Array  # (n,) [N m s/rad]
     propeller_speed: Array  # (m,) normalised, lags the commands
@@ -96,6 +99,7 @@ class Plant:
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
             pad_site = vehicle.tip
+        self._gears = _rows_of_friction(model, vehicle)
         self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
         self._force = np.zeros(6)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
@@ -133,6 +137,9 @@ class Plant:
         self._flow()  # over what the last step left in the model
         truth.time = float(data.time)
         truth.saturated = False
+        truth.tau_friction[:] = 0.0
+        if self._gears.size:
+            self._move_gears(np.zeros(self.model.nv))
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
         self._read_contacts()
@@ -154,6 +161,7 @@ class Plant:
             _view(data.qvel, vehicle.dof),
             _view(data.qacc, vehicle.dof),
         )
+        truth.tau_friction = np.zeros(len(vehicle.joints))
         truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
         truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
         truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
@@ -194,8 +202,19 @@ class Plant:
         else:
             mujoco.mj_step2(self.model, data)
         self._tick += 1
+        if self._gears.size:
+            self._move_gears(data.efc_force[data.ne :])
         self._read_contacts()
         self._flow()
+
+    def _move_gears(self, force: Array) -> None:
+        """Note what friction the gears had, the first rows of `force`, and let it follow Stribeck's curve."""
+        vehicle = self.vehicle
+        dry = vehicle.dry_friction
+        _along_the_curve(
+            self._gears, force, vehicle.dof, dry.coulomb, dry.stiction, dry.stribeck_speed, self.truth.qd,
+            self.truth.tau_friction, self.model.dof_frictionloss,
+        )  # fmt: skip
 
     def _flow(self) -> None:
         """Let the water of the next step into the model, before `observe` computes what it does."""
@@ -222,6 +241,26 @@ class Plant:
             truth.contact_normal += float(force[0])
             on_second = force[:3] @ contact.frame[i].reshape(3, 3)
             truth.contact_force_W += on_second if second == self._pad_geom else -on_second
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _along_the_curve(rows, force, dof, coulomb, stiction, stribeck_speed, qd, tau_friction, frictionloss):
+    """Friction of the step that has ended from its constraints, and the bounds (nv,) of the next one."""
+    for j in range(rows.shape[0]):
+        if rows[j] >= 0:
+            tau_friction[j] = force[rows[j]]
+            share = np.exp(-((qd[j] / stribeck_speed[j]) ** 2))
+            frictionloss[dof[j]] = coulomb[j] + (stiction[j] - coulomb[j]) * share
+
+
+def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
+    """(n,) where each joint's gear stands among MuJoCo's constraints of friction, -1 if it has none; or empty."""
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
+        return np.zeros(0, dtype=np.int64)
+    dry = np.asarray(model.dof_frictionloss) > 0.0
+    rows = np.where(dry, np.cumsum(dry) - 1, -1)[vehicle.dof]
+    return rows if np.any(rows >= 0) else np.zeros(0, dtype=np.int64)
 
 
 def _checked_pose(X_WB: Array) -> Array:

@@ -113,7 +113,7 @@ class JointTorqueSensors:
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
     noise: float = 0.01  # white, share of the reading, per sample
-    bias: float = 0.3  # [N m] constant over a run, uniform in +-bias
+    bias: float = 0.5  # [N m] constant over a run, uniform in +-bias
     resolution: float = 0.0  # [N m]; 0 for none
 
     def __post_init__(self) -> None:
@@ -124,19 +124,19 @@ class JointTorqueSensors:
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
         tau = _transmitted(
-            truth.tau_drive, truth.armature, truth.qdd, truth.joint_damping, truth.qd, state.normal(len(truth.q)),
-            self.noise, state.bias, self.resolution,
+            truth.tau_drive, truth.tau_friction, truth.armature, truth.qdd, truth.joint_damping, truth.qd,
+            state.normal(len(truth.q)), self.noise, state.bias, self.resolution,
         )  # fmt: skip
         return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _transmitted(tau_drive, armature, qdd, damping, qd, noise, share, bias, resolution):
+def _transmitted(tau_drive, tau_friction, armature, qdd, damping, qd, noise, share, bias, resolution):
     """What passes through the gear outputs (the drive's, less rotor inertia and gear friction), with its errors."""
     tau = np.empty_like(tau_drive)
     for j in range(len(tau)):
-        true = tau_drive[j] - armature[j] * qdd[j] - damping[j] * qd[j]
+        true = tau_drive[j] + tau_friction[j] - armature[j] * qdd[j] - damping[j] * qd[j]
         tau[j] = _in_steps(true * (1.0 + share * noise[j]) + bias[j], resolution)
     return tau
 

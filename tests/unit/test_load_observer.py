@@ -61,9 +61,11 @@ def odd_arm(rng: np.random.Generator) -> mujoco.MjSpec:
 
 
 def puma(rng: np.random.Generator) -> mujoco.MjSpec:
-    """The default vehicle without its pad's spring, which the arm's model holds still."""
+    """The default vehicle without its pad's spring, which the arm's model holds still, its gears without stiction."""
     del rng
     spec = models.load("uuv_puma")
+    for joint in spec.joints:
+        joint.frictionloss = 0.0
     for key in list(spec.keys):
         spec.delete(key)
     spec.delete(spec.joint("pad"))

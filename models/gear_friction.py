@@ -1,0 +1,103 @@
+"""Dry friction in the gears of an arm: what it is, and how it rides on the joints of an MjSpec.
+
+At speed v a gear resists with
+
+    f(v) = viscous v + sign(v) (coulomb + (stiction - coulomb) exp(-(v / stribeck_speed)^2)),
+
+and at rest with whatever holds it there, up to `stiction` (Stribeck's curve; Olsson et al. 1998, Friction models and
+friction compensation, eq. 2.5). All of it acts on the motor's side of a torque sensor on the gear output.
+
+MuJoCo holds the dry part as a constraint (`frictionloss`), solved with the contacts: a joint at rest stays there. The
+constraint is soft, so a held joint creeps; `_HARD` and a time constant of two steps keep that below 1e-4 rad/s. The
+bound is one number a joint, that of sliding; the curve rides in `joint.userdata`, and the plant moves the bound along
+it. A model stepped by MuJoCo alone has Coulomb friction.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, number, readonly
+
+_STAMP = 745520.0  # a row of another origin is not taken for ours
+_HARD = 0.9999  # impedance of the constraint
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GearFriction:
+    """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the joint's `damping`.
+
+    Raises ConfigurationError for a figure that is not finite or of the wrong sign, and for stiction below `coulomb`.
+    """
+
+    coulomb: float  # [N m] sliding
+    stiction: float  # [N m] at which it breaks away
+    stribeck_speed: float  # [rad/s] over which the one becomes the other
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = number(getattr(self, item.name), f"gear friction {item.name}")
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ConfigurationError(f"gear friction {item.name}: must be finite and >= 0, got {value}")
+            object.__setattr__(self, item.name, value)
+        if self.stiction < self.coulomb:
+            raise ConfigurationError(
+                f"gear friction stiction: must be at least coulomb, {self.coulomb} N m, got {self.stiction}"
+            )
+        if self.stiction > self.coulomb and not (self.stribeck_speed > 0.0 and self.coulomb > 0.0):
+            raise ConfigurationError(
+                "gear friction: stiction above coulomb wants stribeck_speed > 0 and coulomb > 0, got "
+                f"{self.stribeck_speed} and {self.coulomb}"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DryFriction:
+    """Dry friction of all gears of an arm; arrays (n,), read-only."""
+
+    coulomb: Array  # [N m]
+    stiction: Array  # [N m]
+    stribeck_speed: Array  # [rad/s]
+
+    def bound(self, qd: ArrayLike) -> Array:
+        """Greatest dry friction (n,) [N m] at the joint speeds `qd` (n,) [rad/s]."""
+        return self.coulomb + (self.stiction - self.coulomb) * np.exp(-((np.asarray(qd) / self.stribeck_speed) ** 2))
+
+
+def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
+    """Store `gears` (joint name -> GearFriction) on the joints of `spec`, in place of their frictionloss.
+
+    Raises ConfigurationError if a name is not a joint of `spec` or its user data is taken by something else.
+    """
+    joints = {joint.name: joint for joint in spec.joints}
+    for name, gear in gears.items():
+        if name not in joints:
+            raise ConfigurationError(f"gear friction {name!r}: no such joint; there are {sorted(joints)}")
+        joint = joints[name]
+        if np.any(joint.userdata) and not _carries(joint.userdata):
+            raise ConfigurationError(f"gear friction {name!r}: the user data of its joint is taken by something else")
+        joint.frictionloss = gear.coulomb
+        joint.solref_friction = [2.0 * spec.option.timestep, 1.0]
+        joint.solimp_friction = [_HARD, _HARD, 0.001, 0.5, 2.0]
+        joint.userdata = [_STAMP, gear.coulomb, gear.stiction, gear.stribeck_speed]
+
+
+def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
+    """Dry friction of `joints` (n,); where `frictionloss` is none of the stored curve, it is Coulomb's alone."""
+    coulomb = np.array(model.dof_frictionloss)[np.asarray(model.jnt_dofadr, dtype=np.int64)[joints]]
+    stiction, speed = coulomb.copy(), np.ones(len(joints))
+    for row, joint in enumerate(joints):
+        if not _carries(model.jnt_user[joint]):
+            continue
+        _, sliding, breakaway, over = model.jnt_user[joint, :4]
+        if sliding <= coulomb[row] <= breakaway and breakaway > sliding:  # a plant may have moved it
+            coulomb[row], stiction[row], speed[row] = sliding, breakaway, over
+    return DryFriction(coulomb=readonly(coulomb), stiction=readonly(stiction), stribeck_speed=readonly(speed))
+
+
+def _carries(row: Array) -> bool:
+    return len(row) >= 4 and row[0] == _STAMP

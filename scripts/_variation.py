@@ -39,7 +39,7 @@ class Variation:
     vision_delay: float = 0.1  # [s]
     vision_noise: float = 2e-3  # [m]
     torque_noise: float = 0.01  # share of the reading
-    torque_bias: float = 0.3  # [N m] uniform in +-
+    torque_bias: float = 0.5  # [N m] uniform in +-
     seed: int = 0  # of the factors
 
     def __post_init__(self) -> None:

@@ -397,6 +397,17 @@ class ArmDynamics:
         newton_euler(self.layout, self.numbers, self.stations, q, qd, qdd, hull, wrench_tip_G, self.work, tau, wrench_B)
         return tau, wrench_B
 
+    def inertia(self, q: Array) -> Array:
+        """Inertia (n, n) of the joints at `q` (n,), added masses included, rotors not; the hull held."""
+        rest, none = np.zeros(self.n), np.zeros(6)
+
+        def torque(qdd: Array) -> Array:
+            return self.inverse(
+                q, rest, qdd, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+            )[0]
+
+        return np.column_stack([torque(unit) for unit in np.eye(self.n)]) - torque(rest)[:, None]
+
 
 def _read_tree(
     model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float

@@ -133,7 +133,7 @@ def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, sha
 @keyed_by_imports
 def drive(
     layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, since, integral, dt, gains, armature, damping,
-    friction, limits, borne_G, qdd, tau, wrench_B,
+    friction, limits, borne_G, yielding, qdd, tau, wrench_B,
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
@@ -141,12 +141,21 @@ def drive(
     integral [1/s^3], limit of the integral [rad s]. `friction` (n,) [N m] is lost in the gears beside the viscous one
     of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a drive is at its torque limit its
     integral stands still.
+
+    `yielding` (3, n): rows are how the joints move the tip along its axis, how they would be moved to do only that, and
+    in the first place of the last row the share of the stiffness that the tip loses along its axis.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
+    error = np.empty(n)
+    along = 0.0
+    for j in range(n):
+        error[j] = q_wanted[j] + since * qd_wanted[j] - q[j]
+        along += yielding[0, j] * error[j]
+    soft = yielding[2, 0]
     for j in range(n):
         qdd[j] = (
-            stiffness * (q_wanted[j] + since * qd_wanted[j] - q[j])
+            stiffness * (error[j] - soft * along * yielding[1, j])
             + damper * (qd_wanted[j] - qd[j])
             + integrator * integral[j]
         )
@@ -156,17 +165,19 @@ def drive(
         if abs(tau[j]) > limits[j]:
             tau[j] = np.sign(tau[j]) * limits[j]
         else:
-            grown = integral[j] + dt * (q_wanted[j] + since * qd_wanted[j] - q[j])
+            # Along the tool axis the force loop is the integral.
+            grown = integral[j] + dt * (error[j] - (along * yielding[1, j] if soft > 0.0 else 0.0))
             integral[j] = min(max(grown, -most), most)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, qd):
+def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, qd, yielding):
     """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
 
     With `drift` the hull's own velocity `nu_B` (6,) is taken off, so that the tool stands still on the object. The
-    speeds are J^-1 of the tool's velocity against the hull, damped near singular postures.
+    speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The first two rows of
+    `yielding` (3, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
     """
     X_BW = np.eye(4)
     twist = np.empty(6)
@@ -188,6 +199,8 @@ def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, q
             twist[3 + i] -= w[i]
     # J^T (J J^T + damping)^-1 by Cholesky in place: LAPACK's call costs more than these sums.
     A = J_B @ J_B.T.copy()
+    axis = np.zeros(6)
+    axis[:3] = X_BG[:3, 2]
     for i in range(6):
         A[i, i] += 1e-6
         for j in range(i + 1):
@@ -197,13 +210,20 @@ def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, q
             A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
         for k in range(i):
             twist[i] -= A[i, k] * twist[k]
+            axis[i] -= A[i, k] * axis[k]
         twist[i] /= A[i, i]
+        axis[i] /= A[i, i]
     for i in range(5, -1, -1):
         for k in range(i + 1, 6):
             twist[i] -= A[k, i] * twist[k]
+            axis[i] -= A[k, i] * axis[k]
         twist[i] /= A[i, i]
+        axis[i] /= A[i, i]
     for j in range(qd.shape[0]):
-        qd[j] = 0.0
+        qd[j] = yielding[0, j] = yielding[1, j] = 0.0
         for i in range(6):
             qd[j] += J_B[i, j] * twist[i]
+            yielding[1, j] += J_B[i, j] * axis[i]
+        for i in range(3):
+            yielding[0, j] += J_B[i, j] * X_BG[i, 2]
         qd[j] = min(max(qd[j], -speed_limit), speed_limit)

@@ -39,13 +39,14 @@ class Tuning:
     """Gains of the arm's side; the hover has its own (`controllers.hover`)."""
 
     joint_frequency: float = 60.0  # [rad/s] of the joint servo
-    joint_damping: float = 1.0
+    joint_damping: float = 1.4
     joint_integral_time: float = 0.2  # [s]; takes up friction at the tool and what the model lacks
     force_filter: float = 0.012  # [s] first-order filter of the felt force
     torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
-    contact_feedforward: float = 0.5  # share of the felt force that the drives bear at once
+    normal_softness: float = 0.8  # share of the servo's stiffness that is given up along the tool axis in force control
+    friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
@@ -55,6 +56,7 @@ class Tuning:
     task_period: float = 0.004  # [s] of IK and force loop
     joint_speed_limit: float = 0.8  # [rad/s]
     integral_limit: float = 0.01  # [rad s] either way
+    compliance_period: float = 0.2  # [s] after which the servo's compliance is taken anew
     blend_time: float = 0.2  # [s] in which the arm comes from held angles to a tool pose, critically damped
     nominal_stiffness: float = 3e4  # [N/m] of the pad, for pressing without force control
 
@@ -74,6 +76,8 @@ class WorkControllerState:
     current_W: Array  # (3,) [m/s] of the water, as it was when nothing was touched
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
+    yielding: Array  # (3, n) how the servo yields along the tool axis, as `controllers.drive.drive` wants it
+    servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
@@ -154,6 +158,8 @@ class WorkController:
             current_W=np.zeros(3),
             offset=np.zeros(n),
             offset_rate=np.zeros(n),
+            yielding=np.zeros((3, n)),
+            servo_compliance=0.0,
             qd_slow=np.array(estimate.qd),
             integral=np.zeros(n),
             load=self._observer.init(),
@@ -200,14 +206,15 @@ class WorkController:
             self._task(state, estimate, reference, felt)
 
         # 3. Drives.
+        state.yielding[2, 0] = tuning.normal_softness if self._presses(reference) else 0.0
         in_contact = reference.force > 0.0 or reference.force_control
-        if tuning.contact_feedforward:
-            self._borne_G[:3] = tuning.contact_feedforward * self._f_tip_G if in_contact else 0.0
+        self._borne_G[:3] = tuning.friction_feedforward * self._f_tip_G if in_contact else 0.0
+        self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
         tau = np.empty(len(vehicle.joints))
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
             state.qd_wanted, since * dt, state.integral, dt, self._gains, self._armature, self._joint_damping,
-            state.friction, self._torque_limits, self._borne_G, self._qdd, tau, self._wrench_borne_B,
+            state.friction, self._torque_limits, self._borne_G, state.yielding, self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
 
         state.tau = tau
@@ -244,7 +251,9 @@ class WorkController:
             # Ablation: press by a depth computed from the pad's nominal stiffness, and hope.
             k = state.displacement.k = reference.force / tuning.nominal_stiffness
         else:
-            k = self._displacement.step(state.displacement, reference.force - felt, dt)
+            k = self._displacement.step(
+                state.displacement, reference.force, felt, self._servo_compliance(state, estimate), dt
+            )
         X_WG = np.array(reference.X_WG)
         X_WG[:3, :3] = exp_so3(since * reference.w_WG_W) @ X_WG[:3, :3]
         X_WG[:3, 3] += since * reference.v_WG_W + k * X_WG[:3, 2]
@@ -253,7 +262,7 @@ class WorkController:
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
         aim(
             self._X_AB, X_WB, X_WG, reference.v_WG_W, reference.w_WG_W, self._hull[9:15], self._J_B, correct_drift,
-            tuning.joint_speed_limit, X_AG, qd,
+            tuning.joint_speed_limit, X_AG, qd, state.yielding,
         )  # fmt: skip
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for
@@ -266,6 +275,21 @@ class WorkController:
         state.q_wanted = np.clip(result.q + state.offset, state.q_wanted - most, state.q_wanted + most)
         state.qd_wanted = qd + state.offset_rate
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
+
+    def _presses(self, reference: Reference) -> bool:
+        """Whether the force loop is closed."""
+        return reference.force_control and "force-control" not in self._without
+
+    def _servo_compliance(self, state: WorkControllerState, estimate: StateEstimate) -> float:
+        """How far [m]/[N] the servoed arm yields at the tip to a force along the tool axis."""
+        every = max(1, round(self._tuning.compliance_period / self.period))
+        if state.servo_compliance == 0.0 or state.tick % every < self._task_ticks:
+            inertia = self._arm.inertia(estimate.q) + np.diag(self._armature)
+            along = self._J_B[:3].T @ self._X_BG[:3, 2]
+            state.servo_compliance = float(along @ np.linalg.solve(inertia, along)) / (
+                self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
+            )
+        return state.servo_compliance
 
     def _thrusters(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, in_contact: bool

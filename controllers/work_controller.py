@@ -18,6 +18,7 @@ import numpy as np
 
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
+from controllers.compliance import ComplianceState, LateralCompliance
 from controllers.drive import aim, drive, feel, lost_in_gears, resolve
 from controllers.force_estimate import Tare
 from controllers.hover import Hover, HoverState
@@ -67,6 +68,7 @@ class WorkControllerState:
 
     hover: HoverState
     displacement: DisplacementState
+    compliance: ComplianceState
     tare: Tare
     bias: Array  # (n,) [N m]
     tick: int
@@ -99,6 +101,7 @@ class WorkController:
         without: Set[Method] = frozenset(),
         tuning: Tuning | None = None,
         displacement: Displacement | None = None,
+        compliance: LateralCompliance | None = None,
         water_error: float = 0.0,
     ) -> None:
         """Take the controller's own model of the vehicle (not the plant's).
@@ -109,6 +112,7 @@ class WorkController:
         self.period = period
         self._tuning = tuning or Tuning()
         self._displacement = displacement or Displacement()
+        self._compliance = compliance or LateralCompliance()
         self._without = frozenset(without)
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
@@ -149,6 +153,7 @@ class WorkController:
         return WorkControllerState(
             hover=self._hover.init(),
             displacement=DisplacementState(),
+            compliance=ComplianceState(),
             tare=Tare(np.zeros(n)),
             bias=np.zeros(n),
             tick=0,
@@ -203,7 +208,7 @@ class WorkController:
         # 2. Where the tool should be.
         since = state.tick % self._task_ticks
         if since == 0:
-            self._task(state, estimate, reference, felt)
+            self._task(state, estimate, reference, felt, f_tip_W)
 
         # 3. Drives.
         state.yielding[2, 0] = tuning.normal_softness if self._presses(reference) else 0.0
@@ -233,15 +238,19 @@ class WorkController:
                 **state.believed,
                 "f_tip_W": f_tip_W,
                 "displacement": np.array([state.displacement.k]),
+                "compliance_W": state.compliance.offset_W,
             },
         )
 
-    def _task(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, felt: float) -> None:
+    def _task(
+        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, felt: float, f_tip_W: Array
+    ) -> None:
         """Joint angles and speeds wanted now, from the tool's reference corrected twice."""
         tuning, dt = self._tuning, self._tuning.task_period
         since = estimate.time - reference.time
         if reference.X_WG is None:
             self._displacement.release(state.displacement, dt)
+            self._compliance.release(state.compliance, dt)
             state.q_wanted, state.qd_wanted = reference.q + since * reference.qd, reference.qd
             state.holding = True
             return
@@ -254,9 +263,13 @@ class WorkController:
             k = self._displacement.step(
                 state.displacement, reference.force, felt, self._servo_compliance(state, estimate), dt
             )
+        if reference.compliant:
+            offset_W = self._compliance.step(state.compliance, f_tip_W, reference.X_WG[:3, 2], dt)
+        else:
+            offset_W = self._compliance.release(state.compliance, dt)
         X_WG = np.array(reference.X_WG)
         X_WG[:3, :3] = exp_so3(since * reference.w_WG_W) @ X_WG[:3, :3]
-        X_WG[:3, 3] += since * reference.v_WG_W + k * X_WG[:3, 2]
+        X_WG[:3, 3] += since * reference.v_WG_W + k * X_WG[:3, 2] + offset_W
         correct_drift = "drift-correction" not in self._without
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))

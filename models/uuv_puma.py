@@ -11,11 +11,12 @@ the limits of its joints 2 to 6, 27 % of that of the first); stiction 1.3 times 
 """
 
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
 
-from models import gear_friction, hydrodynamics, thrusters
+from models import gear_friction, hydrodynamics, sampler, thrusters
 from models.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 
@@ -57,8 +58,8 @@ def _hull() -> BodyHydrodynamics:
     )
 
 
-def build() -> mujoco.MjSpec:
-    """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded)."""
+def build(tool: Literal["pad", "sampler"] = "pad") -> mujoco.MjSpec:
+    """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm."""
     spec = mujoco.MjSpec.from_file(str(_ASSET))
     bodies = {
         "hull": _hull(),
@@ -71,6 +72,8 @@ def build() -> mujoco.MjSpec:
         "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
         "pad": cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
+    if tool == "sampler":
+        bodies |= sampler.fit(spec)
     hydrodynamics.attach(spec, bodies)
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)

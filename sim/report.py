@@ -4,7 +4,7 @@ import base64
 import html
 import io
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,23 +23,26 @@ PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "open3d-cpu", "open3
 def write_report(
     file: str | Path,
     recording: Recording,
-    truth: TrueObject,
+    truth: TrueObject | None,
     assessment: Assessment,
     *,
     title: str,
     options: Mapping[str, Any],
     bounds: Bounds | None = None,
+    pictures: Iterable[tuple[str, str, Figure]] = (),
 ) -> None:
     """Write the page to `file`. `options` are the scenario's own, shown as they are.
 
-    Raises ConfigurationError if the folder does not exist.
+    Its pictures are those of work along a path on the object of `truth`, where there is one, and `pictures` (title,
+    caption, figure). Raises ConfigurationError if the folder does not exist.
     """
     path = Path(file)
     if not path.parent.is_dir():
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
-    pictures = "\n".join(
+    of_path = () if truth is None else figures(recording, truth, bounds or Bounds())
+    drawn = "\n".join(
         f"<section><h2>{_text(name)}</h2>{_picture(figure, name)}<p class=caption>{_text(caption)}</p></section>"
-        for name, caption, figure in figures(recording, truth, bounds or Bounds())
+        for name, caption, figure in (*of_path, *pictures)
     )
     body = "\n".join(
         (
@@ -48,7 +51,7 @@ def write_report(
             _checks(assessment),
             _segments(assessment),
             "</section>",
-            pictures,
+            drawn,
             f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
         )
     )
@@ -92,7 +95,7 @@ def _verdict(check: Check) -> str:
 
 
 def _segments(assessment: Assessment) -> str:
-    segments = assessment.metrics["contact"]["segments"]
+    segments = assessment.metrics.get("contact", {}).get("segments")
     if not segments:
         return ""
     keys = ("set_n", "force_error_rms_n", "force_error_max_n", "lost_s", "duration_s")

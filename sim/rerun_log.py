@@ -33,7 +33,11 @@ BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW, GREY = (
 )  # fmt: skip
 _LINES = (SKY, ORANGE, GREEN, VERMILION, PURPLE, YELLOW, BLUE, GREY)
 _STATE_COLORS = dict(
-    zip(WorkState, (GREY, SKY, BLUE, GREY, YELLOW, ORANGE, GREEN, PURPLE, SKY, VERMILION), strict=True)
+    zip(
+        WorkState,
+        (GREY, SKY, BLUE, GREY, YELLOW, ORANGE, GREEN, YELLOW, ORANGE, PURPLE, PURPLE, SKY, VERMILION),
+        strict=True,
+    )
 )
 
 

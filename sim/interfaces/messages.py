@@ -22,7 +22,10 @@ class WorkState(StrEnum):
     TARE = "tare"  # torque bias is removed, free of contact
     APPROACH = "approach"  # guarded move along the tool axis until contact
     PRESS = "press"  # force grows to its first set value; no motion along the path yet
-    WORK = "work"  # motion along the path under force control
+    WORK = "work"  # motion along the path under force control; of a sampler, its stay in the hole
+    SEARCH = "search"  # a sampler feels for its hole in a spiral
+    INSERT = "insert"  # a sampler goes into its hole, giving way to what pushes it aside
+    WITHDRAW = "withdraw"  # a sampler is drawn out again
     RETREAT = "retreat"  # tool leaves the surface along its axis
     DONE = "done"  # path finished and tool withdrawn
     ABORT = "abort"  # tool withdrawn before the path was finished
@@ -158,6 +161,7 @@ class Reference:
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
     note: str = ""  # why the work was broken off, once it was
+    compliant: bool = False  # give way to forces across the tool axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,0 +1,75 @@
+"""A sampler on the arm in place of the pad: a round tube with a domed nose, in a mount that gives way.
+
+The mount is three slides, each with a spring and a damper in N/m and N s/m, so the stiffness of a contact is known
+along the tool and across it: MuJoCo's own contact softness is no stiffness (its `solref` is scaled by the masses).
+"""
+
+import mujoco
+import numpy as np
+
+from models.hydrodynamics import BodyHydrodynamics, cylinder
+from models.vehicle import TIP_SITE
+from sim.interfaces.errors import ConfigurationError
+
+RADIUS = 0.018  # [m]
+LENGTH = 0.14  # [m] from the mount to the tip, of which the last `RADIUS` is the dome
+MASS = 0.6  # [kg] a steel tube of 2 mm wall, half full of water
+STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
+DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
+GIVE = 0.02  # [m] that the mount can be pushed in, and
+SIDE_GIVE = 0.005  # [m] aside
+FRICTION = 0.3  # of the tube on what it touches
+_MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
+_TOOL = "pad"  # the plant tells contacts of the geom of this name from collisions
+
+
+def fit(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
+    """Take the pad off the arm of `spec` and put the sampler there; what the water does to it, by body.
+
+    The tube stands on the pad's body, along its slide; the tip site moves to the end of the dome, and the keyframes
+    gain the mount's joints, at rest. Raises ConfigurationError if `spec` has no pad that slides, or no tip.
+    """
+    pad = next((body for body in spec.bodies if body.name == _TOOL), None)
+    tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
+    if pad is None or tip is None or len(pad.joints) != 1 or pad.joints[0].type != mujoco.mjtJoint.mjJNT_SLIDE:
+        raise ConfigurationError(f"a sampler takes the place of a body {_TOOL!r} on one slide, at a site {TIP_SITE!r}")
+    nq = spec.copy().compile().nq
+    at_keys = {key.name: np.array(key.qpos) for key in spec.keys}  # deleting a joint empties them
+    link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
+    along = np.array(pad.joints[0].axis)
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, turn)
+    spec.delete(pad)
+    tip.pos = place + R.reshape(3, 3) @ along * LENGTH
+    side = np.eye(3)[int(np.argmin(np.abs(along)))]
+    side -= (side @ along) * along
+    side /= np.linalg.norm(side)
+    parent = link
+    for name, axis in (("mount_x", side), ("mount_y", np.cross(along, side))):
+        parent = parent.add_body(name=name, mass=_MOUNT, inertia=[1e-5] * 3, explicitinertial=True)
+        if name == "mount_x":
+            parent.pos, parent.quat = place, turn
+        _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
+    middle = 0.5 * LENGTH
+    tube = parent.add_body(
+        name=_TOOL, mass=MASS, ipos=middle * along, inertia=[MASS * LENGTH**2 / 12.0] * 3, explicitinertial=True
+    )
+    _slide(tube, _TOOL, along, (-GIVE, 0.25 * GIVE))
+    tube.add_geom(
+        name=_TOOL, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, 0, 0], mass=0.0, contype=1, conaffinity=2,
+        fromto=np.concatenate([RADIUS * along, (LENGTH - RADIUS) * along]), priority=1,
+        friction=[FRICTION, 0.005, 0.0001], solref=[0.006, 1.0], solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
+        rgba=[0.75, 0.78, 0.82, 1.0],
+    )  # fmt: skip
+    tube.add_site(name="pad_face", pos=LENGTH * along, quat=tip.quat, group=4)
+    for key in spec.keys:
+        if len(at_keys[key.name]) == nq:
+            key.qpos = np.concatenate([at_keys[key.name][: nq - 1], np.zeros(3)])
+    return {_TOOL: cylinder(RADIUS, RADIUS * along, LENGTH * along)}
+
+
+def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:
+    body.add_joint(
+        name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=STIFFNESS, damping=DAMPING, range=limits,
+        limited=True,
+    )  # fmt: skip

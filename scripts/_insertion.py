@@ -1,0 +1,277 @@
+"""Wires the parts of an insertion together, runs it, and says what came of it."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from _job import NOT_ACCEPTED, REACTION_TICKS, REHEARSAL, Clouds, Teller
+from _job_parts import controller, hull_box, scan_pose, undriven
+from _variation import NOMINAL
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from controllers.insertion import HoleInsertion, InsertionJob
+from controllers.mkps import Chain
+from models import scenes
+from models.manifold import manifold
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
+from perception.navigation import Navigation
+from perception.target_finder import KnownObjectFinder
+from sim import hydrodynamics, sensors
+from sim.current import Current
+from sim.depth_camera import DepthCamera
+from sim.insertion_metrics import TrueHole, assess_insertion, crashed
+from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.metrics import Assessment
+from sim.plant import PAD_GEOM, Plant
+from sim.recording import Recorder, Recording
+from sim.results_table import results_table
+from sim.rollout import Observer, Parts, rollout
+from sim.startup import ScenarioOptions
+
+LONGEST = 400.0  # [s] simulated, whatever happens
+TILT = float(np.radians(5.0))  # largest lean of the manifold on the seabed, about x and about y
+BOTTOM = 0.02  # [m] of hole below the depth asked for
+WANTED = 0.95  # share of the trials
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What is the same in all trials."""
+
+    hole: str
+    clearance: float  # [m] radial
+    depth: float  # [m] to be reached
+    chamfer: float  # [m]
+    error: tuple[float, float]  # [m] put on the hole as found, along its x and y
+    compliance: bool
+    scan_range: float  # [m]
+    current: tuple[float, float, float]  # [m/s]
+    gust: float  # [m/s]
+    vehicle: str
+    controller: str  # MODULE:CLASS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Insertion:
+    """One insertion, ready to run; the truth about the object is for the plant and the judge alone."""
+
+    seed: int
+    plant: Plant
+    parts: Parts
+    truth: TrueHole
+    X_TH: Array  # (4, 4) the hole in the manifold's frame
+    loop: np.random.Generator
+    restart: Callable[[], None]  # the plant at its start again, the gusts undrawn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """What one insertion came to."""
+
+    assessment: Assessment
+    recording: Recording
+    note: str
+
+
+def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
+    """Everything of one insertion, drawn from `seed`. Raises UuvError for what cannot be."""
+    rng = np.random.default_rng(seed)
+    own = scenes.vehicle_spec(setting.vehicle).compile()
+    arm = Vehicle.of(own)
+    tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+    if own.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
+        raise ConfigurationError(
+            f"--vehicle {setting.vehicle!r}: its geom {PAD_GEOM!r} must be a capsule; uuv_puma_sampler carries one"
+        )
+    tool_radius = float(own.geom_size[tool, 0])
+    if not setting.clearance > 0.0:
+        raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * setting.clearance:g}")
+    block = manifold(tool_radius + setting.clearance, setting.depth + BOTTOM, setting.chamfer)
+    bore, target = block.hole(setting.hole), block.target
+    # Where the manifold lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
+    lean = exp_so3([*rng.uniform(-TILT, TILT, 2), 0.0])
+    X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]) @ lean, rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+    way, axis = rng.standard_normal((2, 3))
+    centre = X_WT[:3, :3] @ target.center + X_WT[:3, 3]
+    approach = centre + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
+    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    gusts, loop, start, sampling = rng.spawn(4)
+
+    X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), arm.hull)
+    X_WB = scan_pose(X_BC, approach, setting.scan_range)
+    model = hydrodynamics.compile(scenes.work_site(scenes.vehicle_spec(setting.vehicle), target, X_WT))
+    offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
+    flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
+    plant = Plant(
+        model, current=Current(setting.current), X_WB=X_WB @ offset, reaction_ticks=REACTION_TICKS if record else 0
+    )
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
+    aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*setting.error, 0.0])
+    parts = Parts(
+        sensors=[
+            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            DepthCamera(model, HULL_BODY, X_BC),
+        ],
+        estimator=Navigation(),
+        finder=KnownObjectFinder(
+            target, f"beside_{setting.hole}", approach, turn @ X_WT[:3, :3], seed=int(sampling.integers(2**31))
+        ),
+        planner=HoleInsertion(
+            arm, chain, target, aimed_at,
+            InsertionJob(depth=setting.depth, nose=tool_radius, compliance=setting.compliance),
+            X_WB_scan=X_WB, hull_box=hull_box(own, arm),
+        ),
+        controller=controller(setting.controller, own, water_error=NOMINAL.water_error),
+    )  # fmt: skip
+    truth = TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=tool_radius, depth=setting.depth)
+    return Insertion(
+        seed=seed, plant=plant, parts=parts, truth=truth, X_TH=bore.pose(np.eye(4)), loop=loop,
+        restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
+    )  # fmt: skip
+
+
+def run(insertion: Insertion, recorder: Recorder, observers: Sequence[Observer] = ()) -> Outcome:
+    """Run to the end and judge."""
+    # A rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once.
+    rollout(insertion.plant, insertion.parts, duration=REHEARSAL, rng=np.random.default_rng(insertion.seed))
+    insertion.restart()
+    began = time.perf_counter()
+    last = rollout(
+        insertion.plant, insertion.parts, duration=LONGEST, rng=insertion.loop, observers=[recorder, *observers]
+    )
+    wall_s = time.perf_counter() - began
+    recording = recorder.recording()
+    found = next((target for target in reversed(recording.targets) if target.accepted), None)
+    assessment = assess_insertion(
+        recording, insertion.truth, found_X_WH=None if found is None else found.X_WT @ insertion.X_TH,
+        seed=insertion.seed, wall_s=wall_s,
+    )  # fmt: skip
+    return Outcome(assessment=assessment, recording=recording, note=last.reference.note)
+
+
+def run_and_write(
+    setting: Setting, options: ScenarioOptions, folder: Path, console: Console, started: float, said: dict[str, Any]
+) -> int:
+    """One insertion with its log, table and report. Returns the exit code."""
+    insertion = prepare(setting, options.seed, record=options.record)
+    title = f"A sampler into hole {setting.hole}, seed {options.seed}"
+    recorder = Recorder(insertion.plant.model, full=options.record)
+    observers: list[Observer] = []
+    log: Any = None
+    if options.record or options.view:
+        from sim.rerun_log import RerunLog
+
+        log = RerunLog(folder / "run.rrd", insertion.plant.model, title=title, view=options.view)
+        observers.append(log)
+    progress = _progress(console)
+    observers += [Clouds(recorder, log), Teller(progress, console)]
+    console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+    try:
+        with progress:
+            outcome = run(insertion, recorder, observers)
+    finally:
+        if log is not None:
+            log.close()
+    assessment = outcome.assessment
+    assessment.write(folder / "metrics.json")
+    console.print(results_table(assessment))
+    figures = assessment.metrics["run"]
+    console.print(
+        f"{figures['simulated_s']:.0f} s simulated in {figures['wall_s']:.1f} s, {figures['real_time_factor']:.1f} "
+        "times real time",
+        highlight=False,
+    )
+    console.print(
+        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
+    )
+    if options.record:
+        from sim.insertion_figures import insertion_figures
+        from sim.report import write_report
+
+        write_report(
+            folder / "report.html", outcome.recording, None, assessment, title=title, options=said,
+            pictures=insertion_figures(outcome.recording, insertion.truth),
+        )  # fmt: skip
+    console.print(f"written to {folder}/", highlight=False)
+    if assessment.metrics["insertion"]["time_s"] == 0.0:
+        raise ConfigurationError(f"the work could not begin: {outcome.note or f'not within {LONGEST:.0f} s'}")
+    return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Console) -> list[dict[str, Any]]:
+    """Metrics of one insertion for each seed, in their order, on `workers` processes (0: one a core)."""
+    seeds = list(seeds)
+    prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
+    found: dict[int, dict[str, Any]] = {}
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # read by the workers when they load
+    with (
+        _progress(console) as progress,
+        ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool,
+    ):
+        bar = progress.add_task("trials", total=len(seeds), note="")
+        waiting = {pool.submit(_trial, setting, seed): seed for seed in seeds}
+        for done in as_completed(waiting):
+            found[waiting[done]] = done.result()
+            good = sum(bool(one["accepted"]) for one in found.values())
+            progress.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
+    return [found[seed] for seed in seeds]
+
+
+def _trial(setting: Setting, seed: int) -> dict[str, Any]:
+    try:
+        insertion = prepare(setting, seed)
+        return dict(run(insertion, Recorder(insertion.plant.model, full=False)).assessment.metrics)
+    except UuvError as error:  # one trial that blows up is a failure, not the end of the others
+        return crashed(seed, str(error))
+
+
+def trials_table(figures: dict[str, Any]) -> Table:
+    """The summary of many trials, for `rich.print`."""
+    table = Table()
+    for name in ("figure", "median", "95 %", "worst", "unit"):
+        table.add_column(name, justify="left" if name in ("figure", "unit") else "right")
+    for label, key, unit, scale, worst in (
+        ("side force, peak", "side_force_max_n", "N", 1.0, "max"),
+        ("axial force, peak", "axial_force_max_n", "N", 1.0, "max"),
+        ("depth reached", "depth_m", "mm", 1e3, "min"),
+        ("time at the hole", "time_s", "s", 1.0, "max"),
+        ("hole as found, off its axis", "found_aside_m", "mm", 1e3, "max"),
+        ("hole as found, tilt", "found_tilt_rad", "deg", float(np.degrees(1.0)), "max"),
+    ):
+        spread = figures[key]
+        if spread is not None:
+            row = (f"{spread[name] * scale:.2f}" for name in ("median", "p95", worst))
+            table.add_row(label, *row, unit)
+    return table
+
+
+def say_trials(figures: dict[str, Any], console: Console) -> int:
+    """Print the summary of many trials. Returns the exit code."""
+    console.print(trials_table(figures))
+    console.print(
+        f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "
+        f"{figures['share_low']:.1%} to {figures['share_high']:.1%}; searched in {figures['searched']}",
+        highlight=False,
+    )
+    if figures["failures"]:
+        kinds = ", ".join(f"{kind} {count}" for kind, count in figures["failures"].items())
+        console.print(f"failures: {kinds} (seeds {figures['failed_seeds']})", highlight=False)
+    return 0 if figures["share"] >= WANTED else NOT_ACCEPTED
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
+        console=console, disable=not sys.stdout.isatty(),
+    )  # fmt: skip

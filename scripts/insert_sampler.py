@@ -1,0 +1,78 @@
+"""Put a sampler into a hole of a subsea manifold and draw it out: hover, scan, identify, enter by feel.
+
+The vehicle knows the manifold's shape and roughly where it is. It takes a depth frame, finds the manifold, moves the
+sampler before the hole, and lets it in: along the axis as the force allows, across it giving way to what is felt.
+With --trials N, N seeds from --seed on run on all cores, and a table says how many went well.
+"""
+
+from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+
+import json
+import time
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+from _insertion import Setting, run_and_write, run_trials, say_trials
+from rich.console import Console
+
+from sim.insertion_metrics import summary
+
+
+@dataclass(kw_only=True)
+class Options(ScenarioOptions):
+    """Put a sampler into a hole."""
+
+    hole: Literal["a", "b"] = "a"
+    """Which hole of the manifold."""
+    clearance: float = 2.0
+    """Radial, between sampler and hole [mm]."""
+    depth: float = 60.0
+    """To be reached below the mouth [mm]; the hole is 20 mm deeper."""
+    chamfer: float = 2.0
+    """Of the hole's mouth [mm]."""
+    error: tuple[float, float] = (0.0, 0.0)
+    """Put on the hole as found, along its x and y [mm]: what the search and the compliance must make up for."""
+    compliance: bool = True
+    """--no-compliance: the tool does not give way to side forces (ablation)."""
+    range: float = 1.25
+    """From camera to manifold [m] at which it is scanned."""
+    trials: int = 0
+    """Run so many seeds, without recording, instead of one."""
+    workers: int = 0
+    """Processes for the trials; 0: one for each core."""
+    vehicle: str = "uuv_puma_sampler"
+    """A name of models.available(), or an MJCF file with the named parts (README), whose tool is a capsule."""
+    controller: str = "controllers.work_controller:WorkController"
+    """MODULE:CLASS of the controller."""
+
+
+def main() -> int:
+    started = time.perf_counter()
+    options = parse(Options)
+    setting = Setting(
+        hole=options.hole,
+        clearance=1e-3 * options.clearance,
+        depth=1e-3 * (30.0 if options.quick else options.depth),
+        chamfer=1e-3 * options.chamfer,
+        error=(1e-3 * options.error[0], 1e-3 * options.error[1]),
+        compliance=options.compliance,
+        scan_range=options.range,
+        current=options.current,
+        gust=options.gust,
+        vehicle=options.vehicle,
+        controller=options.controller,
+    )
+    console = Console()
+    folder = options.folder("insert_sampler")
+    if not options.trials:
+        return run_and_write(setting, options, folder, console, started, asdict(options))
+    trials = run_trials(setting, range(options.seed, options.seed + options.trials), options.workers, console)
+    figures = summary(trials)
+    (folder / "trials.json").write_text(json.dumps({"summary": figures, "trials": trials}, indent=2) + "\n", "utf-8")
+    code = say_trials(figures, console)
+    console.print(f"written to {folder}/trials.json", highlight=False)
+    return code
+
+
+if __name__ == "__main__":
+    run_scenario(main)

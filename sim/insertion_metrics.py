@@ -1,0 +1,205 @@
+"""The figures of an insertion, from its recording and the true place of the hole.
+
+Side force is the true contact force on the tool across the hole's axis, axial force that against the advance; both at
+the physics rate, from the stand-off to the stand-off again.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, checked, inverse, transform_points
+from sim.metrics import Assessment, Check
+from sim.recording import Recording
+
+AT_THE_HOLE = (
+    WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW,
+)  # fmt: skip
+_INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InsertionBounds:
+    """What an insertion must keep to be accepted."""
+
+    side_force: float = 20.0  # [N]
+    axial_force: float = 40.0  # [N]
+    short: float = 0.005  # [m] by which the true depth may stay below the one asked for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueHole:
+    """The hole that was really there, and what was asked for."""
+
+    X_WH: Array  # (4, 4) origin in its mouth, z into it
+    radius: float  # [m]
+    tool_radius: float  # [m]
+    depth: float  # [m] asked for
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
+
+
+def assess_insertion(
+    recording: Recording, truth: TrueHole, *, found_X_WH: Array | None, seed: int, wall_s: float,
+    bounds: InsertionBounds | None = None,
+) -> Assessment:  # fmt: skip
+    """All figures of an insertion; `found_X_WH` (4, 4) is the hole as it was identified, None if it was not."""
+    bounds = bounds or InsertionBounds()
+    at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
+    tip_H = transform_points(inverse(truth.X_WH), recording["p_pad"].value)
+    force_H = recording["contact_force"].value @ truth.X_WH[:3, :3]
+    side, axial = np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
+    in_bore = inside & (tip_H[:, 2] > 0.0) & (np.linalg.norm(tip_H[:, :2], axis=1) < truth.radius)
+    depth = float(tip_H[in_bore, 2].max()) if in_bore.any() else 0.0
+    collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
+    out = float(tip_H[-1, 2])
+    final = recording.final
+
+    def peak(values: Array) -> float | None:
+        return float(values[at_hole].max()) if at_hole.any() else None
+
+    position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
+    metrics: dict[str, Any] = {
+        "identification": {
+            "accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle,
+        },
+        "insertion": {
+            "clearance_m": truth.radius - truth.tool_radius,
+            "depth_asked_m": truth.depth,
+            "depth_m": depth,
+            "side_force_max_n": peak(side),
+            "side_force_rms_n": float(np.sqrt(np.mean(side[in_bore] ** 2))) if in_bore.any() else None,
+            "axial_force_max_n": peak(np.abs(axial)),
+            "time_s": float(at_hole.sum() * recording.timestep),
+            "searched_s": float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
+            "tip_at_end_m": out,
+        },
+        "run": {
+            "simulated_s": recording.duration,
+            "wall_s": wall_s,
+            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
+            "seed": seed,
+            "state": final.state.value,
+            "note": final.note,
+            "collision_s": collision_s,
+        },
+    }  # fmt: skip
+    mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
+    checks = (
+        Check(name="hole as found, off its axis", value=position, bound=None, unit="mm", scale=mm),
+        Check(name="hole as found, tilt", value=angle, bound=None, unit="deg", scale=degrees),
+        Check(name="depth reached", value=depth, bound=None, unit="mm", scale=mm),
+        Check(name="short of the depth asked for", value=truth.depth - depth, bound=bounds.short, unit="mm", scale=mm),
+        Check(name="side force, peak", value=insertion["side_force_max_n"], bound=bounds.side_force, unit="N"),
+        Check(name="side force, RMS in the bore", value=insertion["side_force_rms_n"], bound=None, unit="N"),
+        Check(name="axial force, peak", value=insertion["axial_force_max_n"], bound=bounds.axial_force, unit="N"),
+        Check(name="time at the hole", value=insertion["time_s"], bound=None, unit="s"),
+        Check(name="tip at the end, below the mouth", value=out, bound=0.0, unit="mm", scale=mm),
+        Check(name="collision", value=collision_s, bound=0.0, unit="s"),
+    )
+    failed = [
+        f"{check.name}: {'none' if check.value is None else f'{check.value * check.scale:.2f}'} {check.unit}, bound "
+        f"{(check.bound or 0.0) * check.scale:.2f}"
+        for check in checks
+        if not check.ok
+    ]
+    if final.state is not WorkState.DONE:
+        failed.append(f"the run ended in state {final.state.value}{f': {final.note}' if final.note else ''}")
+    metrics["accepted"], metrics["failed"] = not failed, failed
+    return Assessment(metrics=metrics, checks=checks, failed=tuple(failed))
+
+
+def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
+    """How far the mouth was found off the true axis [m], and the angle between the axes [rad]."""
+    p = inverse(X_WH_true) @ np.append(X_WH[:3, 3], 1.0)
+    z, z_true = X_WH[:3, 2], X_WH_true[:3, 2]
+    return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
+
+
+def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's interval of a share, `good` of `of`; `z` = 1.96 for 95 %.
+
+    Raises ConfigurationError for counts that cannot be.
+    """
+    if not 0 <= good <= of or of < 1:
+        raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
+    share = good / of
+    middle = share + z * z / (2.0 * of)
+    half = z * np.sqrt(share * (1.0 - share) / of + z * z / (4.0 * of * of))
+    whole = 1.0 + z * z / of
+    return float((middle - half) / whole), float((middle + half) / whole)
+
+
+def crashed(seed: int, reason: str) -> dict[str, Any]:
+    """Metrics of a trial that broke down, with what there is to say of it."""
+    insertion = ("clearance_m", "depth_asked_m", "depth_m", "side_force_max_n", "side_force_rms_n",
+                 "axial_force_max_n", "time_s", "searched_s", "tip_at_end_m")  # fmt: skip
+    run = ("simulated_s", "wall_s", "real_time_factor", "collision_s")
+    return {
+        "identification": {"accepted": False, "aside_m": None, "tilt_rad": None},
+        "insertion": dict.fromkeys(insertion),
+        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason},
+        "accepted": False,
+        "failed": [reason],
+    }
+
+
+def kind_of_failure(metrics: Mapping[str, Any]) -> str:
+    """In a word or two, why a trial was not accepted; empty if it was."""
+    if metrics["accepted"]:
+        return ""
+    note = metrics["run"]["note"]
+    if metrics["run"]["state"] == "crashed":
+        return "crashed"
+    for words, kind in (
+        ("identified", "not identified"), ("reach", "out of reach"), ("no hole", "hole not found"),
+        ("stopped", "jammed"), ("depth was not", "too slow"), ("limit", "force limit"), ("hull", "hull adrift"),
+        ("before the mouth", "touched early"),
+    ):  # fmt: skip
+        if words in note:
+            return kind
+    if metrics["run"]["state"] != WorkState.DONE.value:
+        return "not ended"
+    return metrics["failed"][0].split(":")[0]
+
+
+def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:
+    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+    bounds = bounds or InsertionBounds()
+    good = sum(bool(trial["accepted"]) for trial in trials)
+    low, high = wilson(good, len(trials))
+    insertions = [trial["insertion"] for trial in trials]
+    return {
+        "trials": len(trials),
+        "accepted": good,
+        "share": good / len(trials),
+        "share_low": low,
+        "share_high": high,
+        "side_force_max_n": _spread(one["side_force_max_n"] for one in insertions),
+        "axial_force_max_n": _spread(one["axial_force_max_n"] for one in insertions),
+        "depth_m": _spread(one["depth_m"] for one in insertions),
+        "time_s": _spread(one["time_s"] for one in insertions),
+        "found_aside_m": _spread(trial["identification"]["aside_m"] for trial in trials),
+        "found_tilt_rad": _spread(trial["identification"]["tilt_rad"] for trial in trials),
+        "searched": sum((one["searched_s"] or 0.0) > 0.0 for one in insertions),
+        "failures": dict(Counter(kind for trial in trials if (kind := kind_of_failure(trial)))),
+        "failed_seeds": [trial["run"]["seed"] for trial in trials if not trial["accepted"]],
+        "side_force_bound_n": bounds.side_force,
+    }
+
+
+def _spread(values: Iterable[float | None]) -> dict[str, float] | None:
+    """Median, 95th percentile and worst of what is there."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    return {
+        "median": float(np.median(known)), "p95": float(np.percentile(known, 95.0)), "max": float(np.max(known)),
+        "min": float(np.min(known)),
+    }  # fmt: skip

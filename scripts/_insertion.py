@@ -132,7 +132,9 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
             InsertionJob(depth=setting.depth, nose=tool_radius, compliance=setting.compliance),
             X_WB_scan=X_WB, hull_box=hull_box(own, arm),
         ),
-        controller=controller(setting.controller, own, water_error=NOMINAL.water_error),
+        controller=controller(
+            setting.controller, own, without=frozenset(), water_error=NOMINAL.water_error
+        ),
     )  # fmt: skip
     truth = TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=tool_radius, depth=setting.depth)
     return Insertion(

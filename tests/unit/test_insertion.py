@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
@@ -175,7 +175,7 @@ def test_a_jam_is_drawn_back_from_and_tried_again():
     depths = script.tips(WorkState.INSERT)[:, 2]
     at_the_wall = np.flatnonzero(np.diff((depths > 0.034).astype(int)) > 0)
     assert len(at_the_wall) == script.job.tries + 1
-    gaps = [depths[a:b].min() for a, b in zip(at_the_wall, at_the_wall[1:], strict=False)]
+    gaps = [depths[a:b].min() for a, b in pairwise(at_the_wall)]
     assert np.allclose(gaps, 0.035 - script.job.back, atol=1.5e-3)
 
     def once(tip_H: Array, time: float) -> Array:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import mujoco
 import numpy as np
@@ -20,9 +19,6 @@ class _Entry:
 
 _MODELS = {
     "uuv_puma": _Entry(build=uuv_puma.build, source="generic, of no real vehicle; estimates"),
-    "uuv_puma_sampler": _Entry(
-        build=partial(uuv_puma.build, "sampler"), source="uuv_puma with a sampler in place of the pad"
-    ),
     "bluerov2_heavy_benzon2022": _Entry(
         build=bluerov2_heavy.benzon_2022, source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V"
     ),

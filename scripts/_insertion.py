@@ -21,7 +21,7 @@ from rich.table import Table
 
 from controllers.insertion import HoleInsertion, InsertionJob
 from controllers.mkps import Chain
-from models import scenes
+from models import scenes, uuv_puma
 from models.manifold import manifold
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
 from perception.navigation import Navigation
@@ -87,13 +87,11 @@ class Outcome:
 def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     """Everything of one insertion, drawn from `seed`. Raises UuvError for what cannot be."""
     rng = np.random.default_rng(seed)
-    own = scenes.vehicle_spec(setting.vehicle).compile()
+    own = with_sampler(setting.vehicle).compile()
     arm = Vehicle.of(own)
     tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
     if own.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
-        raise ConfigurationError(
-            f"--vehicle {setting.vehicle!r}: its geom {PAD_GEOM!r} must be a capsule; uuv_puma_sampler carries one"
-        )
+        raise ConfigurationError(f"--vehicle {setting.vehicle!r}: its geom {PAD_GEOM!r} must be a capsule, the sampler")
     tool_radius = float(own.geom_size[tool, 0])
     if not setting.clearance > 0.0:
         raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * setting.clearance:g}")
@@ -110,7 +108,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
 
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), arm.hull)
     X_WB = scan_pose(X_BC, approach, setting.scan_range)
-    model = hydrodynamics.compile(scenes.work_site(scenes.vehicle_spec(setting.vehicle), target, X_WT))
+    model = hydrodynamics.compile(scenes.work_site(with_sampler(setting.vehicle), target, X_WT))
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     plant = Plant(
@@ -141,6 +139,11 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
         seed=seed, plant=plant, parts=parts, truth=truth, X_TH=bore.pose(np.eye(4)), loop=loop,
         restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
     )  # fmt: skip
+
+
+def with_sampler(vehicle: str) -> mujoco.MjSpec:
+    """uuv_puma with the sampler in place of its pad; any other vehicle as it is."""
+    return uuv_puma.build("sampler") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
 def run(insertion: Insertion, recorder: Recorder, observers: Sequence[Observer] = ()) -> Outcome:

@@ -40,8 +40,8 @@ class Options(ScenarioOptions):
     """Run so many seeds, without recording, instead of one."""
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
-    vehicle: str = "uuv_puma_sampler"
-    """A name of models.available(), or an MJCF file with the named parts (README), whose tool is a capsule."""
+    vehicle: str = "uuv_puma"
+    """It carries the sampler in place of its pad; or an MJCF file with the named parts (README), `pad` a capsule."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import models
 from controllers import insertion, supervisor
 from controllers.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.mkps import Chain
 from controllers.placement import Placement
+from models import uuv_puma
 from models.manifold import manifold
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.insertion_metrics import crashed, hole_error, kind_of_failure, summary, wilson
@@ -29,7 +29,7 @@ X_WH = HOLE.pose(X_WT)
 STIFFNESS = 3e4  # [N/m]
 BEFORE = [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH]
 AFTER = [WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW]
-OWN = models.load("uuv_puma_sampler").compile()
+OWN = uuv_puma.build("sampler").compile()
 CHAIN = Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad", "mount_x", "mount_y"])
 World = Callable[
     [Array, float], Array

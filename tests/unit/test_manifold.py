@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import models
+from models import hydrodynamics, sampler, uuv_puma
 from models.manifold import SIDES, SIZE, manifold
 from models.sampler import LENGTH, RADIUS, STIFFNESS
 from models.vehicle import Vehicle
@@ -70,6 +71,10 @@ def test_volume_of_the_mesh(radius, depth, chamfer, within):
     pipes = 0.045**2 * 0.5 + 0.03**2 * 0.26 + 0.04**2 * 0.13
     expected = float(np.prod(SIZE)) - 2.0 * polygon(96) * bore + polygon(48) * pipes
     within("volume, relative", (found - expected) / expected, 1e-12)
+    # The face lies in z = 0 and adds nothing to the volume: its area.
+    normal = 0.5 * np.cross(b - a, c - a)[np.abs(target.vertices[target.triangles][:, :, 2]).max(axis=1) == 0.0, 2]
+    assert (normal > 0.0).all()
+    within("area of the face [m^2]", normal.sum() - (SIZE[0] * SIZE[1] - 2.0 * polygon(96) * wide**2), 1e-14)
     edges = np.sort(target.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
     assert (np.unique(edges, axis=0, return_counts=True)[1] <= 2).all()
 
@@ -87,12 +92,17 @@ def test_a_hole_that_does_not_fit_is_refused(hole, said):
 def test_the_sampler_gives_way_by_its_springs(within):
     """A steady force on the tip of a vehicle held still moves the tube by F / k in every direction, and no joint."""
     rng = np.random.default_rng(3)
-    model = models.load("uuv_puma_sampler").compile()
+    spec = uuv_puma.build("sampler")
+    model = spec.compile()
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 1)
     vehicle, tube = Vehicle.of(model), model.body("pad").id
     # Everything but the mount is made too heavy to move.
+    water = hydrodynamics.attached(spec)
+    within(
+        "weight in water, relative", 1025.0 * sum(b.volume for b in water.values()) / model.body_mass.sum() - 1, 1e-12
+    )
     springs = [model.joint(name).dofadr[0] for name in ("mount_x", "mount_y", "pad")]
     model.dof_armature[[d for d in range(model.nv) if d not in springs]] = 1e9
     mujoco.mj_forward(model, data)
@@ -115,7 +125,5 @@ def test_the_sampler_gives_way_by_its_springs(within):
 
 
 def test_a_sampler_wants_a_pad():
-    from models import sampler
-
     with pytest.raises(ConfigurationError, match="'pad'"):
         sampler.fit(models.load("bluerov2_heavy"))

@@ -1,4 +1,9 @@
-"""Hover of the hull: a closed position loop beside the fed-forward wrench of the arm (paper 002, third stage)."""
+"""Hover of the hull: a closed position loop beside the fed-forward wrench of the arm (paper 002, third stage).
+
+Proportional and rate feedback on the pose; weight, buoyancy and the arm's wrench fed forward; and what an observer of
+the hull's momentum (`controllers.hull_observer`) finds beyond those, current drag above all, cancelled as it is found.
+It stands where an integral would, and knows what the thrusters really gave: nothing winds up where they run out.
+"""
 
 from dataclasses import dataclass
 
@@ -6,6 +11,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm_dynamics import ArmDynamics
+from controllers.hull_observer import Beliefs, HullObserver, HullObserverState
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -17,12 +23,12 @@ from sim.interfaces.spatial import Array, checked, log_so3, skew
 class HoverState:
     """Memory of the loop."""
 
-    integral: Array  # (6,) [N, N m] steady disturbance found so far: force in W, moment in hull axes
-    lacking_B: Array  # (6,) [N, N m] what the thrusters could not give of the last wrench, hull axes
+    observer: HullObserverState
+    given_B: Array  # (6,) [N, N m] what the thrusters gave in the mean since the last step; as wanted, unless told
 
 
 class Hover:
-    """PID on the hull's pose in six directions, with the hull's own weight and buoyancy fed forward."""
+    """Feedback on the hull's pose in six directions, with all that is known of the wrench on it fed forward."""
 
     def __init__(
         self,
@@ -31,37 +37,39 @@ class Hover:
         *,
         frequency: float = 1.6,
         damping: float = 1.0,
-        integral_time: float = 6.0,
         water_error: float = 0.0,
+        beliefs: Beliefs | None = None,
     ) -> None:
         """Read the hull of the vehicle in `model`; `arm` adds its inertia as it is in the home pose.
 
         `arm` is read from `model` too where it is not given, and may be missing there: a vehicle without an arm hovers.
-        `frequency` [rad/s] and `damping` ratio of the closed loop; `integral_time` [s] within which a steady
-        disturbance is taken up; `water_error` makes the hull's added mass wrong by that share. Raises
-        ConfigurationError for a figure that cannot be, or if the hull carries no hydrodynamics.
+        `frequency` [rad/s] and `damping` ratio of the closed loop; `water_error` makes the hull's added mass and drag
+        wrong by that share; `beliefs` are the observer's. Raises ConfigurationError for a figure that cannot be, or if
+        the hull carries no hydrodynamics.
         """
-        for name, value in (("frequency", frequency), ("damping", damping), ("integral_time", integral_time)):
+        for name, value in (("frequency", frequency), ("damping", damping)):
             if not checked([value], (1,), f"hover {name}")[0] > 0.0:
                 raise ConfigurationError(f"hover {name}: must be > 0, got {value}")
         checked([water_error], (1,), "hover water_error")
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
-        self.inertia = _hull_inertia(model, vehicle.hull, 1.0 + water_error)  # (6, 6)
+        own = _hull_inertia(model, vehicle.hull, 1.0 + water_error)
+        self.inertia = own.copy()  # (6, 6)
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
             self.inertia += _arm_inertia(arm, vehicle.q_home)
         self._stiffness = frequency**2
         self._damping = 2.0 * damping * frequency
-        self._integral = frequency**2 / integral_time
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
-        self._drag = (1.0 + water_error) * np.array(
-            [water.linear_damping.diagonal()[:3], water.quadratic_damping[:3]]
-        )  # (2, 3) [N s/m], [N s^2/m^2]
+        # The arm's inertia is in its wrench where the hull's acceleration is known, which the angular one is not.
+        self._observer = HullObserver(
+            own, self.inertia[3:, 3:], (1.0 + water_error) * water.linear_damping.diagonal(),
+            (1.0 + water_error) * water.quadratic_damping, beliefs,
+        )  # fmt: skip
         self._net = gravity * (density * water.volume - mass)  # [N] up
         # Moment of weight and buoyancy is this vector x (up, in hull axes).
         self._righting = gravity * (
@@ -69,26 +77,25 @@ class Hover:
         )
 
     def init(self) -> HoverState:
-        return HoverState(np.zeros(6), np.zeros(6))
+        return HoverState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
         up_B = R_WB[2]
         return np.concatenate([self._net * up_B, skew(self._righting) @ up_B])
 
-    def current(self, state: HoverState, estimate: StateEstimate) -> Array:
-        """Current (3,) [m/s] in W that explains the steady force found so far as the hull's drag, axis by axis.
+    def current(self, state: HoverState) -> Array:
+        """Current (3,) [m/s] in W that explains what pushes the hull, in contact too.
 
-        Good where the hull has hovered free of contact for some seconds: what else the model lacks (a thruster's gain
-        while it bears a push) is taken for drag as well. A direction without drag tells of no current.
+        What is believed of it says `controllers.hull_observer`; a steady force that nobody feels, a tether's or a wrong
+        weight's, passes for current. A direction without drag tells of none.
         """
-        R_WB = estimate.X_WB[:3, :3]
-        borne_B = R_WB.T @ state.integral[:3]
-        linear, quadratic = self._drag
-        # The root of quadratic u^2 + linear u = |borne|, in the form that holds without a quadratic part.
-        divisor = linear + np.sqrt(linear**2 + 4.0 * quadratic * np.abs(borne_B))
-        through_B = np.divide(2.0 * borne_B, divisor, out=np.zeros(3), where=divisor > 0.0)
-        return R_WB @ (estimate.v_WB_B - through_B)
+        return state.observer.current_W.copy()
+
+    def through_water(self, state: HoverState, estimate: StateEstimate) -> Array:
+        """Motion of the hull through the water (6,) [m/s, rad/s], hull axes."""
+        through = estimate.v_WB_B - estimate.X_WB[:3, :3].T @ state.observer.current_W
+        return np.concatenate([through, estimate.w_WB_B])
 
     def step(
         self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,
@@ -96,26 +103,23 @@ class Hover:
     ) -> Array:  # fmt: skip
         """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
 
-        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M). Where
-        `state.lacking_B` says that the last wrench was not given in full, the integral does not grow that way.
+        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M). Who knows
+        better than "as wanted" what the thrusters will give until the next step says so in `state.given_B`.
         """
-        R_WB = estimate.X_WB[:3, :3]
+        R_WB, v_B, w_B = estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B
+        static = self.static_wrench(R_WB)
+        self._observer.step(state.observer, R_WB, v_B, w_B, state.given_B, arm_wrench_B, static, dt)
         p_error = X_WB_wanted[:3, 3] - estimate.X_WB[:3, 3]
         turn_error = log_so3(R_WB.T @ X_WB_wanted[:3, :3])
-        v_error = R_WB.T @ v_WB_W_wanted - estimate.v_WB_B
         acceleration = np.concatenate(
             [
-                self._stiffness * (R_WB.T @ p_error) + self._damping * v_error,
-                self._stiffness * turn_error - self._damping * estimate.w_WB_B,
+                self._stiffness * (R_WB.T @ p_error) + self._damping * (R_WB.T @ v_WB_W_wanted - v_B),
+                self._stiffness * turn_error - self._damping * w_B,
             ]
         )
-        growth = dt * self._integral * self.inertia.diagonal() * np.concatenate([R_WB.T @ p_error, turn_error])
-        growth[growth * state.lacking_B > 0.0] = 0.0
-        state.integral[:3] += R_WB @ growth[:3]
-        state.integral[3:] += growth[3:]
-        wrench = self.inertia @ acceleration - self.static_wrench(R_WB) - arm_wrench_B
-        wrench[:3] += R_WB.T @ state.integral[:3]
-        wrench[3:] += state.integral[3:]
+        unknown = self._observer.unknown(state.observer, R_WB, R_WB.T @ v_WB_W_wanted, state.given_B)
+        wrench = self.inertia @ acceleration - static - arm_wrench_B - unknown
+        state.given_B = wrench
         return wrench
 
 

@@ -16,6 +16,7 @@ from controllers.arm_dynamics import ArmDynamics
 from controllers.drive import drive, feel, lost_in_gears
 from controllers.hover import Hover, HoverState
 from controllers.mkps import Chain, solve
+from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
@@ -244,6 +245,7 @@ class CompliantState:
     """Everything that the controller remembers."""
 
     hover: HoverState
+    propellers: ThrusterLeadState
     tick: int
     integral: Array  # (n,) [rad s]
     qd_slow: Array  # (n,) [rad/s]
@@ -270,6 +272,7 @@ class CompliantTouch:
         self._arm = ArmDynamics(model, water_error=water_error)
         self._hover = Hover(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
+        self._lead = ThrusterLead(vehicle)
         self._push_W = np.array([0.0, 0.0, -1.0]) if push_W is None else push_W
         n, w = vehicle.joints.size, self._tuning.joint_frequency
         self._gains = np.array([w**2, 2.0 * w, w**2 / 0.3, 0.01])
@@ -283,8 +286,9 @@ class CompliantTouch:
     def init(self, estimate: StateEstimate) -> CompliantState:
         n = len(estimate.q)
         return CompliantState(
-            hover=self._hover.init(), tick=0, integral=np.zeros(n), qd_slow=np.array(estimate.qd),
-            f_tip_B=np.zeros(3), thrusters=np.zeros(self._vehicle.thruster_actuators.size), p_WG_held=None, push=0.0,
+            hover=self._hover.init(), propellers=self._lead.init(), tick=0, integral=np.zeros(n),
+            qd_slow=np.array(estimate.qd), f_tip_B=np.zeros(3), p_WG_held=None, push=0.0,
+            thrusters=np.zeros(self._vehicle.thruster_actuators.size),
             tau=np.zeros(n), friction=np.zeros(n),
         )  # fmt: skip
 
@@ -322,7 +326,10 @@ class CompliantTouch:
             wanted_B = self._hover.step(
                 state.hover, estimate, reference.X_WB, reference.v_WB_W, arm_wrench_B, self._hover_ticks * dt
             )
-            state.thrusters = self._allocation.command(self._allocation.thrust(wanted_B))
+            command = self._allocation.command(self._allocation.thrust(wanted_B))
+            through_water = self._hover.through_water(state.hover, estimate)
+            state.thrusters = self._lead.step(state.propellers, command, through_water, self._hover_ticks * dt)
+            state.hover.given_B = state.propellers.given_B
         state.tau = tau
         state.tick += 1
         return state, Command(

@@ -25,6 +25,7 @@ from controllers.hover import Hover, HoverState
 from controllers.load_observer import LoadObserver, LoadObserverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
+from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.wrench_terms import WrenchTerms
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
@@ -53,7 +54,6 @@ class Tuning:
     friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
     friction_excess: float = 1.5  # times the believed stiction that is compensated at most
     hover_period: float = 0.02  # [s]
-    current_time: float = 4.0  # [s] over which the current is averaged
     task_period: float = 0.004  # [s] of IK and force loop
     joint_speed_limit: float = 0.8  # [rad/s]
     integral_limit: float = 0.01  # [rad s] either way
@@ -67,6 +67,7 @@ class WorkControllerState:
     """Everything that the controller remembers."""
 
     hover: HoverState
+    propellers: ThrusterLeadState
     displacement: DisplacementState
     compliance: ComplianceState
     tare: Tare
@@ -75,7 +76,7 @@ class WorkControllerState:
     q_wanted: Array  # (n,) [rad] at the last task step
     qd_wanted: Array  # (n,) [rad/s]
     holding: bool  # joint angles were held at the last task step, no tool pose followed
-    current_W: Array  # (3,) [m/s] of the water, as it was when nothing was touched
+    current_W: Array  # (3,) [m/s] of the water
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
     yielding: Array  # (3, n) how the servo yields along the tool axis, as `controllers.drive.drive` wants it
@@ -122,6 +123,7 @@ class WorkController:
         self._X_AB = inverse(self._X_BA)
         self._hover = Hover(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
+        self._lead = ThrusterLead(vehicle)
         self._observer = LoadObserver(
             model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error
         )
@@ -152,6 +154,7 @@ class WorkController:
         n = self._vehicle.joints.size
         return WorkControllerState(
             hover=self._hover.init(),
+            propellers=self._lead.init(),
             displacement=DisplacementState(),
             compliance=ComplianceState(),
             tare=Tare(np.zeros(n)),
@@ -314,15 +317,13 @@ class WorkController:
             contact_B[3:] = skew(self._X_BG[:3, 3]) @ state.f_tip_B
         arm_wrench_B = self._wrench_free_B + contact_B
         fed = arm_wrench_B - self._left_out(state, estimate, contact_B) if self._without else arm_wrench_B
-        wanted_B = self._hover.step(
-            state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, self._hover_ticks * self.period
-        )
-        if not in_contact:  # where the tool presses, errors of thrust would pass for a current
-            share = min(1.0, self._hover_ticks * self.period / self._tuning.current_time)
-            state.current_W += share * (self._hover.current(state.hover, estimate) - state.current_W)
-        thrust = self._allocation.thrust(wanted_B)
-        state.hover.lacking_B = self._allocation.lacking(wanted_B, thrust)
-        state.thrusters = self._allocation.command(thrust)
+        dt = self._hover_ticks * self.period
+        wanted_B = self._hover.step(state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, dt)
+        state.current_W = self._hover.current(state.hover)
+        command = self._allocation.command(self._allocation.thrust(wanted_B))
+        through_water = self._hover.through_water(state.hover, estimate)
+        state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
+        state.hover.given_B = state.propellers.given_B
         state.believed = {
             **state.believed,
             "arm_wrench_B": arm_wrench_B,

@@ -1,0 +1,158 @@
+"""What pushes the hull beyond what is known: the current through its drag, the thrusters' gain, a steady force.
+
+The hull's momentum is known from its own inertia, what the thrusters give, and what the arm does to it. What it does
+beyond that is split by what each part looks like (per hull axis i; v the hull's velocity, c the water's):
+
+    (v - c)' = (F_i (1 + g_i) + f_arm + f_static - l_i u - q_i |u| u + d_i) / M_i,    u = v - c
+    c' = noise,   g_i' = small noise,   d_i' = small noise;    v is measured
+
+in one extended Kalman filter per axis of the states v, c, g, d. A body as heavy as its water is carried by an
+accelerating flow as if the water stood still, which is why the left side is (v - c)'.
+
+What can be told apart: c from g, because F changes with the push and c does not, so the force on the tool, which is
+felt, makes the gain known while it grows, and the current goes on being told in contact; c from d not at all while the
+hull hovers (only the drag's curvature tells, in motion), so d is believed to be small, and what there is of it passes
+for current. Where an axis has no drag, all is d. The sum, which is what a hover must withstand, is always known.
+The moment is one disturbance, by a Luenberger observer: a uniform current gives next to none.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beliefs:
+    """Standard deviations that the observer believes in."""
+
+    velocity_noise: float = 0.008  # [m/s] per step, what the navigation filter smooths over included
+    current: float = 0.3  # [m/s] at the start
+    current_walk: float = 0.03  # [m/s] per root second: gusts of 5 cm/s within 5 s
+    gain: float = 0.1  # share of the thrust, at the start
+    gain_walk: float = 0.003  # per root second
+    offset: float = 0.01  # [m/s^2] of the hull's inertia, at the start
+    offset_walk: float = 0.003  # [m/s^2] per root second
+    moment_bandwidth: float = 3.0  # [rad/s]
+
+
+@dataclass(slots=True, eq=False)
+class HullObserverState:
+    """Memory of the observer; arrays change in place."""
+
+    v_W: Array  # (3,) [m/s] of the hull
+    current_W: Array  # (3,) [m/s] of the water
+    gain: Array  # (3,) share by which the thrusters give more, hull axes
+    offset_W: Array  # (3,) [N]
+    P: Array  # (3, 4, 4) covariance of v, c, g, d for each hull axis
+    w_B: Array  # (3,) [rad/s] of the hull
+    moment_B: Array  # (3,) [N m] that is not known, hull axes
+    arm_B: Array  # (6,) [N, N m] of the arm on the hull, at the last step
+    begun: bool = False
+
+
+class HullObserver:
+    """Observer of one hull."""
+
+    def __init__(
+        self, inertia: Array, turning: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None
+    ) -> None:
+        """Take the hull's inertia (6, 6), added mass included, and that which turns (3, 3), the arm's included; its
+        linear and quadratic drag (6,), hull axes at its origin."""
+        self._beliefs = beliefs or Beliefs()
+        self._mass = inertia[:3, :3].copy()
+        self._inverse_mass = np.linalg.inv(self._mass)
+        self._lever = inertia[:3, 3:].copy()
+        self._turning = turning.copy()
+        self._inverse_turning = np.linalg.inv(turning)
+        self._linear, self._quadratic = np.array(linear), np.array(quadratic)
+        b = self._beliefs
+        self._numbers = np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk])
+
+    def init(self) -> HullObserverState:
+        b, m = self._beliefs, self._mass.diagonal()
+        P = np.zeros((3, 4, 4))
+        for i in range(3):
+            P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
+        return HullObserverState(
+            np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), P, np.zeros(3), np.zeros(3), np.zeros(6)
+        )
+
+    def step(
+        self, state: HullObserverState, R_WB: Array, v_WB_B: Array, w_WB_B: Array, given_B: Array, arm_B: Array,
+        static_B: Array, dt: float,
+    ) -> None:  # fmt: skip
+        """Take the hull's velocity now [m/s, rad/s], and what acted on it for `dt` [s] before: the thrusters' mean
+        wrench `given_B` (6,), the arm's now `arm_B` (6,), weight and buoyancy `static_B` (6,) [N, N m], hull axes."""
+        if not state.begun:
+            state.v_W[:], state.w_B[:], state.begun = R_WB @ v_WB_B, w_WB_B, True
+            state.arm_B[:] = arm_B
+            return
+        _observe(
+            self._numbers, self._mass, self._inverse_mass, self._lever, self._linear, self._quadratic, R_WB,
+            v_WB_B, given_B, 0.5 * (arm_B + state.arm_B) + static_B, dt, state.v_W, state.current_W, state.gain,
+            state.offset_W, state.P, w_WB_B - state.w_B,
+        )  # fmt: skip
+        moment = given_B[3:] + 0.5 * (arm_B + state.arm_B)[3:] + static_B[3:] + state.moment_B
+        drag = (self._linear[3:] + self._quadratic[3:] * np.abs(w_WB_B)) * w_WB_B
+        state.w_B += dt * (self._inverse_turning @ (moment - drag - np.cross(w_WB_B, self._turning @ w_WB_B)))
+        error, pace = w_WB_B - state.w_B, self._beliefs.moment_bandwidth * dt
+        state.w_B += min(1.0, 2.0 * pace) * error
+        state.moment_B += pace**2 / dt * (self._turning @ error)
+        state.arm_B[:] = arm_B
+
+    def unknown(self, state: HullObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
+        """Wrench (6,) [N, N m] beside what thrusters, arm, weight and buoyancy should do, hull axes.
+
+        On a hull that moves with `v_WB_B` (3,) [m/s] and does not turn, while the thrusters should give `given_B` (6,).
+        """
+        u = v_WB_B - R_WB.T @ state.current_W
+        wrench = np.empty(6)
+        wrench[:3] = R_WB.T @ state.offset_W + state.gain * given_B[:3]
+        wrench[:3] -= (self._linear[:3] + self._quadratic[:3] * np.abs(u)) * u
+        wrench[3:] = state.moment_B
+        return wrench
+
+
+@numba.njit(cache=True)
+def _observe(
+    numbers, mass, inverse_mass, lever, linear, quadratic, R_WB, v_B, given_B, other_B, dt, v_W, current_W,
+    gain, offset_W, P, turned
+):  # fmt: skip
+    """One step of the four-state filters; `turned` (3,) is the change of the angular velocity over it [rad/s]."""
+    R_WB = R_WB.copy()
+    R_BW = R_WB.T.copy()
+    u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
+    known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
+    for i in range(3):
+        known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
+    # Momentum in world axes, so that turning needs no further terms but the lever's own share.
+    v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
+    error = v_B - R_BW @ v_W
+    dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
+    noise = numbers * numbers
+    F, K = np.eye(4), np.empty(4)
+    for i in range(3):
+        slope = (linear[i] + 2.0 * quadratic[i] * abs(u[i])) * dt / mass[i, i]
+        F[0, 0], F[0, 1], F[0, 2], F[0, 3] = 1.0 - slope, slope, given_B[i] * dt / mass[i, i], dt / mass[i, i]
+        Pi = F @ P[i] @ F.T.copy()
+        walk = noise[1] * dt
+        Pi[0, 0] += walk
+        Pi[0, 1] += walk
+        Pi[1, 0] += walk
+        Pi[1, 1] += walk
+        Pi[2, 2] += noise[2] * dt
+        Pi[3, 3] += noise[3] * mass[i, i] ** 2 * dt
+        s = Pi[0, 0] + noise[0]
+        for j in range(4):
+            K[j] = Pi[j, 0] / s
+        for j in range(4):
+            for k in range(4):
+                P[i, j, k] = Pi[j, k] - K[j] * s * K[k]
+        dv[i], dc[i], dd[i] = K[0] * error[i], K[1] * error[i], K[3] * error[i]
+        gain[i] = min(max(gain[i] + K[2] * error[i], -0.5), 0.5)
+    v_W += R_WB @ dv
+    current_W += R_WB @ dc
+    offset_W += R_WB @ dd

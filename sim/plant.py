@@ -239,8 +239,7 @@ class Plant:
                 continue
             mujoco.mj_contactForce(self.model, data, i, force)
             truth.contact_normal += float(force[0])
-            on_second = force[:3] @ contact.frame[i].reshape(3, 3)
-            truth.contact_force_W += on_second if second == self._pad_geom else -on_second
+            _add_turned_back(contact.frame[i], force, 1.0 if second == self._pad_geom else -1.0, truth.contact_force_W)
 
 
 @numba.njit(cache=True)
@@ -272,6 +271,13 @@ def _checked_pose(X_WB: Array) -> Array:
     if not np.array_equal(X[3], [0.0, 0.0, 0.0, 1.0]):
         raise ConfigurationError(f"X_WB: its last row must be 0, 0, 0, 1, got {X[3].tolist()}")
     return X
+
+
+@numba.njit(cache=True)
+def _add_turned_back(frame, force, sign, total):
+    """Add `sign` times `force` (its first three) in the axes that are the rows of `frame` (9,) to `total` (3,)."""
+    for k in range(3):
+        total[k] += sign * (frame[k] * force[0] + frame[3 + k] * force[1] + frame[6 + k] * force[2])
 
 
 def _view(array: Array, addresses: np.ndarray) -> Array:

@@ -190,8 +190,14 @@ def _inertial(
         w[i] = _in_steps(w_B[i] + bias[6 + i] + rate_noise * noise[3 + i], rate_resolution)
         phi[i] = bias[3 + i] + attitude_noise * noise[6 + i]
     # Second order in the error, which is below a milliradian: 1e-10 from a rotation, far below the noise.
-    S = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
-    return force_B, w, R_WB @ (np.eye(3) + S + 0.5 * S @ S)
+    R = np.empty((3, 3))
+    for j in range(3):
+        k, m = (j + 1) % 3, (j + 2) % 3
+        own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
+        next_, last = phi[m] + 0.5 * phi[j] * phi[k], 0.5 * phi[j] * phi[m] - phi[k]
+        for i in range(3):
+            R[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
+    return force_B, w, R
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -198,7 +198,9 @@ class Recorder:
                 moment.command.felt_normal,
             )
         )
-        _join(self._physics.row(), *self._views, believed.get("f_tip_W", _NOWHERE))
+        p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force = self._views
+        felt_force = believed.get("f_tip_W", _NOWHERE)
+        _join(self._physics.row(), p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force)
         if not self._full:
             return
         if moment.tick % self._ticks == 0:

@@ -108,18 +108,17 @@ def exp_so3(phi: ArrayLike) -> Array:
     else:
         angle = math.sqrt(square)
         s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
-    return np.array(
-        [
-            [1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
-            [c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x],
-            [c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y)],
-        ]
-    )
+    rows = (
+        1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y,
+        c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x,
+        c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y),
+    )  # fmt: skip
+    return np.array(rows).reshape(3, 3)  # nested lists take twice as long
 
 
 def log_so3(R: Array) -> Array:
     """Rotation vector (3,) [rad] of `R`, of length in [0, pi], exact near 0 and near pi."""
-    w, x, y, z = quat_wxyz_from_rotation(R).tolist()
+    w, x, y, z = _quaternion(R)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
     sine = math.sqrt(x * x + y * y + z * z)
@@ -147,17 +146,22 @@ def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
 
 def quat_wxyz_from_rotation(R: Array) -> Array:
     """Unit quaternion (w, x, y, z) of `R`, by the largest component (Shepperd), so that it is exact near pi."""
+    return np.array(_quaternion(R))
+
+
+def _quaternion(R: Array) -> tuple[float, float, float, float]:
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R.tolist()
     trace = r00 + r11 + r22
     if trace >= max(r00, r11, r22):
-        quat = np.array([1.0 + trace, r21 - r12, r02 - r20, r10 - r01])
+        w, x, y, z = 1.0 + trace, r21 - r12, r02 - r20, r10 - r01
     elif r00 >= max(r11, r22):
-        quat = np.array([r21 - r12, 1.0 + r00 - r11 - r22, r10 + r01, r20 + r02])
+        w, x, y, z = r21 - r12, 1.0 + r00 - r11 - r22, r10 + r01, r20 + r02
     elif r11 >= r22:
-        quat = np.array([r02 - r20, r01 + r10, 1.0 + r11 - r00 - r22, r21 + r12])
+        w, x, y, z = r02 - r20, r01 + r10, 1.0 + r11 - r00 - r22, r21 + r12
     else:
-        quat = np.array([r10 - r01, r02 + r20, r12 + r21, 1.0 + r22 - r00 - r11])
-    return quat / math.sqrt(float(quat @ quat))
+        w, x, y, z = r10 - r01, r02 + r20, r12 + r21, 1.0 + r22 - r00 - r11
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / length, x / length, y / length, z / length
 
 
 def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:

@@ -66,6 +66,7 @@ def _quantised(value: Array, resolution: float) -> Array:
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def _in_steps(value, resolution):
     """`_quantised` of one number."""
     return np.rint(value / resolution) * resolution if resolution > 0.0 else value

@@ -11,11 +11,14 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import (
     DvlMeasurement,
+    DvlNoise,
     EncoderMeasurement,
     ImuMeasurement,
+    ImuNoise,
     PressureMeasurement,
     TorqueMeasurement,
     VisionMeasurement,
+    VisionNoise,
 )
 from sim.interfaces.spatial import GRAVITY, Array, checked, number
 from sim.plant import Truth
@@ -33,6 +36,7 @@ class SensorState:
     bias: Array
     drawn: Array = field(default_factory=lambda: np.zeros(0))
     used: int = 0
+    stated: Any = None  # its noise as the maker states it, which travels with every measurement
 
     def normal(self, count: int) -> Array:
         """The next `count` standard normal numbers of the stream."""
@@ -58,6 +62,11 @@ def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
 def _constant(rng: np.random.Generator, count: int) -> Array:
     """Standard normal numbers of a stream beside that of the noise, which is the same whether they are used or not."""
     return rng.spawn(1)[0].standard_normal(count)
+
+
+def _white(noise: float, resolution: float) -> float:
+    """Standard deviation of white noise and rounding together."""
+    return float(np.hypot(noise, resolution / np.sqrt(12.0)))
 
 
 def _quantised(value: Array, resolution: float) -> Array:
@@ -163,16 +172,23 @@ class Imu:
     def init(self, rng: np.random.Generator) -> SensorState:
         bias = rng.standard_normal(6)
         rate = self.rate_bias * _constant(rng, 3)
-        return SensorState(
-            rng, np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate])
+        errors = np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate])
+        stated = ImuNoise(
+            acceleration=_white(self.acceleration_noise, self.acceleration_resolution),
+            acceleration_bias=self.acceleration_bias,
+            rate=_white(self.rate_noise, self.rate_resolution),
+            rate_bias=self.rate_bias,
+            attitude=self.attitude_noise,
+            attitude_bias=self.attitude_bias,
         )
+        return SensorState(rng, errors, stated=stated)
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
         force_B, w_B, R = _inertial(
             truth.R_WB, truth.acceleration, truth.w_WB_B, state.bias, state.normal(9), self.acceleration_noise,
             self.rate_noise, self.attitude_noise, self.acceleration_resolution, self.rate_resolution,
         )  # fmt: skip
-        return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R)
+        return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated)
 
 
 @numba.njit(cache=True)
@@ -215,11 +231,12 @@ class Dvl:
         _check(self)
 
     def init(self, rng: np.random.Generator) -> SensorState:
-        return SensorState(rng, self.bias * _constant(rng, 3))
+        stated = DvlNoise(white=_white(self.noise, self.resolution), bias=self.bias)
+        return SensorState(rng, self.bias * _constant(rng, 3), stated=stated)
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, DvlMeasurement]:
         v = truth.R_WB.T @ truth.v_WB_W + state.bias + self.noise * state.normal(3)
-        return state, DvlMeasurement(time=truth.time, v_WB_B=_quantised(v, self.resolution))
+        return state, DvlMeasurement(time=truth.time, v_WB_B=_quantised(v, self.resolution), noise=state.stated)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,11 +296,12 @@ class VisionDrift:
 
     def init(self, rng: np.random.Generator) -> WanderState:
         walk = rng.spawn(1)[0]
-        return WanderState(SensorState(rng, np.zeros(0)), walk, self.bias * walk.standard_normal(3))
+        stated = VisionNoise(white=_white(self.noise, self.resolution), wander=self.bias, wander_time=self.bias_time)
+        return WanderState(SensorState(rng, np.zeros(0), stated=stated), walk, self.bias * walk.standard_normal(3))
 
     def step(self, state: WanderState, truth: Truth) -> tuple[WanderState, VisionMeasurement]:
         p = truth.p_WB + state.error + self.noise * state.noise.normal(3)
         if self.bias > 0.0:
             kept = np.exp(-self.period / self.bias_time)
             state.error = kept * state.error + self.bias * np.sqrt(1.0 - kept**2) * state.walk.standard_normal(3)
-        return state, VisionMeasurement(time=truth.time, p_WB=_quantised(p, self.resolution))
+        return state, VisionMeasurement(time=truth.time, p_WB=_quantised(p, self.resolution), noise=state.noise.stated)

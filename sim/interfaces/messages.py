@@ -4,13 +4,16 @@ Every array is read-only. Frames: W world (z up), B hull, C camera (OpenCV axes)
 T target (the frame of its model). Ground truth is not a message: it never leaves `sim`.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, readonly
+
+_UNKNOWN = readonly([math.nan] * 3)
 
 
 class WorkState(StrEnum):
@@ -48,6 +51,18 @@ class TorqueMeasurement:
     tau: Array  # (n,) [N m], along the joint axis, on the child
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuNoise:
+    """Standard deviations of an inertial unit's errors, as its maker states them."""
+
+    acceleration: float  # [m/s^2] white, per sample
+    acceleration_bias: float  # [m/s^2] constant over a run
+    rate: float  # [rad/s] white, per sample
+    rate_bias: float  # [rad/s] constant over a run
+    attitude: float  # [rad] white, per sample
+    attitude_bias: float  # [rad] constant over a run
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuMeasurement:
     """Inertial unit and attitude reference at the hull origin."""
@@ -56,6 +71,15 @@ class ImuMeasurement:
     specific_force_B: Array  # (3,) [m/s^2], acceleration minus gravity
     w_WB_B: Array  # (3,) [rad/s]
     R_WB: Array  # (3, 3)
+    noise: ImuNoise | None = None  # as stated by the maker; None: not stated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DvlNoise:
+    """Standard deviations of a Doppler log's errors per axis, as its maker states them."""
+
+    white: float  # [m/s] per sample
+    bias: float = 0.0  # [m/s] constant over a run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,6 +88,7 @@ class DvlMeasurement:
 
     time: float  # [s]
     v_WB_B: Array  # (3,) [m/s]
+    noise: DvlNoise | None = None  # as stated by the maker; None: not stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,12 +100,22 @@ class PressureMeasurement:
     depth: float  # [m] of the gauge below the surface, as it makes of the pressure
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisionNoise:
+    """Standard deviations of the errors of a position from vision per axis, as its maker states them."""
+
+    white: float  # [m] per picture
+    wander: float = 0.0  # [m] of a slow error (Gauss-Markov)
+    wander_time: float = 60.0  # [s] over which it forgets itself
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
     """Position of the hull against the scene, from vision; `time` is when the picture was taken, not its arrival."""
 
     time: float  # [s]
     p_WB: Array  # (3,) [m]
+    noise: VisionNoise | None = None  # as stated by the maker; None: not stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,6 +151,10 @@ class StateEstimate:
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m] measured at the gear outputs
+    position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull's place, W; NaN: not said
+    vision_age: float = math.nan  # [s] since the newest picture that was used was taken; NaN: not said
+    dvl_age: float = math.nan  # [s] the same of the DVL; inf: none was ever used
+    imu_age: float = math.nan  # [s] the same of the IMU
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,11 +1,14 @@
 """The vehicle's own filter on synthetic sensors: what it finds, what lateness costs, how smooth it is."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from navigation_bench import Course, Hull, Rig
 
 from perception.navigation import Navigation
+from sim import sensors
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
     DvlMeasurement,
@@ -14,12 +17,14 @@ from sim.interfaces.messages import (
     Measurement,
     TorqueMeasurement,
     VisionMeasurement,
+    VisionNoise,
 )
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3, rotation_angle
+from sim.interfaces.spatial import GRAVITY, Array, exp_so3
 
 STEP, LATE = 0.002, 0.1  # [s]
 UP = np.array([0.0, 0.0, GRAVITY])
 R_WB = exp_so3([0.1, -0.2, 0.5])
+FAINT = 1e-9  # of the noise: a sensor that repeats itself to the last bit passes for frozen
 BIAS_W = np.array([0.004, -0.006, 0.005])  # [m/s^2]
 
 Motion = Callable[[float], tuple[Array, Array, Array]]  # time [s] -> place, velocity, acceleration, world axes
@@ -67,7 +72,7 @@ def run(
 
     error = np.zeros(3) if start_error is None else start_error
     state = filter_.init([imu(0.0), VisionMeasurement(time=0.0, p_WB=motion(0.0)[0] + error), *body()])
-    state.x[1] = motion(0.0)[1]  # the first measurements take the vehicle as resting; here it may not be
+    state.x[3:6] = motion(0.0)[1]  # the first measurements take the vehicle as resting; here it may not be
     believed, true, velocity = [], [], []
     delay, every = round(late / STEP), round(0.1 / STEP)
     for tick in range(1, round(seconds / STEP)):
@@ -86,24 +91,24 @@ def run(
 
 def test_accelerometer_bias_is_found():
     *_, state = run(resting, 60.0, bias_W=BIAS_W)
-    assert state.x[2] == pytest.approx(BIAS_W, abs=6e-4)  # measured 2e-4
+    assert R_WB @ state.x[6:9] == pytest.approx(BIAS_W, abs=6e-4)  # measured 2e-4
 
 
 def test_late_vision_gives_no_lag_at_constant_velocity(within):
-    """Taken for the present, pictures 0.1 s late would put the vehicle 23 mm behind. Without noise nothing is left."""
-    believed, velocity, true, _ = run(cruising, 20.0, noise=0.0)
-    within("place [m]", believed - true, 1e-12)  # measured 8e-14
-    within("velocity [m/s]", velocity - cruising(0.0)[1], 3e-13)  # measured 2e-14
+    """Taken for the present, pictures 0.1 s late would put the vehicle 23 mm behind."""
+    believed, velocity, true, _ = run(cruising, 20.0, noise=FAINT)
+    within("place [m]", believed - true, 2e-11)  # measured 2e-12
+    within("velocity [m/s]", velocity - cruising(0.0)[1], 1e-10)  # measured 1e-11
 
 
 def test_lateness_does_not_spoil_the_correction_of_a_wrong_start(within):
     """1 cm wrong at the start; two pictures are always on their way, yet the same error is not corrected twice."""
     wrong = np.array([0.01, -0.01, 0.01])
-    believed, _, true, _ = run(resting, 60.0, noise=0.0, start_error=wrong)
+    believed, _, true, _ = run(resting, 60.0, noise=FAINT, start_error=wrong)
     error = (believed - true) @ wrong / (wrong @ wrong)
     assert error[0] == pytest.approx(1.0, abs=1e-6)
     assert error.min() > -0.1  # no overshoot worth the name
-    within("share left after a minute", error[-1], 3e-5)  # measured 3e-6
+    within("share left after a minute", error[-1], 1e-2)  # measured 9e-4: its part in the bias goes slowly
 
 
 def test_hovering_is_known_to_a_millimetre(within):
@@ -113,15 +118,26 @@ def test_hovering_is_known_to_a_millimetre(within):
     within("place, RMS [m]", np.sqrt(np.mean(error**2)), 2e-3)  # measured 1.1e-3
     speed = np.array([swaying((i + 1) * STEP)[1] for i in range(len(velocity))])
     within(
-        "velocity, RMS [m/s]", np.sqrt(np.mean(np.sum((velocity - speed)[late] ** 2, axis=1))), 8e-4
-    )  # measured 4e-4
+        "velocity, RMS [m/s]", np.sqrt(np.mean(np.sum((velocity - speed)[late] ** 2, axis=1))), 4e-3
+    )  # measured 1.1e-3
 
 
 def test_output_is_smooth(within):
     """On a pad of 3e4 N/m a jump of 0.03 mm is 1 N; a raw picture would jump by 2 mm."""
     believed, _, true, _ = run(swaying, 90.0, bias_W=BIAS_W)
     jumps = np.diff(believed - true, axis=0)[round(30.0 / STEP) :]
-    within("largest step beside the motion [m]", jumps, 2e-5)  # measured 5e-6
+    within("largest step beside the motion [m]", jumps, 4e-5)  # measured 4e-6
+
+
+def test_place_and_velocity_handed_on_belong_together(within):
+    """One is the derivative of the other, through every correction; and neither jumps."""
+    believed, velocity, _, _ = run(swaying, 30.0, bias_W=BIAS_W)
+    late = slice(round(10.0 / STEP), None)
+    middle = 0.5 * (velocity[1:] + velocity[:-1])
+    within(
+        "difference quotient of the place [m/s]", (np.diff(believed, axis=0) / STEP - middle)[late], 1e-3
+    )  # measured 1.4e-4
+    within("step of the velocity [m/s]", np.diff(velocity, axis=0)[late], 6e-4)  # measured 6e-5
 
 
 def test_the_output_loses_nothing_of_the_corrections(within):
@@ -130,37 +146,210 @@ def test_the_output_loses_nothing_of_the_corrections(within):
     filter_, start = Navigation(), state.time
     assert np.abs(state.held[0]).max() > 1e-5
     state, estimate = filter_.step(state, [])
+    rng = np.random.default_rng(2)
     for tick in range(1, 2500):
-        still = ImuMeasurement(
-            time=start + tick * STEP, specific_force_B=R_WB.T @ (UP + state.x[2]), w_WB_B=np.zeros(3), R_WB=R_WB
-        )
+        force = R_WB.T @ UP + state.x[6:9] + 1e-9 * rng.standard_normal(3)
+        still = ImuMeasurement(time=start + tick * STEP, specific_force_B=force, w_WB_B=np.zeros(3), R_WB=R_WB)
         state, estimate = filter_.step(state, [still])
-    within("output against filter [m]", estimate.X_WB[:3, 3] - state.x[0], 1e-8)  # measured 6e-10
+    within("output against filter [m]", estimate.X_WB[:3, 3] - state.x[:3], 1e-8)  # measured 6e-10
 
 
 def test_vision_older_than_the_history_is_of_no_use():
-    with_old, *_ = run(resting, 5.0, noise=0.0, late=1.0, start_error=np.array([0.01, 0.0, 0.0]))
-    without, *_ = run(resting, 5.0, noise=0.0, vision=False, start_error=np.array([0.01, 0.0, 0.0]))
-    assert np.array_equal(with_old, without)
+    with_old, *_ = run(resting, 4.0, noise=FAINT, late=1.5, start_error=np.array([0.01, 0.0, 0.0]))
+    without, *_ = run(resting, 4.0, noise=FAINT, vision=False, start_error=np.array([0.01, 0.0, 0.0]))
+    assert with_old == pytest.approx(without, abs=1e-9)
 
 
-def test_attitude_follows_the_gyro_and_leans_to_the_reference():
-    """Turning at 0.2 rad/s about a slant axis, the reference 1 mrad off at the start only."""
-    w, filter_ = np.array([0.1, -0.1, 0.15]), Navigation()
+def test_attitude_is_as_good_as_gyro_and_reference_allow(within):
+    """Angle random walk q [rad^2/s] and white reference r [rad^2 s]: the error has the variance sqrt(q r)."""
+    imu = sensors.Imu(rate_bias=1e-3, attitude_bias=0.0)
+    course = Rig(imu=imu).run(40.0, np.random.default_rng(4))
+    settled = course.R_error[round(20.0 / STEP) :]
+    theory = np.sqrt(imu.rate_noise * imu.attitude_noise * STEP)
+    within("RMS against theory, share", np.sqrt(np.mean(settled**2, axis=0)) / theory - 1.0, 0.3)  # measured 0.06
+    true = np.array([0.0, 0.0, 0.5 * 2.0 * np.pi / 30.0 * np.cos(2.0 * np.pi / 30.0 * course.time[-1])])
+    within("rates [rad/s], their bias removed", course.estimates[-1].w_WB_B - true, 1.2e-3)
 
-    def imu(tick: int, error: float) -> ImuMeasurement:
-        R = R_WB @ exp_so3(w * tick * STEP) @ exp_so3([error, 0.0, 0.0])
-        return ImuMeasurement(time=tick * STEP, specific_force_B=R.T @ UP, w_WB_B=w, R_WB=R)
 
-    still = VisionMeasurement(time=0.0, p_WB=np.zeros(3))
-    state = filter_.init([imu(0, 1e-3), still, *body()])
-    errors = []
-    for tick in range(1, 2501):
-        state, estimate = filter_.step(state, [imu(tick, 0.0)])
-        errors.append(rotation_angle(estimate.X_WB[:3, :3], R_WB @ exp_so3(w * tick * STEP)))
-    assert errors[0] == pytest.approx(1e-3, rel=0.01)
-    assert errors[499] == pytest.approx(1e-3 * np.exp(-1.0), rel=0.02)  # time constant 1 s
-    assert errors[-1] < 1e-5
+# -- what sensors do to a filter -----------------------------------------------------------------------------------
+
+
+def late_error(course: Course, since: float = 20.0) -> float:
+    """RMS [m] per axis, from `since` [s] on."""
+    return float(np.sqrt(np.mean(course.error[course.time > since] ** 2)))
+
+
+def slow(**vision: float) -> Rig:
+    """The usual sensors on an IMU of 100 Hz, for speed."""
+    return Rig(imu=sensors.Imu(period=0.01), vision=sensors.VisionDrift(**vision))
+
+
+def with_pictures(change: Callable[[int, VisionMeasurement], VisionMeasurement | None]):
+    """Spoils pictures alone."""
+
+    def spoil(tick: int, arrived: list[Measurement]) -> list[Measurement]:
+        out: list[Measurement | None] = [change(tick, m) if isinstance(m, VisionMeasurement) else m for m in arrived]
+        return [m for m in out if m is not None]
+
+    return spoil
+
+
+def test_what_the_sensor_states_is_better_than_a_belief():
+    """Pictures of 1 mm that are believed to have 2 mm: the filter cannot know that they are better."""
+    silent = with_pictures(lambda _, m: VisionMeasurement(time=m.time, p_WB=m.p_WB))
+    stated, believed = (
+        np.mean([late_error(slow(noise=1e-3).run(30.0, np.random.default_rng(s), spoil=how), 10.0) for s in range(4)])
+        for how in (None, silent)
+    )
+    assert stated < 0.95 * believed
+
+
+def test_a_sensor_worse_than_it_states_is_believed_less():
+    """It says 1 mm and has 5: the innovations tell; without them the filter would refuse most of its pictures."""
+    lie = with_pictures(lambda _, m: VisionMeasurement(time=m.time, p_WB=m.p_WB, noise=VisionNoise(white=1e-3)))
+    errors = {}
+    for adapt in (True, False):
+        course = slow(noise=5e-3).run(60.0, np.random.default_rng(2), Navigation(period=0.01, adapt=adapt), spoil=lie)
+        errors[adapt] = late_error(course, 30.0)
+        scale = course.state.watches[0].scale
+        assert (15.0 < scale < 35.0) if adapt else scale == 1.0  # 25 is true
+    honest = late_error(slow(noise=5e-3).run(60.0, np.random.default_rng(2)), 30.0)
+    assert errors[True] < 1.15 * honest
+    assert errors[False] > 1.15 * honest
+
+
+def test_a_sound_sensor_keeps_its_word():
+    course = slow().run(60.0, np.random.default_rng(7))
+    assert [watch.refused for watch in course.state.watches] == [0, 0]
+    assert all(watch.scale < 1.3 for watch in course.state.watches)
+
+
+def test_outliers_are_refused():
+    """One picture in seven is 5 cm to 1 m off: the error stays what it is without them, less the pictures lost."""
+    rng = np.random.default_rng(1)
+    wild = with_pictures(
+        lambda _, m: m if rng.random() > 1 / 7 else replace(m, p_WB=m.p_WB + rng.uniform(0.05, 1.0) * unit(rng))
+    )
+    clean, spoilt = (late_error(slow().run(60.0, np.random.default_rng(1), spoil=how)) for how in (None, wild))
+    assert spoilt < 1.3 * clean
+
+
+def unit(rng: np.random.Generator) -> Array:
+    way = rng.standard_normal(3)
+    return way / np.linalg.norm(way)
+
+
+def test_a_filter_that_is_wrong_gives_way_to_pictures_that_agree():
+    """The hull is suddenly 0.3 m elsewhere for vision, and stays there: within two seconds the filter is too."""
+    jump = with_pictures(lambda tick, m: replace(m, p_WB=m.p_WB + (0.3 if tick > 2000 else 0.0)))
+    course = slow().run(60.0, np.random.default_rng(1), spoil=jump)
+    error = course.state.x[:3] - course.p[-1]
+    assert np.abs(error - 0.3).max() < 5e-3
+    steps = np.abs(np.diff(course.error, axis=0)).max()
+    assert steps < 0.03 * 0.01  # [m] handed on slowly, 3 cm/s at the most
+
+
+def test_vision_lost_and_found():
+    """Three seconds without a picture: sigma and age grow, the error stays inside, and the way back is smooth."""
+    gone = with_pictures(lambda tick, m: None if 3000 < tick <= 3300 else m)
+    course = slow().run(45.0, np.random.default_rng(3), spoil=gone)
+    before, at_end = course.estimates[2999], course.estimates[3299]
+    assert at_end.vision_age == pytest.approx(3.1, abs=0.02)
+    assert before.vision_age < 0.21
+    assert np.all(at_end.position_sigma > 1.2 * before.position_sigma)
+    assert np.all(np.abs(course.error[3299]) < 5.0 * at_end.position_sigma)
+    steps = np.abs(np.diff(course.error, axis=0))[2500:]
+    assert steps.max() < 0.01 * 0.01  # [m] 1 cm/s
+    assert late_error(course, 38.0) < 1e-3
+
+
+@pytest.mark.parametrize("what", ["NaN", "frozen", "frozen with new times", "inf"])
+def test_a_broken_camera_is_as_good_as_none(what):
+    """From 20 s on. Repeats are used until they are too many to be chance: three of ten in the first second."""
+    last: list[VisionMeasurement] = []
+
+    def broken(tick: int, m: VisionMeasurement) -> VisionMeasurement:
+        if tick <= 2000 or not last:
+            last[:] = [m]
+            return m
+        if what == "frozen":
+            return last[0]
+        if what == "frozen with new times":
+            return replace(last[0], time=m.time)
+        return replace(m, p_WB=np.full(3, np.nan if what == "NaN" else np.inf))
+
+    none = slow().run(30.0, np.random.default_rng(6), spoil=with_pictures(lambda tick, m: m if tick <= 2000 else None))
+    course = slow().run(30.0, np.random.default_rng(6), spoil=with_pictures(broken))
+    assert np.isfinite(course.p_believed).all()
+    assert course.estimates[-1].vision_age > 9.0
+    if "times" in what:
+        assert np.abs(course.error).max() < 0.05
+    else:
+        assert np.array_equal(course.p_believed, none.p_believed)
+
+
+@pytest.mark.parametrize("what", ["NaN", "frozen", "silent"])
+def test_an_imu_that_fails_is_told_and_does_not_stop_the_clock(what):
+    """For a second, and DVL and vision carry the filter meanwhile."""
+    last: list[ImuMeasurement] = []
+
+    def spoil(tick: int, arrived: list[Measurement]) -> list[Measurement]:
+        out: list[Measurement] = []
+        for m in arrived:
+            if not isinstance(m, ImuMeasurement):
+                out.append(m)
+            elif not 2000 < tick <= 2100:
+                last[:] = [m]
+                out.append(m)
+            elif what == "NaN":
+                out.append(replace(m, specific_force_B=np.full(3, np.nan)))
+            elif what == "frozen":
+                out.append(replace(last[0], time=m.time))
+        return out
+
+    rig = slow()
+    course = rig.run(40.0, np.random.default_rng(8), hull=Hull(0.01, turn=0.0), spoil=spoil)
+    assert np.array([e.time for e in course.estimates]) == pytest.approx(course.time, abs=1e-9)
+    ages = np.array([e.imu_age for e in course.estimates])
+    assert ages.max() == pytest.approx(1.0 if what != "frozen" else 0.76, abs=0.02)
+    assert ages[2150] == 0.0
+    assert np.abs(course.error).max() < 0.05
+    assert late_error(course, 35.0) < 2e-3
+
+
+def test_a_late_imu_costs_no_more_than_the_way_it_must_look_ahead():
+    """The clock of the others runs 20 ms ahead: pose and time are those of now."""
+    held: list[list[Measurement]] = [[], []]
+
+    def spoil(_: int, arrived: list[Measurement]) -> list[Measurement]:
+        held.append([m for m in arrived if isinstance(m, ImuMeasurement)])
+        return [m for m in arrived if not isinstance(m, (ImuMeasurement, DvlMeasurement))] + held.pop(0)
+
+    course = slow().run(40.0, np.random.default_rng(9), spoil=spoil)
+    assert course.estimates[-1].time == pytest.approx(course.time[-1])
+    assert late_error(course) < 1.2e-3
+
+
+def test_encoders_and_torques_that_are_not_numbers_are_left_aside():
+    state = Navigation().init([ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
+                               VisionMeasurement(time=0.0, p_WB=np.zeros(3)), *body()])  # fmt: skip
+    bad = [
+        EncoderMeasurement(time=0.002, q=np.full(6, np.nan), qd=np.zeros(6)),
+        TorqueMeasurement(time=0.002, tau=np.full(6, np.inf)),
+    ]
+    state, estimate = Navigation().step(state, bad)
+    assert np.array_equal(estimate.q, np.arange(6.0))
+    assert np.all(estimate.tau == 2.0)
+    assert estimate.time == 0.002
+
+
+def test_a_declared_wander_is_in_the_sigma_of_the_place():
+    """Where it was from the beginning nobody can tell; how the hull moves meanwhile is known far better."""
+    rig = slow(bias=10e-3, bias_time=300.0)
+    course = rig.run(20.0, np.random.default_rng(11))
+    assert np.all(course.estimates[-1].position_sigma > 8e-3)
+    moved = (course.error[-1] - course.error[999]).max()
+    assert abs(moved) < 5e-3
 
 
 def test_joints_are_handed_through():

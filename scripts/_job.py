@@ -92,6 +92,7 @@ class Built:
 class Outcome:
     """What came of a job."""
 
+    job: ContactJob
     recording: Recording
     assessment: Assessment
     last: Moment
@@ -170,7 +171,7 @@ def run(
         recording, built.truth, seed=built.options.seed, wall_s=wall_s,
         identification_s=found.duration_s if found is not None else None,
     )  # fmt: skip
-    return Outcome(recording=recording, assessment=assessment, last=last)
+    return Outcome(job=built.job, recording=recording, assessment=assessment, last=last)
 
 
 def run_contact_job(

@@ -1,0 +1,162 @@
+"""How contact work holds when sea, vehicle, sensors and surface are all somewhat wrong: many runs, each drawn anew.
+
+    ./uvw run scripts/study_contact.py --runs 500            # goes on where it was stopped
+    ./uvw run scripts/study_contact.py --runs 500 --ablate   # and the same runs with each method left out
+    ./uvw run scripts/study_contact.py --only 17             # that run alone, with its log and its report
+
+What is drawn for a run depends on --seed and its number alone. Exit code 0: at least 99 % of the runs keep contact and
+stay within 3 mm and 8 N after transients, and none damages or diverges.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+import json
+import os
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+from _job import NOT_ACCEPTED, run_contact_job
+from _study import KEPT, PATHS, Bounds, Ranges, Task, draw
+from _study_figures import METHODS, summary
+from _study_pool import Log, in_order, run_all
+from _study_report import rich_tables, write_report
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+
+RUNS, QUICK_RUNS = 500, 4
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Contact work in many seas: distributions, failures, and what each method is worth."""
+
+    runs: int | None = None
+    """How many runs; 500, or 4 quick ones, by default."""
+    seed: int = 0
+    """Of the study."""
+    workers: int = 0
+    """Processes at work; 0: one for each core. Results do not depend on it."""
+    paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
+    """Paths that the runs take in turn."""
+    ranges: Ranges = field(default_factory=Ranges)
+    """What the runs are drawn from."""
+    ablate: tuple[str, ...] | None = None
+    """Also run without each method, or without those named."""
+    ablate_runs: int = 100
+    """How many of the runs are repeated without each method."""
+    only: int | None = None
+    """Do this run alone, with all its logs, in a folder of its own."""
+    without: str = ""
+    """With --only: a method to leave out."""
+    out: Path = Path("runs/study_contact")
+    """Folder for results.jsonl, metrics.json and report.html."""
+    anew: bool = False
+    """Throw away the runs that are in that folder."""
+    quick: bool = False
+    """Shorter jobs, and few of them, for a first look."""
+
+
+def main() -> int:
+    options = parse(Options)
+    _check(options)
+    if options.only is not None:
+        return _one(options)
+    console, bounds = Console(), Bounds()
+    runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
+    settings = {
+        "seed": options.seed, "paths": list(options.paths), "quick": options.quick, "ranges": asdict(options.ranges)
+    }  # fmt: skip
+    _folder(options.out)
+    log = Log(options.out, json.loads(json.dumps(settings)), anew=options.anew)
+    methods = () if options.ablate is None else options.ablate or tuple(METHODS)
+    tasks = [_task(options, run) for run in range(runs)]
+    tasks += [replace(task, without=method) for method in methods for task in tasks[: options.ablate_runs]]
+    done = {(row["run"], row["without"]) for row in log.rows}
+    left = [task for task in tasks if task.key not in done]
+    workers = options.workers or os.cpu_count() or 1
+    if len(left) < len(tasks):
+        console.print(f"{len(tasks) - len(left)} of {len(tasks)} runs are there already", highlight=False)
+    hydrodynamics.install()  # compiled once, before the workers all would
+    began = time.perf_counter()
+    progress = Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+        console=console, disable=not console.is_terminal,
+    )  # fmt: skip
+    with progress:
+        bar = progress.add_task("runs", total=len(left))
+        for task, row in run_all(left, workers):
+            log.add(row)
+            progress.advance(bar)
+            if row["class"] != KEPT and not task.without:
+                console.print(f"run {task.run:4d}  {row['class']}: {row['kind']}", highlight=False)
+    wanted = {task.key for task in tasks}
+    rows = in_order(row for row in log.rows if (row["run"], row["without"]) in wanted)
+    metrics = summary(rows, bounds, {**settings, "runs": runs})
+    (options.out / "metrics.json").write_text(
+        json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8"
+    )  # fmt: skip
+    for table in rich_tables(metrics):
+        console.print(table)
+    cpu = sum(row["timing"]["cpu_s"] or 0.0 for row in log.rows)
+    simulated = sum(row["figures"].get("simulated_s") or 0.0 for row in log.rows)
+    pace = f"{simulated:.0f} s simulated in {cpu:.0f} s of one core."
+    if left:
+        pace += f" {len(left)} runs took {time.perf_counter() - began:.0f} s on {workers} workers."
+    console.print(pace, highlight=False)
+    title = f"Contact work in {runs} seas, seed {options.seed}"
+    write_report(options.out / "report.html", rows, metrics, bounds, title=title, pace=pace)
+    verdict = (
+        "[green]accepted[/green]" if metrics["accepted"] else "[red]not accepted[/red]: " + "; ".join(metrics["failed"])
+    )
+    console.print(verdict, highlight=False)
+    console.print(f"written to {options.out}/", highlight=False)
+    return 0 if metrics["accepted"] else NOT_ACCEPTED
+
+
+def _task(options: Options, run: int) -> Task:
+    path = options.paths[run % len(options.paths)]
+    return Task(
+        study=options.seed, run=run, path=path, without=options.without, ranges=options.ranges, quick=options.quick
+    )  # fmt: skip
+
+
+def _one(options: Options) -> int:
+    """A single run as its scenario would do it, with all that it writes."""
+    assert options.only is not None
+    scenario, job, stream, variation = draw(_task(options, options.only))
+    name = f"run_{options.only:04d}" + (f"_without_{options.without}" if options.without else "")
+    scenario = replace(scenario, record=True, out=options.out / name)
+    job = replace(job, title=f"{job.title}, run {options.only} of study {options.seed}")
+    return run_contact_job(job, scenario, stream, time.perf_counter(), variation)
+
+
+def _check(options: Options) -> None:
+    for name, value, least in (
+        ("runs", 1 if options.runs is None else options.runs, 1), ("workers", options.workers, 0), ("ablate-runs", options.ablate_runs, 1),
+        ("only", options.only or 0, 0), ("seed", options.seed, 0),
+    ):  # fmt: skip
+        if value < least:
+            raise ConfigurationError(f"--{name}: must be at least {least}, got {value}")
+    if not options.paths:
+        raise ConfigurationError("--paths: at least one is needed")
+    for method in (*(options.ablate or ()), *((options.without,) if options.without else ())):
+        if method not in METHODS:
+            raise ConfigurationError(f"method {method!r}: allowed {', '.join(METHODS)}")
+    if options.without and options.only is None:
+        raise ConfigurationError("--without goes with --only; --ablate leaves methods out of many runs")
+
+
+def _folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+
+
+if __name__ == "__main__":
+    run_scenario(main)

@@ -64,6 +64,7 @@ class ContactJob:
     arm_errors: int | None  # seed of the errors with which the arm was built; None: none
     calibrated: bool = False  # the controller knows the arm as identified from touches
     arm: Path | None = None  # or as a file says
+    force_rate: float = 60.0  # [N/s] at which a set force changes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,7 +102,7 @@ class Outcome:
 def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
     """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
     work = Job(
-        forces=job.forces, speed=job.speed, least_share=job.least_share,
+        forces=job.forces, speed=job.speed, least_share=job.least_share, force_rate=job.force_rate,
         force_control="force-control" not in job.without,
     )  # fmt: skip
     truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT)

@@ -136,12 +136,11 @@ def _one(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    for name, value, least in (
-        ("runs", 1 if options.runs is None else options.runs, 1), ("workers", options.workers, 0), ("ablate-runs", options.ablate_runs, 1),
-        ("only", options.only or 0, 0), ("seed", options.seed, 0),
-    ):  # fmt: skip
-        if value < least:
-            raise ConfigurationError(f"--{name}: must be at least {least}, got {value}")
+    least_of = {"runs": 1, "workers": 0, "ablate_runs": 1, "only": 0, "seed": 0}
+    for name, least in least_of.items():
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise ConfigurationError(f"--{name.replace('_', '-')}: must be at least {least}, got {value}")
     if not options.paths:
         raise ConfigurationError("--paths: at least one is needed")
     for method in (*(options.ablate or ()), *((options.without,) if options.without else ())):

@@ -1,0 +1,317 @@
+"""The contact study's own parts: what it draws, how it names what came of a run, and that no run depends on another."""
+
+import json
+import os
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+import models
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.recording import STATES, Event, Recording, Series
+
+DT = 0.002
+SCHEMA = json.loads((Path(__file__).resolve().parents[2] / "sim/schemas/study_contact.schema.json").read_text())
+
+
+@pytest.fixture(autouse=True)
+def _scripts(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+
+
+@pytest.fixture
+def study() -> Any:
+    return import_module("_study")
+
+
+@pytest.fixture
+def told() -> Any:
+    return import_module("_study_figures")
+
+
+@pytest.fixture
+def pool() -> Any:
+    return import_module("_study_pool")
+
+
+# -- drawing -----------------------------------------------------------------------------------------------------------
+
+
+def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
+    return study.Task(**{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other})
+
+
+def test_a_run_depends_on_its_number_and_the_seed_alone(study):
+    options, job, _, variation = study.draw(task(study, 5))
+    again, job_again, _, varied_again = study.draw(task(study, 5, without="fusion"))
+    assert (options.current, options.gust, options.seed) == (again.current, again.gust, again.seed)
+    assert variation == varied_again
+    assert np.array_equal(job.X_WT, job_again.X_WT)
+    assert job_again.without == {"fusion"}
+    for other in (task(study, 6), task(study, 5, seed=4)):
+        assert study.draw(other)[3] != variation
+
+
+def test_draws_fill_their_ranges_and_no_more(study):
+    ranges = study.Ranges(elevation=(-10.0, 30.0), surface=0.02)
+    drawn = [study.draw(task(study, run, ranges=ranges)) for run in range(300)]
+    speed = np.array([np.linalg.norm(options.current) for options, *_ in drawn])
+    rise = np.degrees(np.arcsin([options.current[2] / s for (options, *_), s in zip(drawn, speed, strict=True)]))
+    columns = {
+        "speed": (speed, ranges.current),
+        "rise": (rise, ranges.elevation),
+        "gust": (np.array([options.gust for options, *_ in drawn]), ranges.gust),
+        "delay": (np.array([v.vision_delay for *_, v in drawn]), ranges.vision_delay),
+        "rate": (np.array([1.0 / v.vision_period for *_, v in drawn]), ranges.vision_rate),
+        "noise": (np.array([v.vision_noise for *_, v in drawn]), ranges.vision_noise),
+        "friction": (np.array([v.friction for *_, v in drawn]), ranges.friction),
+        "stiffness": (np.log([v.stiffness for *_, v in drawn]), tuple(np.log(ranges.stiffness))),
+        "surface": (np.array([v.surface_offset for *_, v in drawn]), (-0.02, 0.02)),
+    }
+    for name, (found, (low, high)) in columns.items():
+        slack = 0.05 * (high - low)  # of periods, which are whole ticks
+        assert low - slack <= found.min() < low + slack, name
+        assert high - slack < found.max() <= high + slack, name
+    for *_, variation in drawn:
+        for time in (variation.vision_period, variation.vision_delay):
+            assert abs(time / DT - round(time / DT)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"current": (0.4, 0.0)}, "rise"),
+        ({"friction": (0.0, 0.5)}, "friction"),
+        ({"gust": (0.0, float("nan"))}, "finite"),
+        ({"water": -0.1}, "water"),
+    ],
+)
+def test_ranges_that_cannot_be_are_refused(study, given, said):
+    with pytest.raises(ConfigurationError, match=said):
+        study.Ranges(**given)
+
+
+# -- classes -----------------------------------------------------------------------------------------------------------
+
+GOOD = {
+    "force_rms_n": 0.5, "force_peak_n": 3.0, "lost_s": 0.0, "cross_max_m": 0.001, "along_max_m": 0.002,
+    "force_over_set": 1.1, "collision_s": 0.0, "simulated_s": 60.0,
+}  # fmt: skip
+
+
+def recording(states: list[WorkState], set_force: Any = 60.0, true: Any = 60.0, note: str = "") -> Recording:
+    """A run through `states`, a second in each."""
+    each = round(1.0 / DT)
+    time = np.array(np.arange(len(states) * each) * DT, dtype=np.float64)
+    columns = {
+        "state": np.repeat([STATES.index(state) for state in states], each).astype(float),
+        "set_force": np.broadcast_to(set_force, time.shape),
+        "contact_normal": np.broadcast_to(true, time.shape),
+    }
+    return Recording(
+        timestep=DT,
+        duration=len(time) * DT,
+        vehicle=vehicle(),
+        series=MappingProxyType(
+            {name: Series(time=time, value=np.array(v)[:, None], unit="", labels=()) for name, v in columns.items()}
+        ),
+        events=tuple(Event(time=float(i), state=state, note=note) for i, state in enumerate(states)),
+        targets=(),
+        clouds=MappingProxyType({}),
+    )
+
+
+@cache
+def vehicle() -> Vehicle:
+    return Vehicle.of(models.load("uuv_puma").compile())
+
+
+WORKED = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT]
+
+
+@pytest.mark.parametrize(
+    ("states", "note", "figures", "expected"),
+    [
+        ([*WORKED, WorkState.DONE], "", {}, ("kept", "")),
+        ([*WORKED, WorkState.DONE], "", {"force_peak_n": 8.1}, ("missed", "force_peak_n")),
+        ([*WORKED, WorkState.DONE], "", {"force_peak_n": 8.0}, ("kept", "")),
+        ([*WORKED, WorkState.DONE], "", {"lost_s": 0.002, "along_max_m": None}, ("missed", "along_max_m, lost_s")),
+        ([*WORKED, WorkState.DONE], "", {"force_over_set": 2.1}, ("damage", "force above 2 times the set one")),
+        ([*WORKED, WorkState.DONE], "", {"collision_s": 0.01}, ("damage", "the vehicle touched what it should not")),
+        ([*WORKED, WorkState.DONE], "", {"force_rms_n": np.inf}, ("diverged", "figures are no numbers")),
+        ([*WORKED, WorkState.ABORT], "contact lost for 0.5 s", {}, ("broken off", "contact lost")),
+        ([*WORKED, WorkState.ABORT], "felt force 170 N is above the limit of 160 N", {},
+         ("broken off", "force above the limit")),
+        ([*WORKED, WorkState.ABORT], "", {"force_over_set": 2.5}, ("damage", "force above 2 times the set one")),
+        ([*WORKED], "", {}, ("broken off", "not done in time")),
+        ([WorkState.SETTLE, WorkState.ABORT], "the hull did not become quiet within 60 s", {},
+         ("refused", "current too strong")),
+        ([WorkState.SCAN, WorkState.ABORT], "the path is out of reach: 3 cm too far", {}, ("refused", "out of reach")),
+        ([WorkState.SCAN, WorkState.ABORT], "not identified in 3 views: -1.5e-3", {}, ("refused", "not identified")),
+        ([WorkState.SCAN, WorkState.ABORT], "lamp 4 broke at 2.5 V", {}, ("refused", "lamp # broke at # V")),
+    ],
+)  # fmt: skip
+def test_what_came_of_a_run_has_a_class_and_a_kind(study, states, note, figures, expected):
+    outcome = SimpleNamespace(recording=recording(states, note=note))
+    found = study.classify(outcome, {**GOOD, **figures}, study.Bounds())
+    assert (found["class"], found["kind"]) == expected
+    assert found["class"] in study.CLASSES
+    assert found["detail"] == note
+
+
+def test_force_is_measured_against_what_is_set_then(study):
+    """Before the work against the first set force, however little is asked for yet; at work against the present one."""
+    states = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.WORK]
+    wanted = np.repeat([0.0, 20.0, 60.0, 30.0], round(1.0 / DT))
+    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    assert over == pytest.approx(1.5)
+    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    assert over == pytest.approx(1.6)
+
+
+# -- processes ---------------------------------------------------------------------------------------------------------
+
+
+def squared(task: Any) -> dict[str, Any]:
+    rng = np.random.default_rng([task.study, task.run])
+    return {"run": task.run, "without": "", "value": rng.normal(), "timing": {"process": os.getpid()}}
+
+
+def deadly(task: Any) -> dict[str, Any]:
+    if task.run == 2:
+        os._exit(1)
+    return squared(task)
+
+
+def test_rows_do_not_depend_on_the_number_of_workers(study, pool):
+    tasks = [task(study, run) for run in range(6)]
+    one, two = ([row for _, row in pool.run_all(tasks, workers, squared)] for workers in (1, 2))
+    assert pool.in_order(one) == pool.in_order(two)
+    assert [row["run"] for row in pool.in_order(two)] == list(range(6))
+    assert len({row["value"] for row in one}) == 6
+    assert {row["timing"]["process"] for row in two}.isdisjoint({os.getpid()})
+
+
+def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(study, pool):
+    rows = [row for _, row in pool.run_all([task(study, run) for run in range(5)], 2, deadly)]
+    assert sorted(row["run"] for row in rows) == list(range(5))
+    died = [row for row in rows if row.get("class") == study.CRASHED]
+    assert [row["run"] for row in died] == [2]
+
+
+def test_log_goes_on_where_it_was_cut(pool, tmp_path):
+    log = pool.Log(tmp_path, {"seed": 1})
+    log.add({"run": 0, "without": ""})
+    log.add({"run": 1, "without": ""})
+    file = tmp_path / "results.jsonl"
+    file.write_text(file.read_text() + '{"run": 2, "wit')
+    log = pool.Log(tmp_path, {"seed": 1})
+    assert [row["run"] for row in log.rows] == [0, 1]
+    log.add({"run": 2, "without": ""})
+    assert [row["run"] for row in pool.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
+    with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
+        pool.Log(tmp_path, {"seed": 2})
+    assert pool.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
+    return {
+        "run": run, "without": without, "path": "longitudinal", "class": "kept", "kind": "", "missed": [],
+        "varied": {"friction": 0.1 + 0.01 * run, "stiffness": 1e4}, "figures": {**GOOD, **figures},
+    }  # fmt: skip
+
+
+def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
+    rows = [row(i, force_peak_n=float(i)) for i in range(10)]
+    rows.append(row(10, force_peak_n=None))
+    found = told.distributions(rows, study.Bounds())["force_peak_n"]
+    assert (found["count"], found["median"], found["max"], found["bound"]) == (10, 4.5, 9.0, 8.0)
+    assert found["share_within"] == pytest.approx(9 / 11)
+
+
+def test_factor_of_a_method_is_the_median_of_ratios_of_the_same_runs(told):
+    rows = [row(i, force_rms_n=1.0 + i) for i in range(3)]
+    rows += [row(i, "fusion", force_rms_n=factor * (1.0 + i)) for i, factor in enumerate((2.0, 3.0, 10.0))]
+    rows.append(row(7, "fusion", force_rms_n=99.0))  # of no run with the method
+    rows[3]["class"] = "broken off"
+    (found,) = told.ablations(rows)
+    assert (found["method"], found["figure"], found["pairs"]) == ("fusion", "force_rms_n", 3)
+    assert found["factor"] == pytest.approx(3.0)
+    assert found["kept_with"] == 3
+    assert found["kept_without"] == 2
+
+
+def test_drivers_are_found_where_there_are_some(told):
+    rng = np.random.default_rng(1)
+    rows = [row(i, force_rms_n=0.1 * i, force_peak_n=rng.uniform()) for i in range(40)]
+    found = told.drivers(rows)
+    assert found["force_rms_n"] == {"friction": pytest.approx(1.0)}
+    assert abs(found["force_peak_n"]["friction"]) < 0.6
+
+
+def test_metrics_keep_their_schema_and_the_report_is_one_page(told, study, tmp_path):
+    rows = [row(i, force_rms_n=0.5 + 0.01 * i) for i in range(12)]
+    rows[4] |= {"class": "broken off", "kind": "contact lost"}
+    rows[5] |= {"class": "refused", "kind": "out of reach", "figures": {}}
+    rows.append(row(0, "fusion", force_rms_n=3.0))
+    metrics = told.summary(rows, study.Bounds(), {"seed": 0})
+    jsonschema.validate(metrics, SCHEMA)
+    assert metrics["kept"] == 10
+    assert not metrics["accepted"]
+    assert [group["class"] for group in metrics["outcomes"]] == ["kept", "broken off", "refused"]
+    file = tmp_path / "report.html"
+    import_module("_study_report").write_report(file, rows, metrics, study.Bounds(), title="T & T", pace="")
+    page = file.read_text()
+    assert page.count("<img") == 5
+    assert "T &amp; T" in page
+    assert 'src="http' not in page
+
+
+def test_no_runs_that_worked_give_a_page_without_pictures(told, study, tmp_path):
+    rows = [{**row(i), "class": "refused", "kind": "out of reach", "figures": {}} for i in range(3)]
+    metrics = told.summary(rows, study.Bounds(), {})
+    jsonschema.validate(metrics, SCHEMA)
+    file = tmp_path / "report.html"
+    import_module("_study_report").write_report(file, rows, metrics, study.Bounds(), title="T", pace="")
+    assert "<img" not in file.read_text()
+
+
+# -- step response -----------------------------------------------------------------------------------------------------
+
+
+def test_step_figures_of_a_second_order_answer(within):
+    """Overshoot exp(-pi z / sqrt(1 - z^2)); a first-order answer rises in T ln 9 and settles in T ln 20."""
+    steps = import_module("_steps")
+    t = np.maximum(steps.times(), 0.0)
+    z, w = 0.5, 12.0
+    damped = w * np.sqrt(1.0 - z * z)
+    second = 1.0 - np.exp(-z * w * t) * (np.cos(damped * t) + z * w / damped * np.sin(damped * t))
+    found = steps.figures(60.0 + 30.0 * second, 60.0, 90.0)
+    within("overshoot", found["overshoot"] - np.exp(-np.pi * z / np.sqrt(1.0 - z * z)), 1e-3)
+    first = steps.figures(60.0 + 30.0 * (1.0 - np.exp(-t / 0.1)), 60.0, 90.0)
+    within("rise [s]", first["rise_s"] - 0.1 * np.log(9.0), 2.0 * steps.SAMPLE)
+    within("settling [s]", first["settling_s"] - 0.1 * np.log(20.0), 2.0 * steps.SAMPLE)
+    assert first["overshoot"] == 0.0
+
+
+def test_steps_up_are_cut_out_of_a_run():
+    steps = import_module("_steps")
+    each = round(1.0 / DT)
+    level = np.repeat([60.0, 60.0, 90.0, 90.0, 90.0, 60.0, 60.0, 60.0, 90.0, 90.0], each)
+    ramp = np.clip(np.interp(np.arange(len(level)), np.arange(len(level)), level), 60.0, 90.0)
+    run = recording([WorkState.WORK] * 10, ramp, ramp + 1.0)
+    found = steps.steps_up(run, 60.0, 90.0)
+    assert found["set"].shape == (1, len(steps.times()))  # the last is not seen to its end
+    assert found["true"][0, 0] == 61.0
+    assert found["true"][0, -1] == 91.0

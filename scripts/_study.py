@@ -78,6 +78,8 @@ class Ranges:
     """Constant error in +- of each torque sensor [N m]."""
     thruster: float = 0.2
     """Share in +- of each thruster's lag, and of its gain."""
+    gears: float = 0.3
+    """Share in +- by which the friction of each gear, dry and viscous, is other than the controller believes."""
     friction: tuple[float, float] = (0.1, 0.6)
     """Between pad and surface."""
     stiffness: tuple[float, float] = (1e4, 1e6)
@@ -128,6 +130,7 @@ def draw(task: Task) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, 
         trim_error=between(-ranges.payload, ranges.payload),
         thruster_lag_spread=ranges.thruster,
         thruster_gain_spread=ranges.thruster,
+        gear_spread=ranges.gears,
         friction=between(*ranges.friction),
         stiffness=float(np.exp(between(*np.log(ranges.stiffness)))),
         surface_offset=between(-ranges.surface, ranges.surface),

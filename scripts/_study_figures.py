@@ -55,6 +55,7 @@ DRIVERS = {  # of a row's varied quantities: how they are told
     "too_heavy_kg": ("out of trim", "kg", 1.0),
     "thruster_lag": ("thruster lag", "× believed", 1.0),
     "thruster_gain": ("thruster gain", "× believed", 1.0),
+    "gear_friction": ("gear friction", "× believed", 1.0),
     "vision_period": ("vision period", "ms", 1e3),
     "vision_delay": ("vision delay", "ms", 1e3),
     "vision_noise": ("vision noise", "mm", 1e3),

@@ -1,4 +1,4 @@
-"""What of a contact job is other than its model says: water, payload, thrusters, surface, sensors.
+"""What of a contact job is other than its model says: water, payload, thrusters, gears, surface, sensors.
 
 The controller knows the vehicle as it is drawn; the plant is built from the varied spec. A spread draws a factor in
 1 +- spread for each number by itself.
@@ -9,7 +9,8 @@ from dataclasses import dataclass, fields, replace
 import mujoco
 import numpy as np
 
-from models import hydrodynamics, thrusters
+from models import gear_friction, hydrodynamics, thrusters
+from models.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import ARM_BASE_BODY, HULL_BODY
 from sim.interfaces.errors import ConfigurationError
@@ -32,6 +33,7 @@ class Variation:
     trim_error: float = 0.0  # share of the arm's mass by which the hull is too light (negative: too heavy)
     thruster_lag_spread: float = 0.0
     thruster_gain_spread: float = 0.0
+    gear_spread: float = 0.0  # of the friction in each gear, dry and viscous alike
     friction: float | None = None  # between pad and surface; None: as the vehicle's pad has it
     stiffness: float | None = None  # [N/m] of pad and surface together; None: as the vehicle's pad has it
     surface_offset: float = 0.0  # [m] by which the surface is farther, along the tool, than it was identified
@@ -47,7 +49,7 @@ class Variation:
             value = getattr(self, field.name)
             if value is not None and not np.isfinite(value):
                 raise ConfigurationError(f"variation {field.name}: must be finite, got {value}")
-        for name in ("water_spread", "payload_spread", "thruster_lag_spread", "thruster_gain_spread"):
+        for name in ("water_spread", "payload_spread", "thruster_lag_spread", "thruster_gain_spread", "gear_spread"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 raise ConfigurationError(f"variation {name}: must be in [0, 1), got {getattr(self, name)}")
         for name in ("friction", "stiffness"):
@@ -63,7 +65,7 @@ def vary(spec: mujoco.MjSpec, variation: Variation) -> dict[str, float]:
 
     Raises ConfigurationError for a stiffness or a friction of a vehicle without a pad on a spring.
     """
-    water, payload, drives = np.random.default_rng([variation.seed, 7]).spawn(3)
+    water, payload, drives, gears = np.random.default_rng([variation.seed, 7]).spawn(4)
     said: dict[str, float] = {}
     if variation.water_spread:
         said |= _water(spec, variation.water_spread, water)
@@ -71,6 +73,8 @@ def vary(spec: mujoco.MjSpec, variation: Variation) -> dict[str, float]:
         said |= _payload(spec, variation.payload_spread, variation.trim_error, payload)
     if variation.thruster_lag_spread or variation.thruster_gain_spread:
         said |= _thrusters(spec, variation.thruster_lag_spread, variation.thruster_gain_spread, drives)
+    if variation.gear_spread:
+        said |= _gears(spec, variation.gear_spread, gears)
     if variation.friction is not None or variation.stiffness is not None:
         _pad(spec, variation.friction, variation.stiffness)
     return said
@@ -144,6 +148,21 @@ def _thrusters(spec: mujoco.MjSpec, lag: float, gain: float, rng: np.random.Gene
         )  # fmt: skip
     thrusters.attach(spec, table)
     return {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())} if carriers else {}
+
+
+def _gears(spec: mujoco.MjSpec, spread: float, rng: np.random.Generator) -> dict[str, float]:
+    names = {actuator.target for actuator in spec.actuators}
+    joints = [joint for joint in spec.joints if joint.name in names]
+    model, factors, table = spec.copy().compile(), _factors(rng, spread, len(joints)), {}
+    dry = gear_friction.read(model, np.array([model.joint(joint.name).id for joint in joints], dtype=np.int64))
+    for i, (joint, factor) in enumerate(zip(joints, factors, strict=True)):
+        joint.damping = factor * np.asarray(joint.damping)
+        if dry.coulomb[i] > 0.0:
+            table[joint.name] = GearFriction(
+                coulomb=factor * dry.coulomb[i], stiction=factor * dry.stiction[i], stribeck_speed=dry.stribeck_speed[i]
+            )
+    gear_friction.attach(spec, table)
+    return {"gear_friction": float(factors.mean())} if joints else {}
 
 
 def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -> None:

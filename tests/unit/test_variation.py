@@ -10,6 +10,7 @@ import pytest
 
 import models
 from models import hydrodynamics, thrusters
+from models.vehicle import Vehicle
 from sim import hydrodynamics as hydrodynamics_of_plant
 from sim.interfaces.errors import ConfigurationError
 
@@ -80,6 +81,18 @@ def test_thrusters_are_slower_and_weaker_each_by_itself(variation):
         ratio = new[:, column] / old[:, column]
         assert np.all(np.abs(ratio - 1.0) <= 0.2)
         assert len(set(np.round(ratio, 9))) == len(ratio)
+
+
+def test_gears_are_tighter_or_looser_each_by_itself(variation, within):
+    plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
+    said = variation.vary(spec, variation.Variation(gear_spread=0.3, seed=2))
+    old, new = (Vehicle.of(one.compile()) for one in (plain, spec))
+    ratio = new.dry_friction.coulomb / old.dry_friction.coulomb
+    assert np.all(np.abs(ratio - 1.0) <= 0.3)
+    assert len(set(np.round(ratio, 9))) == len(ratio)
+    within("stiction in proportion", new.dry_friction.stiction / old.dry_friction.stiction - ratio, 1e-12)
+    within("viscous in proportion", new.joint_damping / old.joint_damping - ratio, 1e-12)
+    within("mean", said["gear_friction"] - ratio.mean(), 1e-12)
 
 
 def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[float, float]:

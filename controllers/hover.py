@@ -54,7 +54,7 @@ class Hover:
         vehicle = Vehicle.of(model)
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
-        own = _hull_inertia(model, vehicle.hull, 1.0 + water_error)
+        own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
         self.inertia = own.copy()  # (6, 6)
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
             arm = ArmDynamics(model, water_error=water_error)
@@ -123,7 +123,7 @@ class Hover:
         return wrench
 
 
-def _hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
+def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
     """Rigid and added inertia (6, 6) of the hull alone at its origin."""
     water = hydrodynamics.unpack(model.body_user[hull])
     m, c = float(model.body_mass[hull]), np.array(model.body_ipos[hull])

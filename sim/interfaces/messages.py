@@ -181,6 +181,28 @@ class Target:
     path: ToolPath | None  # in W; None if not accepted
 
 
+class FaultKind(StrEnum):
+    """What the vehicle can find wrong with itself."""
+
+    ESTIMATE = "estimate"  # not a number, or time stands still: nothing can be controlled
+    CONTROLLER = "controller"  # its commands are not numbers
+    VISION = "vision"  # too old to be followed along a path
+    TORQUE_SENSOR = "torque sensor"  # of one joint
+    ENCODER = "encoder"  # of one joint
+    THRUSTER = "thruster"  # one gives less than it is asked for
+    PUSH = "push"  # a wrench on the hull that no single thruster explains
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fault:
+    """One thing found wrong."""
+
+    kind: FaultKind
+    part: str  # name of the joint or thruster; empty where there is but one
+    index: int  # of it; -1 where there is but one
+    time: float  # [s] it was found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
     """What the controller is asked to do now."""
@@ -201,6 +223,7 @@ class Reference:
     path_s: float  # [m] arc length reached on the tool path
     note: str = ""  # why the work was broken off, once it was
     compliant: bool = False  # give way to forces across the tool axis
+    lost_thrusters: tuple[int, ...] = ()  # not to be counted on
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -213,3 +236,4 @@ class Command:
     scan: bool  # take a depth frame now
     felt_normal: float = float("nan")  # [N], normal force at the tool by its estimate; NaN: it has none
     believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]
+    faults: tuple[Fault, ...] = ()  # what it finds wrong with the vehicle, first found first

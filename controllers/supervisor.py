@@ -13,12 +13,14 @@ import numpy as np
 from controllers.mkps import Chain
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
 from controllers.trajectories import JointMove, PoseMove, Progress
+from controllers.watch import Reaction, judge
 from models.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, exp_so3, transform_points
 
+_OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
 _HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
@@ -43,6 +45,7 @@ class Job:
     force_rate: float = 60.0  # [N/s] at which a set force changes
     force_limit: float = 160.0  # [N] felt force that ends the work
     lost_time: float = 0.5  # [s] without contact that ends the work
+    blind_time: float = 5.0  # [s] without vision that the work waits
     press_time: float = 6.0  # [s] within which the first set force must be reached
     lift: float = 0.45  # [m] above the work pose at which the arm unfolds
     hull_speed: float = 0.25  # [m/s]
@@ -100,6 +103,11 @@ class SupervisorState:
     contact_at: float = 0.0  # [s] of the last felt contact
     set_since: float = np.inf  # [s] the first force is held
     force: float = 0.0  # [N] now asked for
+    paused: bool = False
+    pace: float = 1.0  # share of its speed at which the path goes on
+    arm_held: bool = False  # the hull withdraws the tool, the arm holds `q`
+    halted: float = np.inf  # [s] until it is over, once nothing can be controlled
+    lost_thrusters: tuple[int, ...] = ()
     reason: str = ""  # why the work was broken off
     note: str = ""  # what else the user should know
 
@@ -108,6 +116,9 @@ class SurfaceWork:
     """Planner (`sim.interfaces.protocols.Planner`) that works one tool path on one known object."""
 
     _APPROACH_ACCELERATION = 0.03  # [m/s^2]
+    _PAUSED_FORCE = 0.5  # of the set force
+    _PACE_TIME = 0.5  # [s] in which the path comes to a stop, and goes on
+    _HALT = 3.0  # [s] that a vehicle without control is given to come to rest
 
     def __init__(
         self,
@@ -138,8 +149,13 @@ class SurfaceWork:
         self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SupervisorState, Reference]:
         felt = self._felt(state, last)
-        time = estimate.time
-        self._watch(state, estimate, felt)
+        time = estimate.time if np.isfinite(estimate.time) else state.since
+        self._watch(state, estimate, felt, last)
+        if np.isfinite(state.halted):
+            state.halted -= self.period
+            if state.halted <= 0.0:
+                state.state = WorkState.ABORT
+            return state, self._reference(state, time)
         match state.state:
             case WorkState.SETTLE:
                 self._settle(state, estimate)
@@ -270,6 +286,7 @@ class SurfaceWork:
             self._enter(state, WorkState.PRESS, time)
             return
         wanted = job.approach_speed if state.depth < job.standoff - job.guard else job.touch_speed
+        wanted = 0.0 if state.paused else wanted
         most = self._APPROACH_ACCELERATION * self.period
         state.speed += min(max(wanted - state.speed, -most), most)
         state.depth += state.speed * self.period
@@ -279,6 +296,8 @@ class SurfaceWork:
     def _press(self, state: SupervisorState, time: float, felt: float) -> None:
         job = self._job
         state.contact_at = time
+        if state.paused:
+            state.since += self.period
         first = job.forces[0]
         self._ramp_force(state, first)
         if abs(felt - first) > 0.05 * first or state.force != first:
@@ -296,9 +315,12 @@ class SurfaceWork:
     def _work(self, state: SupervisorState, time: float) -> None:
         progress = state.progress
         assert progress is not None
+        most = self.period / self._PACE_TIME
+        state.pace += min(max((0.0 if state.paused else 1.0) - state.pace, -most), most)
+        state.work_start += (1.0 - state.pace) * self.period
         state.path_s, _ = progress.at(time - state.work_start)
         part = min(int(state.path_s / progress.length * len(self._job.forces)), len(self._job.forces) - 1)
-        self._ramp_force(state, self._job.forces[part])
+        self._ramp_force(state, self._job.forces[part] * (self._PAUSED_FORCE if state.paused else 1.0))
         if time - state.work_start > progress.duration + 0.5:
             self._enter(state, WorkState.RETREAT, time)
 
@@ -307,7 +329,11 @@ class SurfaceWork:
         state.force += min(max(wanted - state.force, -most), most)
 
     def _retreat(self, state: SupervisorState, time: float) -> None:
-        if (time - state.since) * self._job.approach_speed > self._way_back(state):
+        if state.arm_held:
+            away = state.hull_move is None or state.hull_move.done(time)
+        else:
+            away = (time - state.since) * self._job.approach_speed > self._way_back(state)
+        if away:
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _way_back(self, state: SupervisorState) -> float:
@@ -323,33 +349,27 @@ class SurfaceWork:
             raise ConfigurationError("the controller must say what it feels: Command.felt_normal [N] is not a number")
         return 0.0
 
-    def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float) -> None:
-        """Break the work off when the hull is carried away, the force is too large, or the contact is gone."""
-        job, time = self._job, estimate.time
-        over = state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
-        off = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
-        waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
-        late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
-        if not waiting or state.joint_moves:
-            state.still_since = time
-        if not over and (off > job.lost_place or late):
-            reason = (
-                f"the hull cannot hold its place: {off:.2f} m off"
-                if off > job.lost_place
-                else (f"the hull did not become quiet within {job.settle_limit:.0f} s")
-            )
-            if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):
-                self._give_up(state, time, reason)
-            else:
-                self._break_off(state, time, reason)
+    def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float, last: Command | None) -> None:
+        """Break the work off, or let it wait, where `controllers.watch` says so."""
+        time, faults = estimate.time, last.faults if last is not None else ()
+        state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
+        verdict = judge(self._job, state, estimate, felt, faults)
+        state.paused = verdict.reaction is Reaction.PAUSE
+        if verdict.reaction is Reaction.STOP and not np.isfinite(state.halted):
+            state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []
+            self._enter(state, WorkState.RETREAT, time if np.isfinite(time) else state.since)
+        if verdict.reaction in (Reaction.GO_ON, Reaction.PAUSE) or state.state in _OVER:
             return
-        if state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK) and felt > job.force_limit:
-            self._break_off(state, time, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
-        if state.state is WorkState.WORK and job.force_control:
-            if felt > 0.5 * job.touch:
-                state.contact_at = time
-            elif time - state.contact_at > job.lost_time:
-                self._break_off(state, time, f"contact lost for {job.lost_time} s")
+        if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):
+            self._give_up(state, time, verdict.reason)
+        elif verdict.reaction is Reaction.WITHDRAW:
+            state.q, state.joint_moves, state.arm_held = np.array(estimate.q), [], True
+            off = np.array(state.X_WB)
+            off[:3, 3] -= self._way_back(state) * self._on_path(state, state.path_s, 0.0)[0][:3, 2]
+            self._move_hull(state, time, off)
+            self._break_off(state, time, verdict.reason)
+        else:
+            self._break_off(state, time, verdict.reason)
 
     def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
         state.reason = reason
@@ -391,9 +411,12 @@ class SurfaceWork:
             assert state.progress is not None
             rate = state.progress.at(time - state.work_start)[1]
             X_WG, tangent, turn = self._on_path(state, state.path_s, state.depth - job.standoff)
+            rate *= state.pace
             v_tool, w_tool = rate * tangent, rate * turn
             force, force_control = state.force, True
-        elif state.state in (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT) and state.placement is not None:
+        elif state.arm_held or np.isfinite(state.halted):
+            pass  # the angles are held
+        elif state.state in _OVER and state.placement is not None:
             back = self._way_back(state)
             if state.state is WorkState.RETREAT:
                 back = min((time - state.since) * job.approach_speed, back)
@@ -404,4 +427,5 @@ class SurfaceWork:
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
             q=q, qd=qd, force=force, force_control=force_control, tare=tare,
             scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
+            lost_thrusters=state.lost_thrusters,
         )  # fmt: skip

@@ -124,6 +124,7 @@ class WorkController:
         self._hover = Hover(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
         self._lead = ThrusterLead(vehicle)
+        self._left: dict[tuple[int, ...], Allocation] = {(): self._allocation}  # by the thrusters that are lost
         self._observer = LoadObserver(
             model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error
         )
@@ -320,7 +321,10 @@ class WorkController:
         dt = self._hover_ticks * self.period
         wanted_B = self._hover.step(state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, dt)
         state.current_W = self._hover.current(state.hover)
-        command = self._allocation.command(self._allocation.thrust(wanted_B))
+        lost = reference.lost_thrusters
+        if lost not in self._left:
+            self._left[lost] = self._allocation.without(*lost)
+        command = self._left[lost].command(self._left[lost].thrust(wanted_B))
         through_water = self._hover.through_water(state.hover, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
         state.hover.given_B = state.propellers.given_B

@@ -1,0 +1,124 @@
+"""What the supervisor watches for, and what it does then.
+
+| found | reaction |
+|---|---|
+| vision too old | the path waits at half the force, and goes on when vision is back; after `Job.blind_time` retreat |
+| one torque sensor wrong | the work goes on, the motor's word in its place (`controllers.guarded`); two: retreat |
+| an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
+| a thruster lost | no more push, retreat along the tool axis; the others hold the hull as well as they can |
+| a push of unknown origin | the same, with all thrusters |
+| force above its limit, contact lost, hull off its place | retreat along the tool axis |
+| the estimate or the controller gives no numbers | arm braked, thrusters off (`controllers.guarded`), abort |
+
+A retreat ends in ABORT. Before there is anything to retreat from, the work is given up where the vehicle is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
+
+if TYPE_CHECKING:
+    from controllers.supervisor import Job, SupervisorState
+
+
+class Reaction(StrEnum):
+    """What to do."""
+
+    GO_ON = "go on"
+    PAUSE = "pause"  # the path waits, the tool presses less
+    RETREAT = "retreat"  # the arm draws the tool off along its axis
+    WITHDRAW = "withdraw"  # the hull does, the arm holds still
+    STOP = "stop"  # nothing can be controlled
+
+
+REACTIONS = {
+    FaultKind.VISION: Reaction.PAUSE,
+    FaultKind.TORQUE_SENSOR: Reaction.GO_ON,
+    FaultKind.ENCODER: Reaction.WITHDRAW,
+    FaultKind.THRUSTER: Reaction.RETREAT,
+    FaultKind.PUSH: Reaction.RETREAT,
+    FaultKind.ESTIMATE: Reaction.STOP,
+    FaultKind.CONTROLLER: Reaction.STOP,
+}
+_SEVERITY = tuple(Reaction)
+_AGAIN = {FaultKind.TORQUE_SENSOR: Reaction.RETREAT}  # where it is the second of its kind
+_SAID = {
+    FaultKind.VISION: "vision is lost",
+    FaultKind.TORQUE_SENSOR: "torque sensors of {} are wrong",
+    FaultKind.ENCODER: "encoder of {} is wrong",
+    FaultKind.THRUSTER: "thruster {} is lost",
+    FaultKind.PUSH: "the hull is pushed by what no thruster explains",
+    FaultKind.ESTIMATE: "the state estimate is lost",
+    FaultKind.CONTROLLER: "the controller's commands are no numbers",
+}
+_OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
+_TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The hardest reaction that anything asks for, and why."""
+
+    reaction: Reaction
+    reason: str = ""
+
+
+def judge(
+    job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float, faults: Sequence[Fault]
+) -> Verdict:
+    """What is to be done now; `felt` [N], `faults` as the controller reports them. Counts times in `state`."""
+    found = (
+        _of_faults(job, faults, estimate.time),
+        _of_place(job, state, estimate),
+        _of_contact(job, state, estimate, felt),
+    )
+    return max(found, key=lambda one: _SEVERITY.index(one.reaction))
+
+
+def _of_faults(job: "Job", faults: Sequence[Fault], time: float) -> Verdict:
+    if not np.isfinite(time):
+        return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
+    hardest, seen = Verdict(Reaction.GO_ON), []
+    for fault in faults:
+        reaction = _AGAIN.get(fault.kind, REACTIONS[fault.kind]) if fault.kind in seen else REACTIONS[fault.kind]
+        if fault.kind is FaultKind.VISION and time - fault.time > job.blind_time:
+            reaction = Reaction.RETREAT
+        seen.append(fault.kind)
+        if _SEVERITY.index(reaction) > _SEVERITY.index(hardest.reaction):
+            parts = ", ".join(other.part for other in faults if other.kind is fault.kind)
+            hardest = Verdict(reaction, _SAID[fault.kind].format(parts))
+    return hardest
+
+
+def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> Verdict:
+    """The hull is carried away, or does not come to rest where it waits for that."""
+    time = estimate.time
+    off = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
+    waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
+    late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
+    if not waiting or state.joint_moves:
+        state.still_since = time
+    if state.state in _OVER:
+        return Verdict(Reaction.GO_ON)
+    if off > job.lost_place:
+        return Verdict(Reaction.RETREAT, f"the hull cannot hold its place: {off:.2f} m off")
+    if late:
+        return Verdict(Reaction.RETREAT, f"the hull did not become quiet within {job.settle_limit:.0f} s")
+    return Verdict(Reaction.GO_ON)
+
+
+def _of_contact(job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float) -> Verdict:
+    """The force is too large, or the contact is gone."""
+    if state.state in _TOUCHING and felt > job.force_limit:
+        return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
+    if state.state is WorkState.WORK and job.force_control:
+        if felt > 0.5 * job.touch:
+            state.contact_at = estimate.time
+        elif estimate.time - state.contact_at > job.lost_time:
+            return Verdict(Reaction.RETREAT, f"contact lost for {job.lost_time} s")
+    return Verdict(Reaction.GO_ON)

@@ -34,6 +34,8 @@ from sim.interfaces.spatial import Array, checked, fitting
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # of a wrench on the hull, hull axes
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
+# Where a thruster is lost: a little tilt, which weight and buoyancy bear, is better than no hold on the depth.
+WITHOUT_ONE = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
 HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
 GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] of what least thrusts cannot give
 _ROUNDS = 4  # over the thrusters, at most, in search of a better branch

@@ -2,7 +2,7 @@
 
 Wraps any controller (`sim.interfaces.protocols.Controller`):
 - every step the vehicle's health is looked at (`controllers.health`), and what is wrong goes out with the command;
-- a torque sensor found wrong is replaced by its motor: what the drive is asked for, less rotor inertia and friction,
+- a torque sensor found wrong, or that shows no number, is replaced by its motor: what the drive is asked for, less rotor inertia and friction,
   with the offset that the sensor had against it while it was sound;
 - an estimate with numbers that are none, or whose time stands still, never reaches the controller. For `patience` the
   last command is repeated; after that the arm is braked and the thrusters are stopped, for good. The same holds for
@@ -69,16 +69,16 @@ class Guarded:
     def step(self, state: GuardedState, estimate: StateEstimate, reference: Reference) -> tuple[GuardedState, Command]:
         """As the controller's; what is no number neither raises here nor is commanded."""
         e = estimate
-        if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.tau, e.time):
+        if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
         if state.health is None:
-            state.health = self._health.init(estimate)
-        believed = self._replaced(state.health, estimate)
-        state.inner, command = self._controller.step(state.inner, believed, reference)
+            state.health = self._health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
+        estimate = self._replaced(state.health, estimate)
+        state.inner, command = self._controller.step(state.inner, estimate, reference)
         if not (np.isfinite(command.joint_torque).all() and np.isfinite(command.thrusters).all()):
             return state, self._without(state, estimate, FaultKind.CONTROLLER)
         faults = self._health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
@@ -87,6 +87,11 @@ class Guarded:
 
     def _replaced(self, health: HealthState, estimate: StateEstimate) -> StateEstimate:
         """The estimate with the motors' word in place of torque sensors that were found wrong."""
+        missing = not np.isfinite(estimate.tau).all()
+        if not missing and not health.faults:
+            return estimate
+        if missing:
+            self._health.blame_torque_sensors(health, ~np.isfinite(estimate.tau), estimate.time)
         wrong = [fault.index for fault in health.faults if fault.kind is FaultKind.TORQUE_SENSOR]
         if not wrong:
             return estimate

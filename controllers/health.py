@@ -7,7 +7,9 @@ Nothing here sees the plant; a fault is found where two things disagree that sho
 - an encoder's angle against the integral of its speed;
 - the hull's momentum (De Luca, Mattone 2003, of the hull as one body): what it gains beyond the thrust asked for, the
   arm's wrench, weight, drag. A missing wrench along one thruster's column, in proportion to what that thruster was
-  asked for, is that thruster's; any other large one is a push of unknown origin, a current that changed or a snag.
+  asked for, is that thruster's. Any other is a gust, or a snag: what matters of it is whether the hull holds its place.
+  A thruster whose column is all but a pure force (one sway thruster amidships) is never suspected: its loss and a
+  current that has just come up look alike. There too the hull's place has to tell.
 
 Each reading is compared with what it was on average before (`learning_time`), so that biases and model errors that
 have always been there are no fault. Thresholds are `Limits`; the tests measure how far sound runs stay below them.
@@ -46,14 +48,14 @@ class Limits:
     encoder_slip: float = 4e-3  # [rad] that they may differ
     hull_time: float = 0.15  # [s] filter of the hull's momentum
     hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
-    hull_force: float = 30.0  # [N] that may be missing, moments counted at `lever`
-    hull_share: float = 0.2  # of the thrust asked for, all thrusters together, that may be missing beside it
+    hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
+    hull_share: float = 0.1  # and of the thrust asked for, all thrusters together,
+    hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
     lever: float = 0.5  # [m]
     thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
+    thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which it is not suspected
     thruster_leftover: float = 0.4  # share of what is missing that the thruster need not explain
     thruster_confirm: float = 0.2  # [s]
-    push_force: float = 120.0  # [N] missing beyond which the push is a fault whatever its origin
-    push_confirm: float = 0.3  # [s]
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -88,7 +90,6 @@ class HealthState:
     missing: Array  # (6,) [N, N m] on the hull, of unknown origin
     missing_usual: Array  # (6,)
     lost_for: Array  # (m,) [s] that a thruster explains what is missing
-    pushed_for: float = 0.0  # [s]
     wrench_seen: Array | None = None
     faults: list[Fault] = field(default_factory=list)
 
@@ -114,6 +115,8 @@ class Health:
         self._added, self._linear = np.array(water.added_mass), np.array(water.linear_damping)
         self._quadratic = np.array(water.quadratic_damping)
         self._scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
+        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(self._scale[:, None] * self._B, 2))
+        self._telling = moment > limits.thruster_moment * force
 
     def init(self, estimate: StateEstimate) -> HealthState:
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
@@ -156,9 +159,14 @@ class Health:
         frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
         torque = frozen[0] | (state.beyond > limits.torque_confirm)
         encoder = frozen[1] | (np.abs(state.slip) > limits.encoder_slip)
-        for kind, wrong in ((FaultKind.TORQUE_SENSOR, torque), (FaultKind.ENCODER, encoder)):
-            for j in np.flatnonzero(wrong).tolist():
-                self._add(state, kind, self._vehicle.joint_names[j], j, time)
+        self.blame_torque_sensors(state, torque, time)
+        for j in np.flatnonzero(encoder).tolist():
+            self._add(state, FaultKind.ENCODER, self._vehicle.joint_names[j], j, time)
+
+    def blame_torque_sensors(self, state: HealthState, wrong: np.ndarray, time: float) -> None:
+        """Count the torque sensors `wrong` (n,) bool as faulty from `time` [s] on."""
+        for j in np.flatnonzero(wrong).tolist():
+            self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time)
 
     @staticmethod
     def _add(state: HealthState, kind: FaultKind, part: str, index: int, time: float) -> None:
@@ -179,16 +187,17 @@ class Health:
             limits.hull_time, state.speed, state.passed, state.nu_slow, state.rest, state.missing,
         )  # fmt: skip
         state.thrusters[:] = command.thrusters
-        self._judge_hull(state, estimate.time, dt, warm)
+        self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
 
-    def _judge_hull(self, state: HealthState, time: float, dt: float, warm: bool) -> None:
+    def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits = self.limits
         thrust = np.array([thrust_at(curve, speed) for curve, speed in zip(self._curves, state.speed, strict=True)])
         scaled = self._scale * (state.missing - state.missing_usual)
         size = float(np.linalg.norm(scaled))
-        bound = limits.hull_force + limits.hull_share * float(np.abs(thrust).sum())
+        bound = limits.hull_force + limits.hull_share * float(np.abs(thrust).sum()) + limits.hull_speed * speed
         if size < 0.7 * bound or not warm:
-            state.missing_usual += min(1.0, dt / limits.hull_learning_time) * (state.missing - state.missing_usual)
+            learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
+            state.missing_usual += learn * (state.missing - state.missing_usual)
         best, share = self._suspect(scaled, thrust)
         low, high = limits.thruster_loss
         for i in range(len(thrust)):
@@ -196,32 +205,28 @@ class Health:
             state.lost_for[i] = state.lost_for[i] + dt if suspected else 0.0
             if state.lost_for[i] > limits.thruster_confirm:
                 self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[i], i, time)
-        pushed = warm and size > max(limits.push_force, bound)
-        state.pushed_for = state.pushed_for + dt if pushed else 0.0
-        if state.pushed_for > limits.push_confirm:
-            self._add(state, FaultKind.PUSH, "", -1, time)
 
     def _suspect(self, scaled: Array, thrust: Array) -> tuple[int, float]:
         """The thruster that explains best what is missing, and the share of its thrust that is; -1 if none does."""
         columns = self._scale[:, None] * self._B
         best, share, least = -1, 0.0, self.limits.thruster_leftover * float(np.linalg.norm(scaled))
-        for i in range(columns.shape[1]):
+        for i in np.flatnonzero(self._telling):
             lost = -float(columns[:, i] @ scaled) / float(columns[:, i] @ columns[:, i])
             left = float(np.linalg.norm(scaled + lost * columns[:, i]))
             if left < least and lost * thrust[i] > 0.0:
-                best, share, least = i, lost / thrust[i], left
+                best, share, least = int(i), lost / float(thrust[i]), left
         return best, share
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def finite(X_WB, v_B, w_B, a_B, q, qd, tau, time):
-    """Whether all of an estimate are numbers."""
+def finite(X_WB, v_B, w_B, a_B, q, qd, time):
+    """Whether all of an estimate that cannot be done without are numbers."""
     total = 0.0 * time
     for i in range(3):
         total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
     for j in range(q.shape[0]):
-        total += 0.0 * (q[j] + qd[j] + tau[j])
+        total += 0.0 * (q[j] + qd[j])
     return total == 0.0
 
 

@@ -57,7 +57,8 @@ class Job:
     settle_error: float = 0.06  # [m] and within which of its place
     settle_time: float = 4.0  # [s] that it must be quiet
     settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
-    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away
+    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
+    lost_place_at_work: float = 0.15  # [m] and while the tool approaches or touches
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     roomy: float = 0.3  # margin of the placement under which less of the path is worked, where that is allowed
@@ -108,6 +109,7 @@ class SupervisorState:
     arm_held: bool = False  # the hull withdraws the tool, the arm holds `q`
     halted: float = np.inf  # [s] until it is over, once nothing can be controlled
     lost_thrusters: tuple[int, ...] = ()
+    adrift: bool = False  # the hull cannot be held as it should be: rise, once the tool is off
     reason: str = ""  # why the work was broken off
     note: str = ""  # what else the user should know
 
@@ -173,7 +175,7 @@ class SurfaceWork:
             case WorkState.WORK:
                 self._work(state, time)
             case WorkState.RETREAT:
-                self._retreat(state, time)
+                self._retreat(state, estimate)
         return state, self._reference(state, time)
 
     # -- states ----------------------------------------------------------------------------------------------------
@@ -328,12 +330,21 @@ class SurfaceWork:
         most = self._job.force_rate * self.period
         state.force += min(max(wanted - state.force, -most), most)
 
-    def _retreat(self, state: SupervisorState, time: float) -> None:
+    def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Off along the tool axis by the arm, or, where that is held, by the hull; then up if it drifts."""
+        time = estimate.time
         if state.arm_held:
             away = state.hull_move is None or state.hull_move.done(time)
         else:
             away = (time - state.since) * self._job.approach_speed > self._way_back(state)
-        if away:
+        if away and state.adrift and not state.arm_held:
+            state.q, state.arm_held = np.array(estimate.q), True
+            above = np.array(estimate.X_WB)
+            above[:3, :3] = state.X_WB[:3, :3]
+            above[2, 3] += self._job.lift
+            state.X_WB = above
+            self._move_hull(state, time, above)
+        elif away:
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _way_back(self, state: SupervisorState) -> float:
@@ -358,6 +369,7 @@ class SurfaceWork:
         if verdict.reaction is Reaction.STOP and not np.isfinite(state.halted):
             state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []
             self._enter(state, WorkState.RETREAT, time if np.isfinite(time) else state.since)
+        state.adrift |= verdict.reaction is Reaction.RISE or bool(state.lost_thrusters)
         if verdict.reaction in (Reaction.GO_ON, Reaction.PAUSE) or state.state in _OVER:
             return
         if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):

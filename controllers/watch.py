@@ -5,9 +5,9 @@
 | vision too old | the path waits at half the force, and goes on when vision is back; after `Job.blind_time` retreat |
 | one torque sensor wrong | the work goes on, the motor's word in its place (`controllers.guarded`); two: retreat |
 | an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
-| a thruster lost | no more push, retreat along the tool axis; the others hold the hull as well as they can |
-| a push of unknown origin | the same, with all thrusters |
-| force above its limit, contact lost, hull off its place | retreat along the tool axis |
+| a thruster lost | no more push, retreat along the tool axis, then rise, as well as the other thrusters can |
+| hull off its place | the same, with all thrusters |
+| force above its limit, contact lost | retreat along the tool axis |
 | the estimate or the controller gives no numbers | arm braked, thrusters off (`controllers.guarded`), abort |
 
 A retreat ends in ABORT. Before there is anything to retreat from, the work is given up where the vehicle is.
@@ -32,6 +32,7 @@ class Reaction(StrEnum):
     GO_ON = "go on"
     PAUSE = "pause"  # the path waits, the tool presses less
     RETREAT = "retreat"  # the arm draws the tool off along its axis
+    RISE = "retreat and rise"  # and then the hull rises, the arm held, out of reach of anything
     WITHDRAW = "withdraw"  # the hull does, the arm holds still
     STOP = "stop"  # nothing can be controlled
 
@@ -40,8 +41,7 @@ REACTIONS = {
     FaultKind.VISION: Reaction.PAUSE,
     FaultKind.TORQUE_SENSOR: Reaction.GO_ON,
     FaultKind.ENCODER: Reaction.WITHDRAW,
-    FaultKind.THRUSTER: Reaction.RETREAT,
-    FaultKind.PUSH: Reaction.RETREAT,
+    FaultKind.THRUSTER: Reaction.RISE,
     FaultKind.ESTIMATE: Reaction.STOP,
     FaultKind.CONTROLLER: Reaction.STOP,
 }
@@ -52,7 +52,6 @@ _SAID = {
     FaultKind.TORQUE_SENSOR: "torque sensors of {} are wrong",
     FaultKind.ENCODER: "encoder of {} is wrong",
     FaultKind.THRUSTER: "thruster {} is lost",
-    FaultKind.PUSH: "the hull is pushed by what no thruster explains",
     FaultKind.ESTIMATE: "the state estimate is lost",
     FaultKind.CONTROLLER: "the controller's commands are no numbers",
 }
@@ -105,8 +104,8 @@ def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> 
         state.still_since = time
     if state.state in _OVER:
         return Verdict(Reaction.GO_ON)
-    if off > job.lost_place:
-        return Verdict(Reaction.RETREAT, f"the hull cannot hold its place: {off:.2f} m off")
+    if off > (job.lost_place_at_work if state.state in _TOUCHING else job.lost_place):
+        return Verdict(Reaction.RISE, f"the hull cannot hold its place: {off:.2f} m off")
     if late:
         return Verdict(Reaction.RETREAT, f"the hull did not become quiet within {job.settle_limit:.0f} s")
     return Verdict(Reaction.GO_ON)

@@ -16,7 +16,7 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from controllers.allocation import Allocation
+from controllers.allocation import WITHOUT_ONE, Allocation
 from controllers.arm_dynamics import ArmDynamics
 from controllers.compliance import ComplianceState, LateralCompliance
 from controllers.drive import aim, drive, feel, lost_in_gears, resolve
@@ -323,7 +323,7 @@ class WorkController:
         state.current_W = self._hover.current(state.hover)
         lost = reference.lost_thrusters
         if lost not in self._left:
-            self._left[lost] = self._allocation.without(*lost)
+            self._left[lost] = self._allocation.without(*lost, priorities=WITHOUT_ONE)
         command = self._left[lost].command(self._left[lost].thrust(wanted_B))
         through_water = self._hover.through_water(state.hover, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)

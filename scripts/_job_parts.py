@@ -10,6 +10,7 @@ import _deck_calibration
 import mujoco
 import numpy as np
 
+from controllers.guarded import Guarded
 from models import arm_geometry, scenes
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from perception.target_finder import KnownObjectFinder
@@ -58,7 +59,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     except (ImportError, AttributeError, ValueError) as error:
         raise ConfigurationError(f"--controller {name!r}: expected MODULE:CLASS; {error}") from error
     try:
-        return kind(own, without=without, water_error=water_error)
+        return Guarded(kind(own, without=without, water_error=water_error), own)
     except TypeError as error:
         raise ConfigurationError(f"--controller {name!r}: cannot be made of a model; {error}") from error
 

@@ -188,6 +188,7 @@ class FaultySensor:
 
     def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
         self._sensor, self._fault, self._onset = sensor, fault, onset
+        self.sound: Sensor = sensor.sound if isinstance(sensor, FaultySensor) else sensor
         self.period, self.delay = sensor.period, sensor.delay
 
     def init(self, rng: np.random.Generator) -> FaultySensorState:
@@ -284,15 +285,18 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
 class MisplacedFinder:
     """A finder (`sim.interfaces.protocols.TargetFinder`) as sure as the one it wraps, but of the wrong place."""
 
-    def __init__(self, finder: TargetFinder, shift_W: ArrayLike) -> None:
-        """Move all that `finder` finds by `shift_W` (3,) [m]."""
+    def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:
+        """Move all that `finder` finds in frames of that time by `shift_W` (3,) [m]."""
         self._finder, self._shift_W = finder, checked(shift_W, (3,), "shift of the target [m]")
+        self._onset = onset
 
     def init(self) -> Any:
         return self._finder.init()
 
     def step(self, state: Any, estimate: Any, measurement: Any) -> tuple[Any, Target]:
         state, target = self._finder.step(state, estimate, measurement)
+        if not self._onset.active(target.time):
+            return state, target
         X_WT: Array = np.array(target.X_WT)
         X_WT[:3, 3] += self._shift_W
         path = None if target.path is None else replace(target.path, p=target.path.p + self._shift_W)

@@ -190,7 +190,6 @@ class FaultKind(StrEnum):
     TORQUE_SENSOR = "torque sensor"  # of one joint
     ENCODER = "encoder"  # of one joint
     THRUSTER = "thruster"  # one gives less than it is asked for
-    PUSH = "push"  # a wrench on the hull that no single thruster explains
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

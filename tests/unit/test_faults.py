@@ -28,11 +28,12 @@ def truth(time: float) -> Any:
     )  # fmt: skip
 
 
-def read(fault: faults.SensorFault | None, onset: faults.Onset, steps: int = 20) -> list[TorqueMeasurement | None]:
+def read(fault: faults.SensorFault | None, onset: faults.Onset, steps: int = 20) -> list[Any]:
     """Readings every 0.1 s of a torque sensor with `fault`, or of one without any."""
-    sensor: Sensor = JointTorqueSensors()
-    sensor = sensor if fault is None else faults.FaultySensor(sensor, fault, onset)
-    state, readings = sensor.init(np.random.default_rng(3)), []
+    sound: Sensor = JointTorqueSensors()
+    sensor: Sensor = sound if fault is None else faults.FaultySensor(sound, fault, onset)
+    state: Any = sensor.init(np.random.default_rng(3))
+    readings = []
     for i in range(steps):
         state, reading = sensor.step(state, truth(0.1 * i))
         readings.append(reading)
@@ -148,7 +149,8 @@ def test_a_misplaced_finder_moves_pose_and_path():
         def step(self, state: None, estimate: object, measurement: object) -> tuple[None, Target]:
             return state, replace(found, time=float(measurement is estimate))
 
-    finder = faults.MisplacedFinder(Finder(), (0.0, 0.0, 0.08))
+    finder = faults.MisplacedFinder(Finder(), (0.0, 0.0, 0.08), faults.Onset(at=0.5))
+    assert finder.step(finder.init(), None, 0)[1].path is path
     target = finder.step(finder.init(), None, None)[1]
     assert target.path is not None
     assert np.allclose(target.path.p, [[1.0, 1.0, 1.08]], rtol=0.0, atol=1e-15)

@@ -2,8 +2,8 @@
 
 Wraps any controller (`sim.interfaces.protocols.Controller`):
 - every step the vehicle's health is looked at (`controllers.health`), and what is wrong goes out with the command;
-- a torque sensor found wrong, or that shows no number, is replaced by its motor: what the drive is asked for, less rotor inertia and friction,
-  with the offset that the sensor had against it while it was sound;
+- a torque sensor found wrong, or that shows no number, is replaced by its motor: what the drive is asked for, less
+  rotor inertia and friction, with the offset that the sensor had against it while it was sound;
 - an estimate with numbers that are none, or whose time stands still, never reaches the controller. For `patience` the
   last command is repeated; after that the arm is braked and the thrusters are stopped, for good. The same holds for
   a controller whose own commands are not numbers.

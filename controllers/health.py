@@ -41,7 +41,8 @@ class Limits:
     frozen_factor: float = 5.0  # and times the longest that it did while sound
     torque_time: float = 0.1  # [s] filter of sensor against motor
     torque_share: float = 0.08  # of the reading,
-    torque_floor: float = 0.05  # of the drive's torque limit beside it: both together are no fault
+    torque_floor: float = 0.05  # of the drive's torque limit beside it,
+    friction: float = 2.5  # and times the stiction of the gear, which acts either way: all together are no fault
     torque_confirm: float = 0.1  # [s] that it must be beyond
     learning_time: float = 20.0  # [s] of the average against which a torque sensor is compared
     encoder_time: float = 1.0  # [s] over which angle and speed are compared
@@ -106,7 +107,7 @@ class Health:
         self._period, self.limits = period, limits or Limits()
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         limits = self.limits
-        self._floor = limits.torque_floor * np.array(vehicle.torque_limits)
+        self._floor = limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction
         table = vehicle.thruster_table
         self._curves, self._B = curves(table), np.array(vehicle.thruster_wrench)
         self._lags = np.array(table[:, [TIME_CONSTANT, SLEW_RATE]])

@@ -17,7 +17,8 @@ VEHICLE = Vehicle.of(MODEL)
 N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
 REFERENCE = Reference(
     time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=np.zeros(3), X_WG=None, v_WG_W=np.zeros(3),
-    w_WG_W=np.zeros(3), q=np.zeros(N), qd=np.zeros(N), force=0.0, force_control=False, tare=False, scan=False, path_s=0.0,
+    w_WG_W=np.zeros(3), q=np.zeros(N), qd=np.zeros(N), force=0.0, force_control=False, tare=False, scan=False,
+    path_s=0.0,
 )  # fmt: skip
 
 
@@ -30,10 +31,12 @@ class Inner:
     seen: Any = None
 
     def init(self, estimate: StateEstimate) -> int:
+        self.seen = estimate
         return 0
 
     def step(self, state: int, estimate: StateEstimate, reference: Reference) -> tuple[int, Command]:
         self.seen = estimate
+        assert reference is REFERENCE
         value = np.nan if state + 1 >= self.breaks else 0.01 * state
         return state + 1, Command(
             time=estimate.time, joint_torque=np.full(N, value), thrusters=np.full(M, 0.5), scan=False, felt_normal=7.0
@@ -134,7 +137,9 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     inner = Inner()
     guarded = Guarded(inner, MODEL)
     state = guarded.init(estimate(0))
-    for i in range(2600):
+    state, command = guarded.step(state, estimate(0), REFERENCE)
+    tau = estimate(0).tau
+    for i in range(1, 2600):
         tau = estimate(i).tau + 0.01 * max(i - 1, 0) + 3.0  # what the motors were asked for, and an offset
         state, command = guarded.step(state, estimate(i, tau=np.array(tau)), REFERENCE)
     assert command.faults == ()

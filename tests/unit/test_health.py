@@ -105,6 +105,7 @@ def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
     (fault,) = Rig(torque=drift).run(20.0)
     assert (fault.kind, fault.index) == (FaultKind.TORQUE_SENSOR, joint)
     least = limits.torque_floor * VEHICLE.torque_limits[joint]
+    least += limits.friction * VEHICLE.dry_friction.stiction[joint]
     most = least + limits.torque_share * (0.3 * VEHICLE.torque_limits[joint] + rate * 10.0)
     # Learning takes part of the drift for usual, up to half the bound; then filter and confirmation.
     assert least / rate < fault.time - 10.0 < 1.6 * most / rate + limits.torque_time + limits.torque_confirm

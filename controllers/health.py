@@ -4,6 +4,7 @@ Nothing here sees the plant; a fault is found where two things disagree that sho
 
 - a reading that stands still, equal bit by bit, much longer than it ever did while sound: sensors have noise;
 - a torque sensor against its motor: what passes the gear is the motor's torque less rotor inertia and gear friction;
+- the age of the newest picture, where the estimator says it: this fault alone passes when pictures come again;
 - an encoder's angle against the integral of its speed;
 - the hull's momentum (De Luca, Mattone 2003, of the hull as one body): what it gains beyond the thrust asked for, the
   arm's wrench, weight, drag. A missing wrench along one thruster's column, in proportion to what that thruster was
@@ -36,6 +37,7 @@ from sim.interfaces.spatial import Array
 class Limits:
     """What still passes for sound."""
 
+    vision_age: float = 1.0  # [s] of the newest picture
     warm_up: float = 4.0  # [s] in which it only learns
     frozen_time: float = 0.05  # [s] that a reading may stand still,
     frozen_factor: float = 5.0  # and times the longest that it did while sound
@@ -146,6 +148,10 @@ class Health:
         )  # fmt: skip
         if warm and found:
             self._judge_joints(state, time)
+        if not estimate.vision_age > limits.vision_age:  # unknown too
+            state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
+        else:
+            self._add(state, FaultKind.VISION, "", -1, time)
         state.time = time
         state.tau_motor[:] = command.joint_torque
         wrench = command.believed.get("arm_wrench_B")

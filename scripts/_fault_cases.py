@@ -97,8 +97,9 @@ class Bystander:
             self.states.append((time, reference.state, reference.note))
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 self._over = time
-        for fault in moment.command.faults[len(self.found) :]:
-            self.found.append((time, str(fault.kind), fault.part))
+        for fault in moment.command.faults:
+            if (str(fault.kind), fault.part) not in (one[1:] for one in self.found):
+                self.found.append((time, str(fault.kind), fault.part))
         tilt = float(np.arccos(np.clip(truth.R_WB[2] @ self._up, -1.0, 1.0)))
         self._rows.append(
             (time, truth.contact_normal, moment.command.felt_normal, reference.force, *(truth.p_WB - self._p_WB), tilt,

@@ -173,6 +173,24 @@ def test_a_push_on_the_hull_is_no_lost_thruster(axis: int):
     assert Rig(velocity=accelerated(-80.0 * np.eye(6)[axis])).run(11.5) == ()
 
 
+def test_old_vision_is_a_fault_until_it_is_new_again():
+    health = Health(MODEL, period=DT)
+    zero, six = np.zeros(3), np.zeros(N)
+    command = Command(time=0.0, joint_torque=six, thrusters=np.zeros(M), scan=False)
+
+    def look(age: float) -> list[FaultKind]:
+        estimate = StateEstimate(
+            time=1.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six, vision_age=age
+        )
+        return [fault.kind for fault in health.step(state, estimate, command)]
+
+    state = health.init(StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six
+    ))  # fmt: skip
+    assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [[], [FaultKind.VISION], [FaultKind.VISION], []]
+    assert look(float("nan")) == []
+
+
 def test_limits_are_positive():
     with pytest.raises(ConfigurationError, match="torque_time"):
         Limits(torque_time=0.0)

@@ -15,7 +15,8 @@ a filter which had everything in time (Larsen et al., FUSION 1998, call it recal
 A vision that wanders (`VisionNoise.wander`) has a state of its own. What can be known then: how the hull has moved
 since some moment, to what the inertial unit and the DVL remember of it; not where it is in the world, for a wander
 that was there from the beginning looks like another place. The object was found with the same cameras, so the error
-of that moment goes into object and hull alike and does not move the tool on it; what has wandered since then does.
+of that moment goes into object and hull alike and does not move the tool on it; what has wandered since then does
+(5 mm that forget themselves in 20 s: 4.5 mm since the scan where the wander is stated, 5.8 mm where it is not).
 `StateEstimate.position_sigma` is of the place in the world and holds both.
 
 What matters to a tool in contact is smoothness: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N. So corrections are
@@ -251,6 +252,7 @@ class Navigation:
                 self._inertial(state, m)
             elif isinstance(m, (VisionMeasurement, DvlMeasurement)):
                 fixes.append(m)
+                continue  # they do not set the clock: a wild stamp on a picture must not
             if m.time > state.clock:
                 state.clock = m.time
         if sound(q, qd, tau):

@@ -265,7 +265,7 @@ def test_vision_lost_and_found():
 
 @pytest.mark.parametrize("what", ["NaN", "frozen", "frozen with new times", "inf"])
 def test_a_broken_camera_is_as_good_as_none(what):
-    """From 20 s on. Repeats are used until they are too many to be chance: three of ten in the first second."""
+    """From 20 s on. Repeats with new times are used until they are too many to be chance."""
     last: list[VisionMeasurement] = []
 
     def broken(tick: int, m: VisionMeasurement) -> VisionMeasurement:
@@ -286,6 +286,14 @@ def test_a_broken_camera_is_as_good_as_none(what):
         assert np.abs(course.error).max() < 0.05
     else:
         assert np.array_equal(course.p_believed, none.p_believed)
+
+
+def test_fixes_from_the_future_are_refused():
+    """A wild stamp moves neither the clock nor the hull."""
+    wild = with_pictures(lambda tick, m: replace(m, time=m.time + 1e4) if tick > 500 else m)
+    course = slow().run(10.0, np.random.default_rng(12), spoil=wild)
+    assert course.estimates[-1].time == pytest.approx(course.time[-1], abs=1e-9)
+    assert course.estimates[-1].vision_age == pytest.approx(5.0, abs=0.2)
 
 
 @pytest.mark.parametrize("what", ["NaN", "frozen", "silent"])

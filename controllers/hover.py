@@ -70,19 +70,19 @@ class Hover:
             own, self.inertia[3:, 3:], (1.0 + water_error) * water.linear_damping.diagonal(),
             (1.0 + water_error) * water.quadratic_damping, beliefs,
         )  # fmt: skip
-        self._net = gravity * (density * water.volume - mass)  # [N] up
+        net = gravity * (density * water.volume - mass)  # [N] up
         # Moment of weight and buoyancy is this vector x (up, in hull axes).
-        self._righting = gravity * (
+        righting = gravity * (
             density * water.volume * water.center_of_buoyancy - mass * np.array(model.body_ipos[vehicle.hull])
         )
+        self._static = np.vstack([net * np.eye(3), skew(righting)])  # (6, 3), times up in hull axes
 
     def init(self) -> HoverState:
         return HoverState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
-        up_B = R_WB[2]
-        return np.concatenate([self._net * up_B, skew(self._righting) @ up_B])
+        return self._static @ R_WB[2]
 
     def current(self, state: HoverState) -> Array:
         """Current (3,) [m/s] in W that explains what pushes the hull, in contact too.

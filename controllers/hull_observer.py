@@ -90,17 +90,16 @@ class HullObserver:
             state.v_W[:], state.w_B[:], state.begun = R_WB @ v_WB_B, w_WB_B, True
             state.arm_B[:] = arm_B
             return
+        other_B = 0.5 * (arm_B + state.arm_B) + static_B
         _observe(
             self._numbers, self._mass, self._inverse_mass, self._lever, self._linear, self._quadratic, R_WB,
-            v_WB_B, given_B, 0.5 * (arm_B + state.arm_B) + static_B, dt, state.v_W, state.current_W, state.gain,
+            v_WB_B, given_B, other_B, dt, state.v_W, state.current_W, state.gain,
             state.offset_W, state.P, w_WB_B - state.w_B,
         )  # fmt: skip
-        moment = given_B[3:] + 0.5 * (arm_B + state.arm_B)[3:] + static_B[3:] + state.moment_B
-        drag = (self._linear[3:] + self._quadratic[3:] * np.abs(w_WB_B)) * w_WB_B
-        state.w_B += dt * (self._inverse_turning @ (moment - drag - np.cross(w_WB_B, self._turning @ w_WB_B)))
-        error, pace = w_WB_B - state.w_B, self._beliefs.moment_bandwidth * dt
-        state.w_B += min(1.0, 2.0 * pace) * error
-        state.moment_B += pace**2 / dt * (self._turning @ error)
+        _observe_turning(
+            self._turning, self._inverse_turning, self._linear[3:], self._quadratic[3:], w_WB_B, given_B, other_B, dt,
+            self._beliefs.moment_bandwidth * dt, state.w_B, state.moment_B,
+        )  # fmt: skip
         state.arm_B[:] = arm_B
 
     def unknown(self, state: HullObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
@@ -156,3 +155,26 @@ def _observe(
     v_W += R_WB @ dv
     current_W += R_WB @ dc
     offset_W += R_WB @ dd
+
+
+@numba.njit(cache=True)
+def _observe_turning(
+    turning, inverse_turning, linear, quadratic, w_WB_B, given_B, other_B, dt, pace, w_B, moment_B
+):  # fmt: skip
+    """One step of the observer of the moments: `w_B` follows the rate measured, `moment_B` is what that takes."""
+    spin, net, error = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(3):
+        spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        drag = (linear[i] + quadratic[i] * abs(w_WB_B[i])) * w_WB_B[i]
+        gyroscopic = w_WB_B[j] * spin[k] - w_WB_B[k] * spin[j]
+        net[i] = given_B[3 + i] + other_B[3 + i] + moment_B[i] - drag - gyroscopic
+    for i in range(3):
+        w_B[i] += dt * (
+            inverse_turning[i, 0] * net[0] + inverse_turning[i, 1] * net[1] + inverse_turning[i, 2] * net[2]
+        )
+        error[i] = w_WB_B[i] - w_B[i]
+        w_B[i] += min(1.0, 2.0 * pace) * error[i]
+    for i in range(3):
+        moment_B[i] += pace**2 / dt * (turning[i, 0] * error[0] + turning[i, 1] * error[1] + turning[i, 2] * error[2])

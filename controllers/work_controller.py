@@ -26,10 +26,11 @@ from controllers.load_observer import LoadObserver, LoadObserverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
 from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
+from controllers.tool_motion import blended, moved_on
 from controllers.wrench_terms import WrenchTerms
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
-from sim.interfaces.spatial import Array, exp_so3, inverse, skew
+from sim.interfaces.spatial import Array, inverse, skew
 
 Method = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
@@ -271,9 +272,7 @@ class WorkController:
             offset_W = self._compliance.step(state.compliance, f_tip_W, reference.X_WG[:3, 2], dt)
         else:
             offset_W = self._compliance.release(state.compliance, dt)
-        X_WG = np.array(reference.X_WG)
-        X_WG[:3, :3] = exp_so3(since * reference.w_WG_W) @ X_WG[:3, :3]
-        X_WG[:3, 3] += since * reference.v_WG_W + k * X_WG[:3, 2] + offset_W
+        X_WG = moved_on(reference.X_WG, reference.v_WG_W, reference.w_WG_W, since, k, offset_W)
         correct_drift = "drift-correction" not in self._without
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
@@ -284,13 +283,10 @@ class WorkController:
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for
             state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - qd, False
-        pull = (state.offset_rate + state.offset / tuning.blend_time) * dt
-        fade = np.exp(-dt / tuning.blend_time)
-        state.offset_rate = fade * (state.offset_rate - pull / tuning.blend_time)
-        state.offset = fade * (state.offset + pull)
-        most = tuning.joint_speed_limit * dt
-        state.q_wanted = np.clip(result.q + state.offset, state.q_wanted - most, state.q_wanted + most)
-        state.qd_wanted = qd + state.offset_rate
+        state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = blended(
+            result.q, qd, state.q_wanted, state.offset, state.offset_rate, tuning.blend_time,
+            tuning.joint_speed_limit * dt, dt,
+        )  # fmt: skip
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
 
     def _presses(self, reference: Reference) -> bool:

@@ -36,7 +36,7 @@ class DisplacementState:
 class Displacement:
     """PID from normal force error to displacement, with anti-windup and a limit on its speed."""
 
-    bandwidth: float = 16.0  # [rad/s] of the closed loop on whatever surface
+    bandwidth: float = 24.0  # [rad/s] of the closed loop on whatever surface
     proportional_time: float = 0.0  # [s] proportional gain over integral gain
     derivative_time: float = 0.0  # [s] derivative gain over proportional gain
     limit: float = 0.04  # [m] largest displacement either way

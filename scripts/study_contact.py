@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Literal
 
 from _job import NOT_ACCEPTED, run_contact_job
-from _study import KEPT, PATHS, Bounds, Ranges, Task, draw
+from _pool import run_all
+from _study import KEPT, PATHS, Bounds, Ranges, Task, draw, one_run
 from _study_figures import METHODS, summary
-from _study_pool import Log, in_order, run_all
+from _study_log import Log, died, in_order
 from _study_report import rich_tables, write_report
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -89,7 +90,7 @@ def main() -> int:
     )  # fmt: skip
     with progress:
         bar = progress.add_task("runs", total=len(left))
-        for task, row in run_all(left, workers):
+        for task, row in run_all(left, workers, one_run, died):
             log.add(row)
             progress.advance(bar)
             if row["class"] != KEPT and not task.without:

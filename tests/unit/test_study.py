@@ -11,6 +11,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from pool_tasks import deadly, squared, told_dead
 
 import models
 from models.vehicle import Vehicle
@@ -39,7 +40,12 @@ def told() -> Any:
 
 @pytest.fixture
 def pool() -> Any:
-    return import_module("_study_pool")
+    return import_module("_pool")
+
+
+@pytest.fixture
+def log() -> Any:
+    return import_module("_study_log")
 
 
 # -- drawing -----------------------------------------------------------------------------------------------------------
@@ -180,46 +186,33 @@ def test_force_is_measured_against_what_is_set_then(study):
 # -- processes ---------------------------------------------------------------------------------------------------------
 
 
-def squared(task: Any) -> dict[str, Any]:
-    rng = np.random.default_rng([task.study, task.run])
-    return {"run": task.run, "without": "", "value": rng.normal(), "timing": {"process": os.getpid()}}
-
-
-def deadly(task: Any) -> dict[str, Any]:
-    if task.run == 2:
-        os._exit(1)
-    return squared(task)
-
-
-def test_rows_do_not_depend_on_the_number_of_workers(study, pool):
-    tasks = [task(study, run) for run in range(6)]
-    one, two = ([row for _, row in pool.run_all(tasks, workers, squared)] for workers in (1, 2))
-    assert pool.in_order(one) == pool.in_order(two)
-    assert [row["run"] for row in pool.in_order(two)] == list(range(6))
+def test_rows_do_not_depend_on_the_number_of_workers(pool, log):
+    one, two = ([row for _, row in pool.run_all(range(6), workers, squared, told_dead)] for workers in (1, 2))
+    assert log.in_order(one) == log.in_order(two)
+    assert [row["run"] for row in log.in_order(two)] == list(range(6))
     assert len({row["value"] for row in one}) == 6
-    assert {row["timing"]["process"] for row in two}.isdisjoint({os.getpid()})
+    assert os.getpid() not in {row["timing"] for row in two}
 
 
-def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(study, pool):
-    rows = [row for _, row in pool.run_all([task(study, run) for run in range(5)], 2, deadly)]
+def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
+    rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(5))
-    died = [row for row in rows if row.get("class") == study.CRASHED]
-    assert [row["run"] for row in died] == [2]
+    assert [row["run"] for row in rows if "value" not in row] == [2]
 
 
-def test_log_goes_on_where_it_was_cut(pool, tmp_path):
-    log = pool.Log(tmp_path, {"seed": 1})
-    log.add({"run": 0, "without": ""})
-    log.add({"run": 1, "without": ""})
+def test_log_goes_on_where_it_was_cut(log, tmp_path):
+    begun = log.Log(tmp_path, {"seed": 1})
+    begun.add({"run": 0, "without": ""})
+    begun.add({"run": 1, "without": ""})
     file = tmp_path / "results.jsonl"
     file.write_text(file.read_text() + '{"run": 2, "wit')
-    log = pool.Log(tmp_path, {"seed": 1})
-    assert [row["run"] for row in log.rows] == [0, 1]
-    log.add({"run": 2, "without": ""})
-    assert [row["run"] for row in pool.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
+    begun = log.Log(tmp_path, {"seed": 1})
+    assert [row["run"] for row in begun.rows] == [0, 1]
+    begun.add({"run": 2, "without": ""})
+    assert [row["run"] for row in log.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
     with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
-        pool.Log(tmp_path, {"seed": 2})
-    assert pool.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+        log.Log(tmp_path, {"seed": 2})
+    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------

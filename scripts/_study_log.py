@@ -1,17 +1,12 @@
-"""Runs of a study on all cores: each in a process of its own making, kept line by line, resumed where they stopped."""
+"""The rows of a study, kept line by line, so that it goes on where it was stopped."""
 
 import hashlib
 import json
-import multiprocessing
-import os
-import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from _study import CRASHED, Task, one_run
+from _study import CRASHED, Task
 
 from sim.interfaces.errors import ConfigurationError
 from sim.startup import ROOMS
@@ -72,56 +67,8 @@ def fingerprint() -> str:
 _OURS = ("_study.py", "_job.py", "_job_parts.py", "_variation.py", "clean_barrel.py")
 
 
-def run_all(
-    tasks: Sequence[Task], workers: int, run: Callable[[Task], Row] = one_run
-) -> Iterator[tuple[Task, Row]]:  # fmt: skip
-    """Do all `tasks` in `workers` processes; each with its row, as they are done.
-
-    What a run gives does not depend on the others, nor on the process that it is in. A process that dies takes its pool
-    with it: the runs that were under way are then done one at a time, and one that kills its process again is a row of
-    class CRASHED.
-    """
-    waiting, suspects = list(reversed(tasks)), []
-    while waiting or suspects:
-        alone = bool(suspects)
-        source, size = (suspects, 1) if alone else (waiting, workers)
-        under_way: dict[Future[Row], Task] = {}
-        with _pool(size) as pool:
-            try:
-                while source or under_way:
-                    while source and len(under_way) < size:
-                        task = source.pop()
-                        under_way[pool.submit(run, task)] = task
-                    for done in wait(under_way, return_when=FIRST_COMPLETED).done:
-                        row = done.result()
-                        yield under_way.pop(done), row
-            except BrokenProcessPool:
-                lost = list(under_way.values())
-                if alone:
-                    yield lost[0], _died(lost[0])
-                else:
-                    suspects += reversed(lost)
-            except BaseException:
-                _stop(pool)
-                raise
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the workers: they share the cores by themselves
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
-
-
-def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a word; the study says it once
-
-
-def _stop(pool: ProcessPoolExecutor) -> None:
-    for process in multiprocessing.active_children():
-        process.terminate()
-    pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _died(task: Task) -> Row:
+def died(task: Task) -> Row:
+    """The row of a run that killed its process."""
     return {
         "run": task.run, "without": task.without, "path": task.path, "seed": None, "varied": {}, "class": CRASHED,
         "kind": "its process died", "detail": "", "missed": [], "figures": {},

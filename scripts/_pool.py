@@ -1,0 +1,62 @@
+"""Tasks on all cores, each in a process of its own making; one that kills its process does not take others with it."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+Task = TypeVar("Task")
+Row = TypeVar("Row")
+
+
+def run_all(
+    tasks: Sequence[Task], workers: int, run: Callable[[Task], Row], died: Callable[[Task], Row]
+) -> Iterator[tuple[Task, Row]]:
+    """Do all `tasks` by `run` in `workers` processes; each with what it gave, as they are done.
+
+    What a task gives does not depend on the others, nor on the process that it is in. A process that dies takes its
+    pool with it: the tasks that were under way are then done one at a time, and for one that kills its process again
+    `died` tells what to keep. Both functions must be found by a fresh Python under their module's name.
+    """
+    waiting: list[Task] = list(reversed(tasks))
+    suspects: list[Task] = []
+    while waiting or suspects:
+        alone = bool(suspects)
+        source, size = (suspects, 1) if alone else (waiting, workers)
+        under_way: dict[Future[Row], Task] = {}
+        with _pool(size) as pool:
+            try:
+                while source or under_way:
+                    while source and len(under_way) < size:
+                        task = source.pop()
+                        under_way[pool.submit(run, task)] = task
+                    for done in wait(under_way, return_when=FIRST_COMPLETED).done:
+                        row = done.result()
+                        yield under_way.pop(done), row
+            except BrokenProcessPool:
+                lost = list(under_way.values())
+                if alone:
+                    yield lost[0], died(lost[0])
+                else:
+                    suspects += reversed(lost)
+            except BaseException:
+                _stop(pool)
+                raise
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the workers: they share the cores by themselves
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
+
+
+def _begin() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a word; the study says it once
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    for process in multiprocessing.active_children():
+        process.terminate()
+    pool.shutdown(wait=False, cancel_futures=True)

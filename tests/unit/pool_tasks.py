@@ -1,0 +1,22 @@
+"""Tasks for the tests of `scripts/_pool.py`, in a module that a fresh process loads quickly."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+DEADLY = 2
+
+
+def squared(run: int) -> dict[str, Any]:
+    return {"run": run, "without": "", "value": np.random.default_rng(run).normal() ** 2, "timing": os.getpid()}
+
+
+def deadly(run: int) -> dict[str, Any]:
+    if run == DEADLY:
+        os._exit(1)
+    return squared(run)
+
+
+def told_dead(run: int) -> dict[str, Any]:
+    return {"run": run, "without": ""}

@@ -19,6 +19,9 @@ class _Entry:
 
 _MODELS = {
     "uuv_puma": _Entry(build=uuv_puma.build, source="generic, of no real vehicle; estimates"),
+    "uuv_puma_side": _Entry(
+        build=uuv_puma.build_side, source="uuv_puma with the arm on the port side, for vertical structures"
+    ),
     "bluerov2_heavy_benzon2022": _Entry(
         build=bluerov2_heavy.benzon_2022, source="von Benzon et al. 2022, JMSE 10(12):1898, table A1; T200 at 16 V"
     ),

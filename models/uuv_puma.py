@@ -8,6 +8,10 @@ centre of added mass 4 cm above the origin; drag 0.5 rho C_d A on the frontal ar
 Gears: sliding friction 4 % of each drive's limit, the middle of what was measured on the PUMA 560 (Corke,
 Armstrong-Helouvry 1994, A search for consensus among model parameters reported for the PUMA 560 robot: 1.4 to 8 % of
 the limits of its joints 2 to 6, 27 % of that of the first); stiction 1.3 times that below 0.03 rad/s, an assumption.
+
+The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be fixed aside of the hull's
+vertical axis (paper 002, third section): `build_side` has the same hull and arm, the arm on the port side, forward of
+the jet of the sway thruster, and the camera beside it.
 """
 
 from pathlib import Path
@@ -19,6 +23,8 @@ import numpy as np
 from models import gear_friction, hydrodynamics, sampler, thrusters
 from models.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics, cylinder
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE
+from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
 
 _ASSET = Path(__file__).parent / "assets" / "uuv_puma.xml"
 
@@ -58,9 +64,29 @@ def _hull() -> BodyHydrodynamics:
     )
 
 
-def build(tool: Literal["pad", "sampler"] = "pad") -> mujoco.MjSpec:
-    """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm."""
+# Arm base on the port side, z to port and x down: the folded arm lies along the side, no lower than the skids. It is
+# forward of the sway thruster, whose jet leaves the middle of the side; the camera looks to port from aft of that.
+_SIDE_X_BA = pose(rotation_from_z([0.0, 1.0, 0.0], [0.0, 0.0, -1.0]), [0.45, 0.48, 0.27])
+_SIDE_X_BC = pose(rotation_from_z([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), [-0.3, 0.5, 0.0])
+
+
+def build_side() -> mujoco.MjSpec:
+    """The vehicle with the arm on the port side, looking and working to port; trimmed with that arm folded."""
+    return build(arm="side")
+
+
+def build(tool: Literal["pad", "sampler"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
+    """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm.
+
+    The `arm` is under the hull, or on the port side with the camera beside it.
+    """
     spec = mujoco.MjSpec.from_file(str(_ASSET))
+    if arm == "side":
+        spec.modelname = "uuv_puma_side"
+        _move(spec.body(ARM_BASE_BODY), _SIDE_X_BA)
+        _move(spec.site(CAMERA_SITE), _SIDE_X_BC)
+        behind = pose(p=[0.0, 0.0, -0.07])  # the housing's axis is the camera's, its window just behind the camera
+        _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
     bodies = {
         "hull": _hull(),
         "arm_base": cylinder(0.1, (0, 0, -0.03), (0, 0, 0.03)),
@@ -84,3 +110,8 @@ def build(tool: Literal["pad", "sampler"] = "pad") -> mujoco.MjSpec:
     home = next(key for key in spec.keys if key.name == "home")
     hydrodynamics.trim(spec, "hull", metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
     return spec
+
+
+def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
+    item.pos, item.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # not the Euler angles or axes of the file

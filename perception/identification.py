@@ -26,6 +26,7 @@ _REFINED = 3  # starts that are worth a full fit
 _CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
 _POOR = 1.3  # score below which the attitude itself is in doubt
 _LEAN = np.deg2rad(25.0)  # [rad] by which the start is then leant
+_MOSTLY_SEEN = 0.3  # share of the model that may lie outside the picture before it counts as seen in part
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
 
 
@@ -222,14 +223,19 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
 
     for X_near, X_start in first:
         attempt(X_near, X_start)
+    best = max(rough, key=lambda item: item[0])[1]
+    size = np.ptp(surface.points, axis=0)
+    along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
+    slides: list[float] = []
     if max(item[0] for item in rough) < _CONVINCING:
         # What can go wrong near a right attitude is a slide along the object; try again from both sides of it.
-        best = max(rough, key=lambda item: item[0])[1]
-        size = np.ptp(surface.points, axis=0)
-        along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
-        for share in (-0.7, -0.35, 0.35, 0.7):
-            X_start = best @ pose(p=share * along)
-            attempt(X_start, X_start)
+        slides = [-0.7, -0.35, 0.35, 0.7]
+    if _cut_off(evidence, surface, best) > _MOSTLY_SEEN:
+        # Of an object that goes on beyond the picture the part that tells where it ends may have slid out of it.
+        slides += [-0.2, -0.1, 0.1, 0.2]
+    for share in slides:
+        X_start = best @ pose(p=share * along)
+        attempt(X_start, X_start)
     if max(item[0] for item in rough) < _POOR:
         # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
         R, center = starts[-1][:3, :3], transform_points(starts[-1], surface.center)
@@ -257,6 +263,11 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         if p > 2.0 * surface.spacing or a > np.deg2rad(5.0):
             margin = min(margin, best_score - other_score)
     return _Found(fit, X_start, best_score, float(margin))
+
+
+def _cut_off(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Share of the model at `X_ST` that lies outside the picture."""
+    return 1.0 - float(evidence.scan.pixels(transform_points(X_ST, surface.points))[2].mean())
 
 
 def _free_motion(target: TargetModel, twists: Array, with_prior: bool) -> FreeMotion:

@@ -162,33 +162,61 @@ def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iteration
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 3, inner: int = 4) -> Fit:
     """The full fit: hidden points removed before each round, planes and depth edges together."""
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
-    free = np.zeros((0, 6))
-    residual = np.inf
     for gate in gates:
+        pairing = _Pairing.of(evidence, surface, X_ST)
+        if pairing is None:
+            break
+        for _ in range(inner):
+            H, g, _ = pairing.terms(X_ST, gate)
+            X_ST, _ = _moved(X_ST, H, g, surface)
+    # What holds it is judged where it came to rest: on the way there it may have slid off all that did.
+    pairing = _Pairing.of(evidence, surface, X_ST)
+    if pairing is None:
+        return Fit(X_ST, np.zeros((0, 6)), np.inf)
+    H, g, residual = pairing.terms(X_ST, gates[-1])
+    return Fit(X_ST, _moved(X_ST, H, g, surface)[1], residual)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairing:
+    """What of the model is compared with the scan in one round of the full fit."""
+
+    evidence: Evidence
+    surface: ModelSurface
+    points: Array  # (M, 3) [m] visible, in T
+    normals: Array  # (M, 3)
+    tree: cKDTree
+    edges: _Edges | None
+
+    @classmethod
+    def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Pairing | None":
+        """With the model at `X_ST`; None if hardly anything of it is in view."""
         visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() < 10:
-            break
-        model_points, model_normals = surface.points[visible], surface.normals[visible]
-        tree = cKDTree(model_points)
+            return None
+        points = surface.points[visible]
         edges = _edges(evidence, surface, X_ST)
-        for _ in range(inner):
-            H, g, residual = _plane_terms(
-                evidence.points,
-                evidence.normals,
-                evidence.sigma,
-                model_points,
-                model_normals,
-                tree,
-                X_ST,
-                gate + 3.0 * float(np.median(evidence.sigma)),
-                0.0,
-                surface,
-            )
-            if edges is not None:
-                H_edge, g_edge = _edge_terms(edges, evidence, X_ST, gate, surface)
-                H, g = H + H_edge, g + g_edge
-            X_ST, free = _moved(X_ST, H, g, surface)
-    return Fit(X_ST, free, residual)
+        return cls(evidence, surface, points, surface.normals[visible], cKDTree(points), edges)
+
+    def terms(self, X_ST: Array, gate: float) -> tuple[Array, Array, float]:
+        """Normal equations (6, 6), (6,) of planes and depth edges, and the robust rms [m] of the planes."""
+        evidence, surface = self.evidence, self.surface
+        H, g, residual = _plane_terms(
+            evidence.points,
+            evidence.normals,
+            evidence.sigma,
+            self.points,
+            self.normals,
+            self.tree,
+            X_ST,
+            gate + 3.0 * float(np.median(evidence.sigma)),
+            0.0,
+            surface,
+        )
+        if self.edges is not None:
+            H_edge, g_edge = _edge_terms(self.edges, evidence, X_ST, gate, surface)
+            H, g = H + H_edge, g + g_edge
+        return H, g, residual
 
 
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -361,9 +389,9 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     points = model.points[of_model.rows, of_model.columns]
     return _Edges(
         scan=of_scan,
-        scan_outward=outward(mask, of_scan.rows, of_scan.columns),
+        scan_outward=outward(mask, part.depth, of_scan.rows, of_scan.columns),
         model_points=transform_points(inverse(X_ST), points),
-        model_outward=outward(covered, of_model.rows, of_model.columns),
+        model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
         model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
     )
 

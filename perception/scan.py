@@ -18,6 +18,7 @@ from sim.interfaces.spatial import Array, readonly
 
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
+_EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -321,13 +322,24 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
     )
 
 
-def outward(mask: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Unit directions (N, 2), x then y in the image, out of `mask` (H, W) at the given pixels."""
-    smooth = ndimage.gaussian_filter(mask.astype(np.float32), 2.0)
-    gradient = -np.column_stack(
-        [
-            ndimage.sobel(smooth, axis=1)[rows, columns],
-            ndimage.sobel(smooth, axis=0)[rows, columns],
-        ]
-    ).astype(np.float64)
+def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Unit directions (N, 2), x then y in the image, across the depth edges at the given pixels, off the near side.
+
+    At the rim of `mask` (H, W) that is out of the mask; within it, where one part of the object lies before another,
+    towards the larger `depth` (H, W) [m].
+    """
+    smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
+    gradient = -_gradient(smooth, rows, columns)
+    closed = ndimage.binary_closing(mask, iterations=2)  # mixed pixels along an inner edge leave gaps
+    inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
+    if inner.any():
+        near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
+        mean = ndimage.gaussian_filter(near, _EDGE_WIDTH) / np.maximum(smooth, 1e-6)
+        gradient[inner] = -_gradient(mean, rows[inner], columns[inner])
     return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+
+
+def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Gradient (N, 2), x then y, at the given pixels, by Sobel's kernels."""
+    x, y = (ndimage.sobel(image, axis=axis)[rows, columns] for axis in (1, 0))
+    return np.column_stack([x, y]).astype(np.float64)

@@ -23,6 +23,7 @@ from models.hydrodynamics import BodyHydrodynamics, unpack
 from models.vehicle import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
+from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
@@ -89,11 +90,15 @@ def coefficients(model: mujoco.MjModel, body: int) -> BodyHydrodynamics | None:
     return unpack(row) if water.carries(row) else None
 
 
+def rotation(quat_wxyz: Array) -> Array:
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quat_wxyz)
+    return R.reshape(3, 3)
+
+
 def rigid(model: mujoco.MjModel, body: int) -> tuple[float, Array, Array]:
     """Mass, centre (3,) and inertia (3, 3) about the body's origin."""
-    R, m, c = np.empty(9), float(model.body_mass[body]), np.array(model.body_ipos[body])
-    mujoco.mju_quat2Mat(R, model.body_iquat[body])
-    R = R.reshape(3, 3)
+    R, m, c = rotation(model.body_iquat[body]), float(model.body_mass[body]), np.array(model.body_ipos[body])
     return m, c, R @ np.diag(model.body_inertia[body]) @ R.T - m * skew(c) @ skew(c)
 
 
@@ -281,6 +286,48 @@ def test_links_of_phoenix_have_the_published_mass_and_water(link, within):
     within("length of the strip [m]", np.linalg.norm(strip.end - strip.start) - length, 1e-15)
     within("relative drag across", strip.normal / (0.5 * RHO * 0.6 * 2.0 * radius) - 1.0, 1e-15)
     assert strip.tangential == 0.0
+
+
+def test_side_mounted_arm_is_the_same_arm_on_the_same_hull():
+    """What differs is where arm and camera are, and the foam that trims it."""
+    under, side = compiled("uuv_puma"), compiled("uuv_puma_side")
+    for name in ("body_mass", "body_inertia", "body_ipos", "jnt_range", "jnt_axis", "dof_armature", "dof_damping"):
+        assert np.array_equal(getattr(under, name), getattr(side, name)), name
+    assert np.array_equal(under.actuator_ctrlrange, side.actuator_ctrlrange)
+    assert np.array_equal(under.key_qpos, side.key_qpos)
+    assert np.array_equal(Vehicle.of(under).thruster_wrench, Vehicle.of(side).thruster_wrench)
+    moved = {side.body(b).name for b in range(side.nbody) if not np.allclose(under.body_pos[b], side.body_pos[b])}
+    assert moved == {ARM_BASE_BODY}
+    X_BA = Vehicle.of(side).X_BA
+    assert X_BA[:3, 2].tolist() == [0.0, 1.0, 0.0]  # it works to port
+    assert np.hypot(*X_BA[:2, 3]) > 0.4  # aside of the vertical axis
+
+
+def test_side_mounted_arm_folded_is_clear_of_jets_hull_and_camera():
+    spec = models.load("uuv_puma_side")
+    jets = [a.name for a in spec.actuators if a.name.startswith("thruster_")]
+    for jet in jets:  # the water that a thruster moves, both ways, as wide as its housing
+        site = compiled("uuv_puma_side").site(jet)
+        along = pose(rotation(site.quat), site.pos) @ pose(exp_so3([0.0, np.pi / 2, 0.0]))
+        spec.body(HULL_BODY).add_geom(
+            name=jet, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.11, 1.5, 0.0], pos=along[:3, 3],
+            quat=quat_wxyz_from_rotation(along[:3, :3]), contype=0, conaffinity=0, rgba=[0.0, 0.0, 0.0, 0.0],
+        )  # fmt: skip
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, model.key(HOME_KEY).id)
+    mujoco.mj_forward(model, data)
+    vehicle = Vehicle.of(model)
+    arm = [g for g in range(model.ngeom) if model.geom_bodyid[g] > vehicle.hull]
+    assert len(arm) > 8
+    kept_off = [model.geom(name).id for name in (*jets, "hull_box", "foam")]
+    for geom in kept_off:
+        gap = min(mujoco.mj_geomDistance(model, data, g, geom, 1.0, None) for g in arm)
+        # The base's own housing stands on the hull.
+        assert gap > (-0.01 if model.geom(geom).name in ("hull_box", "foam") else 0.05), model.geom(geom).name
+    camera = DepthCamera.at_site(model, "camera", noise=None)
+    depth, _ = camera.render(data.xpos, data.xmat.reshape(-1, 9))
+    assert not np.isfinite(depth).any()
 
 
 # ------------------------------------------------------------------------------------------------- statics and motion

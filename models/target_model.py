@@ -1,0 +1,240 @@
+"""What is known of an object to work on: its mesh, symmetry, tool paths on the model, and how they stand in a scene.
+
+Frame T is the model's own frame. Symmetries turn about T's origin. Triangles wind counter-clockwise seen from outside.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models import open3d_loader
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, exp_so3, quat_wxyz_from_rotation, readonly
+
+PATH_STEP = 0.005  # [m], between points of a model path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Symmetry:
+    """Rotations about T's origin that leave the shape as it is: a discrete group times turns about `axis`."""
+
+    axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
+    rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
+
+    def __post_init__(self) -> None:
+        rotations = np.asarray(self.rotations, dtype=np.float64)
+        if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
+            raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
+        if np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6:
+            raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
+        object.__setattr__(self, "rotations", readonly(rotations))
+        if self.axis is not None:
+            axis = checked(self.axis, (3,), "symmetry axis")
+            if not np.linalg.norm(axis) > 1e-9:
+                raise ConfigurationError("symmetry axis: must not be zero")
+            object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
+
+    def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
+        """Of all rotations that show the shape as `R_AT` does, the one nearest to `R_AT_prior` (both (3, 3))."""
+        best, best_trace = R_AT, -np.inf
+        for G in self.rotations:
+            R = R_AT @ G
+            if self.axis is not None:
+                # tr(M Rot(a, phi)) = const + (tr M - a.Ma) cos phi + (-m.a) sin phi has its maximum in closed form.
+                M = R_AT_prior.T @ R
+                m = np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+                phi = np.arctan2(-m @ self.axis, np.trace(M) - self.axis @ M @ self.axis)
+                R = R @ exp_so3(phi * self.axis)
+            trace = float(np.trace(R_AT_prior.T @ R))
+            if trace > best_trace:
+                best, best_trace = R, trace
+        return best
+
+    def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
+        """Symmetric distance of two poses (4, 4): position of the origin [m] and least rotation angle [rad]."""
+        R, R_true = X_AT[:3, :3], X_AT_true[:3, :3]
+        nearest = self.nearest(R, R_true)
+        delta = R_true.T @ nearest
+        sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
+        angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
+        return float(np.linalg.norm(X_AT[:3, 3] - X_AT_true[:3, 3])), angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelPath:
+    """A tool path on the model: the points X'_j and tool axes a'_j, b'_j of paper 002, eq. (3), in T."""
+
+    p: Array  # (N, 3) [m] points on the surface
+    a: Array  # (N, 3) unit tool axis, into the surface
+    b: Array  # (N, 3) unit, along the path
+
+    def __post_init__(self) -> None:
+        n = len(np.asarray(self.p))
+        if n < 4:
+            raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
+        for name in ("p", "a", "b"):
+            values = checked(getattr(self, name), (n, 3), f"model path {name}")
+            if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
+                raise ConfigurationError(f"model path {name}: every row must be a unit vector")
+            object.__setattr__(self, name, values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solid:
+    """One collision primitive of a target, the same shape as that part of its mesh."""
+
+    name: str
+    kind: mujoco.mjtGeom
+    size: tuple[float, ...]  # [m], as MuJoCo's geom size
+    X_TS: Array  # (4, 4) pose in T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetModel:
+    """What is known beforehand of an object to work on."""
+
+    name: str
+    vertices: Array  # (V, 3) [m], in T
+    triangles: np.ndarray  # (T, 3) int indices into `vertices`
+    symmetry: Symmetry = field(default_factory=Symmetry)
+    paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
+    solids: tuple[Solid, ...] = ()  # collision primitives; empty: MuJoCo takes the mesh's convex hull
+    stand: tuple[Solid, ...] = ()  # what it rests on: in the scene, but no part of the model to be found
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices, dtype=np.float64)
+        triangles = np.array(self.triangles, dtype=np.int64)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
+            raise ConfigurationError(f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}")
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+            raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {triangles.shape}")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", readonly(vertices))
+        object.__setattr__(self, "triangles", triangles)
+        object.__setattr__(self, "paths", MappingProxyType(dict(self.paths)))
+
+    @property
+    def center(self) -> Array:
+        """Middle (3,) [m] of the bounding box, in T: the point that a coarse detection gives."""
+        return 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] of the sphere around `center` that holds the whole model."""
+        return float(np.linalg.norm(self.vertices - self.center, axis=1).max())
+
+    def path(self, name: str) -> ModelPath:
+        """The tool path `name`; raises ConfigurationError, with the names there are, if it is unknown."""
+        if name not in self.paths:
+            raise ConfigurationError(f"target {self.name!r} has no path {name!r}; it has {sorted(self.paths)}")
+        return self.paths[name]
+
+    def with_path(self, name: str, path: ModelPath) -> "TargetModel":
+        """The same target with `path` added (or replaced) under `name`."""
+        return replace(self, paths={**self.paths, name: path})
+
+    def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True) -> mujoco.MjsBody:
+        """Add the target to the world of `spec` at `X_WT` (4, 4), as a body and a main geom both named "target".
+
+        Its other geoms are "target_<part>". Without `solids` the geom is the mesh, which collides as its convex hull.
+        Returns the body, for the caller to set friction or colour. Raises ConfigurationError for a bad pose.
+        """
+        X = checked(X_WT, (4, 4), "X_WT")
+        body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
+        if not self.solids:
+            spec.add_mesh(
+                name="target",
+                uservert=self.vertices.astype(np.float32).ravel(),
+                userface=self.triangles.astype(np.int32).ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan need not be closed
+            )
+            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target")
+        for solid in (*self.solids, *(self.stand if stand else ())):
+            size = np.zeros(3)
+            size[: len(solid.size)] = solid.size
+            body.add_geom(
+                name=solid.name,
+                type=solid.kind,
+                size=size,
+                pos=solid.X_TS[:3, 3],
+                quat=quat_wxyz_from_rotation(solid.X_TS[:3, :3]),
+            )
+        return body
+
+    @classmethod
+    def from_file(
+        cls,
+        file: str | Path,
+        name: str | None = None,
+        symmetry: Symmetry | None = None,
+        paths: Mapping[str, ModelPath] | None = None,
+        scale: float = 1.0,
+    ) -> "TargetModel":
+        """A target from a mesh file in any format that Open3D reads (STL, PLY, OBJ, OFF, glTF).
+
+        `scale` takes the file's unit to metres (0.001 for millimetres). Raises ConfigurationError if the file is
+        missing, unreadable or without triangles, MissingLibraryError if Open3D cannot be imported.
+        """
+        path = Path(file)
+        if not path.is_file():
+            raise ConfigurationError(f"target mesh: no file {str(path)!r}")
+        if not (np.isfinite(scale) and scale > 0.0):
+            raise ConfigurationError(f"target mesh: scale must be positive, got {scale}")
+        o3d = open3d_loader.load()
+        try:
+            mesh = o3d.io.read_triangle_mesh(str(path))
+        except (RuntimeError, UnicodeError) as error:
+            raise ConfigurationError(f"target mesh {str(path)!r}: {error}") from error
+        mesh.remove_duplicated_vertices()
+        mesh.remove_degenerate_triangles()
+        triangles = np.asarray(mesh.triangles)
+        if not len(triangles):
+            raise ConfigurationError(
+                f"target mesh {str(path)!r}: no triangles could be read (formats: STL, PLY, OBJ, OFF, glTF/GLB)"
+            )
+        return cls(
+            name=name or path.stem,
+            vertices=np.asarray(mesh.vertices) * scale,
+            triangles=triangles,
+            symmetry=symmetry or Symmetry(),
+            paths=paths or {},
+        )
+
+
+def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
+    """The closed surface swept by `profile` (P, 2) [m], rows (x, radius), turned about x in `sides` steps.
+
+    The first and last radius must be 0. Returns vertices (V, 3) and triangles (T, 3), seen from outside
+    counter-clockwise for a profile that runs from -x to +x. Raises ConfigurationError for an open profile.
+    """
+    x, radius = np.asarray(profile, dtype=np.float64).T
+    if radius[0] != 0.0 or radius[-1] != 0.0:
+        raise ConfigurationError("profile of revolution: the first and the last radius must be 0")
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    ring_x, ring_r = x[1:-1], radius[1:-1]
+    rings = np.stack(
+        [
+            np.repeat(ring_x[:, None], sides, axis=1),
+            -ring_r[:, None] * np.sin(angle),
+            ring_r[:, None] * np.cos(angle),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    last = 1 + (len(ring_x) - 1) * sides
+    faces = [np.column_stack([np.zeros_like(i), 1 + j, 1 + i])]
+    for ring in range(len(ring_x) - 1):
+        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
+        faces.append(np.column_stack([low + i, low + j, high + i]))
+        faces.append(np.column_stack([low + j, high + j, high + i]))
+    faces.append(np.column_stack([last + i, last + j, np.full_like(i, len(vertices) - 1)]))
+    return vertices, np.vstack(faces)

@@ -1,11 +1,13 @@
 """Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
 
-Candidates of the arm's base around the path are tried, each with the hull level and turned so that the arm reaches
-forward; along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to
+Candidates of the arm's base around the path are tried, each with the hull level: under an arm whose base looks up or
+down the hull is turned so that the arm reaches forward, with one that looks sideways it is turned so that the base
+faces the surface. Along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to
 joint limits, to singular postures, to torque limits under the set force, and to the object.
 """
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numba
@@ -18,6 +20,7 @@ from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
+_SKIN_STEP = 0.15  # [m]
 _STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
 
 
@@ -36,9 +39,11 @@ class Placement:
 class Search:
     """What is tried, relative to the middle of the path; heights and radii in lengths of the arm laid out straight."""
 
-    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # arm base above the middle
-    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # horizontally away from the middle
+    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # arm base before the middle, against its own axis
+    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # aside from the middle, across that axis
     bearings: int = 12  # directions around the middle
+    asides: int = 6  # directions across a base's axis that looks sideways,
+    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] and how it is turned from facing the surface
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
     rolls: int = 4  # turns of the tool about its axis
     clearance: float = 0.25  # [m] hull to object
@@ -103,7 +108,7 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
 
 def place(
     vehicle: Vehicle, chain: Chain, path: ToolPath, *, obstacle: Array, hull_box: Array, force: float, standoff: float,
-    search: Search | None = None,
+    floor: float = -np.inf, search: Search | None = None,
 ) -> Placement:  # fmt: skip
     """The best hull pose for `path`.
 
@@ -114,6 +119,7 @@ def place(
         hull_box: (2, 3) [m] corners of the hull in B.
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
+        floor: [m] height in W of the seabed, over which the hull keeps its clearance.
 
     Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
     """
@@ -121,20 +127,21 @@ def place(
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(obstacle)
-    corners, planes = obstacle[hull.vertices], hull.equations
+    planes, skin = hull.equations, _skin(obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     poses = [_tool_poses(path, shares, roll, standoff) for roll in rolls]
+    mounting = _Mounting.of(vehicle.X_BA)
     best: Placement | None = None
-    furthest = 0.0
+    best_yaw, furthest = 0.0, 0.0
 
-    def consider(base: Array) -> bool:
-        """Try all turns of the tool from this place of the arm's base, the arm reaching forward to the path."""
-        nonlocal best, furthest
-        away = base - middle
-        bearing = np.arctan2(away[1], away[0])
-        R_WB = exp_so3([0.0, 0.0, bearing + np.pi])
+    def consider(base: Array, yaw: float) -> bool:
+        """Try all turns of the tool from this place of the arm's base, the hull turned by `yaw`."""
+        nonlocal best, best_yaw, furthest
+        R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-        if _hull_gap(X_WB, hull_box, corners) < search.clearance:
+        if X_WB[2, 3] + hull_box[0, 2] < floor + search.clearance:
+            return False
+        if _hull_gap(X_WB, hull_box, skin) < search.clearance:
             return False
         better = False
         for roll, tool in zip(rolls, poses, strict=True):
@@ -144,26 +151,83 @@ def place(
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
                 best = Placement(X_WB=X_WB, roll=roll, q_start=q_start, margin=margin, reached=reached)
-                better = True
+                best_yaw, better = yaw, True
         return better
 
-    # Bearings are counted from the path's own direction, so that the search turns with the object.
-    reach = _reach(chain)
-    chord = path.p[-1] - path.p[0]
-    bearings = np.arctan2(chord[1], chord[0]) + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
-    for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
-        consider(middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), height]))
+    for base, yaw in mounting.candidates(path, middle, _reach(chain), search):
+        consider(base, yaw)
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
-            moved = [consider(base + step * way) for way in np.vstack([np.eye(3), -np.eye(3)])]
-            if not any(moved):
+            if not any([consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]):
                 break
     if best is None:
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it, at best {furthest:.0%}"
         )
     return best
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Mounting:
+    """How the arm's base stands on a level hull."""
+
+    axis_B: Array  # (3,) the base's own axis, z_A
+    R_BA: Array  # (3, 3)
+    upright: bool  # the axis is more upright than level: turning the hull is then turning about it
+    forward: float  # [rad] heading of the arm's forward direction, or of the axis where that is level, on the hull
+
+    @classmethod
+    def of(cls, X_BA: Array) -> "_Mounting":
+        axis, reach = X_BA[:3, 2], X_BA[:3, 0]
+        upright = bool(abs(axis[2]) > np.sqrt(0.5))
+        ahead = reach if upright else axis
+        return cls(axis_B=axis, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0])))
+
+    def candidates(self, path: ToolPath, middle: Array, reach: float, search: Search) -> Iterator[tuple[Array, float]]:
+        """Places (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
+        if self.upright:
+            # Bearings are counted from the path's own direction, so that the search turns with the object.
+            chord = path.p[-1] - path.p[0]
+            start = np.arctan2(chord[1], chord[0])
+            bearings = start + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
+            up = -np.sign(self.axis_B[2])
+            for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
+                base = middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), up * height])
+                yield base, self._facing(base, middle)
+            return
+        into = path.z.mean(axis=0)  # the way that the tool looks, on the whole
+        facing = float(np.arctan2(into[1], into[0])) - self.forward
+        asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
+        for turn, height, radius, aside in itertools.product(search.headings, search.heights, search.radii, asides):
+            R_WA = exp_so3([0.0, 0.0, facing + turn]) @ self.R_BA
+            yield middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -height], facing + turn
+
+    def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
+        """Candidates `step` [m] off a good one."""
+        moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
+        if self.upright:
+            return [(near, self._facing(near, middle)) for near in moved]
+        turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
+        return [(near, yaw) for near in moved] + turned
+
+    def _facing(self, base: Array, middle: Array) -> float:
+        """Yaw [rad] of the hull with which the arm reaches forward from `base` to `middle`."""
+        away = base - middle
+        return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
+
+
+def _skin(obstacle: Array, hull: ConvexHull) -> Array:
+    """Points (k, 3) [m] all over the convex hull's edges, no further apart than _SKIN_STEP."""
+    edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
+    count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
+    points = [obstacle[hull.vertices]]
+    for n in np.unique(count[count > 1]):
+        share = np.arange(1, n)[:, None, None] / n
+        rows = count == n
+        points.append((start[rows] + share * (end[rows] - start[rows])).reshape(-1, 3))
+    return np.vstack(points)
 
 
 def _try(

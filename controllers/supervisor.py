@@ -47,7 +47,7 @@ class Job:
     lost_time: float = 0.5  # [s] without contact that ends the work
     blind_time: float = 5.0  # [s] without vision that the work waits
     press_time: float = 6.0  # [s] within which the first set force must be reached
-    lift: float = 0.45  # [m] above the work pose at which the arm unfolds
+    lift: float = 0.45  # [m] before the work pose, as the arm's base faces it, at which the arm unfolds
     hull_speed: float = 0.25  # [m/s]
     hull_acceleration: float = 0.08  # [m/s^2]
     hull_turn_rate: float = 0.15  # [rad/s]
@@ -249,9 +249,10 @@ class SurfaceWork:
             state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
         state.path, state.placement = path, placement
         state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
-        above = np.array(placement.X_WB)
-        above[2, 3] = max(above[2, 3] + job.lift, state.X_WB[2, 3])
-        self._move_hull(state, time, above)
+        before = np.array(placement.X_WB)
+        away = -(placement.X_WB @ self._vehicle.X_BA)[:3, 2]  # against the axis of the arm's base, which faces the work
+        before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
+        self._move_hull(state, time, before)
         self._enter(state, WorkState.CLOSE_IN, time)
 
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
@@ -262,7 +263,7 @@ class SurfaceWork:
         )  # fmt: skip
 
     def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Above the work pose, then unfold the arm, then down; then wait until the hull is quiet."""
+        """To before the work pose, then unfold the arm, then close; then wait until the hull is quiet."""
         time = estimate.time
         placement = state.placement
         assert placement is not None

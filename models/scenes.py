@@ -8,7 +8,7 @@ import models
 from models import hydrodynamics
 from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, transform_points
 
 SEABED_DEPTH = 0.75  # [m] below the middle of the object
 
@@ -36,13 +36,21 @@ def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
 
 
 def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
-    """`vehicle` itself, at the origin, with `target` at `X_WT` (4, 4) on its stand and flat seabed under it."""
+    """`vehicle` itself, at the origin, with `target` at `X_WT` (4, 4) on its stand and flat seabed under it.
+
+    A target that reaches deeper than SEABED_DEPTH under its own origin stands on the seabed.
+    """
     spec = vehicle
     target.add_to(spec, X_WT)
     seabed = spec.worldbody.add_geom()
     seabed.name = "seabed"
     seabed.type = mujoco.mjtGeom.mjGEOM_PLANE
     seabed.size = [8.0, 8.0, 0.1]
-    seabed.pos = [X_WT[0, 3], X_WT[1, 3], X_WT[2, 3] - SEABED_DEPTH]
+    seabed.pos = [X_WT[0, 3], X_WT[1, 3], seabed_height(target, X_WT)]
     seabed.rgba = [0.55, 0.5, 0.4, 1.0]
     return spec
+
+
+def seabed_height(target: TargetModel, X_WT: Array) -> float:
+    """Height [m] in W of the seabed under `target` at `X_WT` (4, 4)."""
+    return min(float(X_WT[2, 3]) - SEABED_DEPTH, float(transform_points(X_WT, target.vertices)[:, 2].min()))

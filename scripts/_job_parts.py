@@ -17,7 +17,7 @@ from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller
-from sim.interfaces.spatial import Array, pose, readonly
+from sim.interfaces.spatial import Array, exp_so3, pose, readonly
 
 
 def believed_and_built(
@@ -65,10 +65,12 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) from which the camera at `X_BC` looks at the coarse position from `scan_range` [m]."""
+    """Level hull pose (4, 4) from which the camera at `X_BC`, looking towards +x of W or down or up, sees the coarse
+    position from `scan_range` [m]."""
     if not (np.isfinite(scan_range) and scan_range > 0.0):
         raise ConfigurationError(f"--range: must be > 0 m, got {scan_range}")
-    return pose(p=approach_W - X_BC[:3, 3] - scan_range * X_BC[:3, 2])
+    R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
+    return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))
 
 
 def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:

@@ -4,54 +4,35 @@ The vehicle knows the barrel's shape and roughly where it is. It takes a depth f
 path onto it, closes in, and presses a pad along the path with forces felt through the joint torques alone.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from _start import parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from _contact_options import ContactOptions, coarse_detection
 from _job import ContactJob, run_contact_job
 
 from models.targets import barrel
 from sim.interfaces.spatial import exp_so3, pose
 
-Left = Literal[
-    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
-]
-
-
 @dataclass(kw_only=True)
-class Options(ScenarioOptions):
+class Options(ContactOptions):
     """Clean a barrel with a set force."""
 
     path: Literal["longitudinal", "transverse"] = "longitudinal"
     """Along the barrel's top, or half around it."""
-    forces: tuple[float, ...] = ()
-    """Set forces [N] on equal parts of the path; 60 90 60 along and 60 90 around by default."""
     length: float = 0.6
     """Of the longitudinal path [m]."""
     arc: float = 180.0
     """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
     azimuth: float = 0.0
     """Of the path around the barrel [deg], from the top; far enough round and it is out of reach."""
-    speed: float = 0.02
-    """Of the tool along the path [m/s]."""
     range: float = 1.25
     """From camera to barrel [m] at which it is scanned."""
-    without: tuple[Left, ...] = ()
-    """Methods to leave out, for ablation."""
-    arm_errors: int | None = None
-    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
-    calibrated: bool = False
-    """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
-    arm: Path | None = None
-    """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
-    controller: str = "controllers.work_controller:WorkController"
-    """MODULE:CLASS of the controller."""
 
 
 def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
@@ -62,27 +43,19 @@ def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
     target = barrel(line_length=length, line_azimuth=azimuth, arc=np.radians(arc), arc_azimuth=azimuth)
     # Where the barrel lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
-    way, axis = rng.standard_normal((2, 3))
-    approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
-    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    approach, orientation = coarse_detection(X_WT, rng)
     return ContactJob(
         scenario="clean_barrel",
         title=f"Cleaning a barrel, {options.path} path, seed {options.seed}",
         target=target,
         path=options.path,
-        forces=options.forces or ((60.0, 90.0, 60.0) if options.path == "longitudinal" else (60.0, 90.0)),
-        speed=options.speed,
         least_share=min(1.0, 150.0 / arc) if options.path == "transverse" else 1.0,
         X_WT=X_WT,
         approach_W=approach,
-        orientation_W=turn @ X_WT[:3, :3],
+        orientation_W=orientation,
         scan_range=options.range,
         vehicle=options.vehicle,
-        controller=options.controller,
-        without=frozenset(options.without),
-        arm_errors=options.arm_errors,
-        calibrated=options.calibrated,
-        arm=options.arm,
+        **options.of_job((60.0, 90.0, 60.0) if options.path == "longitudinal" else (60.0, 90.0)),
     )
 
 

@@ -1,0 +1,57 @@
+"""What every scenario of contact work can be asked, and what a coarse detection says of an object."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sim.interfaces.spatial import Array, exp_so3
+from sim.startup import ScenarioOptions
+
+Left = Literal[
+    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
+]
+
+
+@dataclass(kw_only=True)
+class ContactOptions(ScenarioOptions):
+    """What every scenario of contact work can be asked."""
+
+    forces: tuple[float, ...] = ()
+    """Set forces [N] on equal parts of the path; 60 90 60 along and 60 90 around by default."""
+    speed: float = 0.02
+    """Of the tool along the path [m/s]."""
+    contactless: float | None = None
+    """Keep the tool at this distance [m] from the surface, without touching, in place of pressing (paper 004)."""
+    without: tuple[Left, ...] = ()
+    """Methods to leave out, for ablation."""
+    arm_errors: int | None = None
+    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
+    calibrated: bool = False
+    """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
+    arm: Path | None = None
+    """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
+    controller: str = "controllers.work_controller:WorkController"
+    """MODULE:CLASS of the controller."""
+
+    def of_job(self, forces: tuple[float, ...]) -> dict[str, Any]:
+        """These options as a ContactJob takes them; `forces` [N] where none are asked for."""
+        return {
+            "forces": self.forces or forces,
+            "speed": self.speed,
+            "contactless": self.contactless,
+            "without": frozenset(self.without),
+            "arm_errors": self.arm_errors,
+            "calibrated": self.calibrated,
+            "arm": self.arm,
+            "controller": self.controller,
+        }
+
+
+def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """What a coarse detection says of an object at `X_WT`: place (3,) [m], 10 to 30 cm off, and axes, up to 30 deg."""
+    way, axis = rng.standard_normal((2, 3))
+    approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
+    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    return approach, turn @ X_WT[:3, :3]

@@ -1,0 +1,79 @@
+"""Clean a vertical pile under water, with the arm on the vehicle's side: hover beside it, scan, identify, and work.
+
+As clean_barrel.py, but for the object: a pile 3 m long, seen in part. Its flange tells the height of what is seen.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from _contact_options import ContactOptions, coarse_detection
+from _job import ContactJob, run_contact_job
+
+from models.targets import helix, pile, ring, vertical
+from sim.interfaces.spatial import exp_so3, pose
+
+
+@dataclass(kw_only=True)
+class Options(ContactOptions):
+    """Clean a vertical pile with a set force."""
+
+    path: Literal["vertical", "ring", "helix"] = "vertical"
+    """Up the pile, around it, or both at once."""
+    length: float = 0.5
+    """Of the vertical path [m]."""
+    arc: float = 100.0
+    """Of the ring and the helix [deg]; where the reach ends sooner the largest arc from 80 deg on is worked, and said."""
+    rise: float = 0.3
+    """Of the helix [m]."""
+    azimuth: float = 0.0
+    """Of the path's middle [deg], from the side that the vehicle comes from."""
+    height: float = -0.15
+    """Of the path's middle [m] over the pile's; the flange is 0.2 to 0.3 m over it."""
+    range: float = 1.8
+    """From camera to the pile's axis [m] at which it is scanned."""
+    vehicle: str = "uuv_puma_side"
+    """A name of models.available(), or an MJCF file with the named parts (README)."""
+
+
+def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
+    """The job that `options` ask for, the pile and what is coarsely known of it drawn from `rng`."""
+    arc = 40.0 if options.quick else options.arc
+    length = 0.2 if options.quick else options.length
+    azimuth, height = np.radians(options.azimuth), options.height
+    if options.path == "vertical":
+        path = vertical(length, azimuth, height)
+    elif options.path == "ring":
+        path = ring(np.radians(arc), azimuth, height)
+    else:
+        path = helix(np.radians(arc), options.rise * arc / options.arc, azimuth, height)
+    # The vehicle comes from -x: there azimuth 0 is, give or take. The pile leans by up to a degree or so.
+    lean = np.radians(0.5) * rng.standard_normal(3) * [1.0, 1.0, 0.0]
+    X_WT = pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
+    approach, orientation = coarse_detection(X_WT, rng)
+    return ContactJob(
+        scenario="clean_pile",
+        title=f"Cleaning a pile, {options.path} path, seed {options.seed}",
+        target=pile({options.path: path}),
+        path=options.path,
+        least_share=1.0 if options.path == "vertical" else min(1.0, 80.0 / arc),
+        X_WT=X_WT,
+        approach_W=approach,
+        orientation_W=orientation,
+        scan_range=options.range,
+        vehicle=options.vehicle,
+        **options.of_job((60.0, 90.0, 60.0) if options.path == "vertical" else (60.0, 90.0)),
+    )
+
+
+def main() -> int:
+    options = parse(Options)
+    rng = np.random.default_rng(options.seed)
+    return run_contact_job(pile_job(options, rng), options, rng, started=time.perf_counter())
+
+
+if __name__ == "__main__":
+    run_scenario(main)

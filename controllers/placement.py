@@ -1,8 +1,8 @@
 """Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
 
-Candidates of the arm's base around the path are tried, each with the hull level: under an arm whose base looks up or
-down the hull is turned so that the arm reaches forward, with one that looks sideways it is turned so that the base
-faces the surface. Along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to
+Candidates of the arm's base around the path are tried, each with the hull level. Where the base looks down (or up) the
+hull is turned so that the arm reaches forward; where it looks aside, so that it faces the surface. Along the path MKPS
+keeps to one branch. The best candidate is the one with the largest smallest margin: to
 joint limits, to singular postures, to torque limits under the set force, and to the object.
 """
 
@@ -159,7 +159,8 @@ def place(
     for step in search.refinements:
         while best is not None:
             base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
-            if not any([consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]):
+            better = [consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]
+            if not any(better):
                 break
     if best is None:
         raise ReachError(

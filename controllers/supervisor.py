@@ -1,6 +1,7 @@
 """The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
 
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
+Work without contact (paper 004) goes from approach to work: there is nothing to press on.
              \\-> other view -> scan ...          any state with contact -> retreat -> abort
 """
 
@@ -9,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from controllers.mkps import Chain
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
@@ -18,7 +20,7 @@ from models.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, exp_so3, transform_points
+from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
 _HEADROOM = 0.85  # of the force limit that a set force may take
@@ -63,6 +65,7 @@ class Job:
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     roomy: float = 0.3  # margin of the placement under which less of the path is worked, where that is allowed
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
+    contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
 
     def __post_init__(self) -> None:
         if not self.forces:
@@ -75,6 +78,11 @@ class Job:
                     f"forces: {force} N leaves no room for overshoot: at most {_HEADROOM:.0%} of the force limit of "
                     f"{self.force_limit} N"
                 )
+        if self.contactless is not None and not 0.0 < self.contactless <= self.standoff:
+            raise ConfigurationError(
+                f"contactless: the distance must be > 0 and at most the stand-off of {self.standoff} m, got "
+                f"{self.contactless}"
+            )
         if not self.speed > 0.0:
             raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
 
@@ -131,16 +139,22 @@ class SurfaceWork:
         *,
         X_WB_scan: Array,
         hull_box: Array,
+        view_B: ArrayLike = (1.0, 0.0, 0.0),
+        floor: float = -np.inf,
         period: float = 0.01,
         search: Search | None = None,
     ) -> None:
         """Take the vehicle and its arm, the object's model, the job, and the hull pose (4, 4) to scan from.
 
-        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object.
+        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the
+        height `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
         """
         self.period = period
         self._vehicle, self._chain, self._model, self._job = vehicle, chain, target, job
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
+        self._floor = floor
+        ahead = checked(view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
+        self._view_B = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
 
     def init(self, estimate: StateEstimate) -> SupervisorState:
         return SupervisorState(
@@ -219,7 +233,7 @@ class SurfaceWork:
         """Move the hull sideways, to look again from another place."""
         side = 0.3 * (1.0 if state.scans % 2 else -1.0)
         X = np.array(self._X_WB_scan)
-        X[:3, 3] += X[:3, 1] * side
+        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], self._view_B)
         X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
         self._move_hull(state, time, X)
         self._enter(state, WorkState.SETTLE, time)
@@ -234,7 +248,7 @@ class SurfaceWork:
             try:
                 found = place(
                     self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
-                    force=max(job.forces), standoff=job.standoff, search=self._search,
+                    force=max(job.forces), standoff=job.standoff, floor=self._floor, search=self._search,
                 )  # fmt: skip
             except ReachError as error:
                 failure = failure or str(error)
@@ -284,17 +298,35 @@ class SurfaceWork:
     def _approach(self, state: SupervisorState, time: float, felt: float) -> None:
         job = self._job
         state.felt_for = state.felt_for + self.period if felt > job.touch else 0.0
+        if job.contactless is not None:
+            self._approach_without_contact(state, time, job.standoff - job.contactless)
+            return
         if state.felt_for >= job.touch_time:
             state.force, state.contact_at, state.set_since, state.speed = felt, time, np.inf, 0.0
             self._enter(state, WorkState.PRESS, time)
             return
-        wanted = job.approach_speed if state.depth < job.standoff - job.guard else job.touch_speed
+        self._advance(state, job.standoff)
+        if state.depth > job.standoff + job.search:
+            self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
+
+    def _approach_without_contact(self, state: SupervisorState, time: float, depth: float) -> None:
+        """On to `depth` [m] from the stand-off, where the work begins; nothing may be felt on the way."""
+        if state.felt_for >= self._job.touch_time:
+            self._break_off(state, time, "the tool touched something on its way to the distance that it is to keep")
+            return
+        self._advance(state, depth)
+        if state.depth >= depth:
+            state.depth, state.work_start = depth, time
+            self._enter(state, WorkState.WORK, time)
+
+    def _advance(self, state: SupervisorState, depth: float) -> None:
+        """One step of the approach, slow over the last of `depth` [m]."""
+        job = self._job
+        wanted = job.approach_speed if state.depth < depth - job.guard else job.touch_speed
         wanted = 0.0 if state.paused else wanted
         most = self._APPROACH_ACCELERATION * self.period
         state.speed += min(max(wanted - state.speed, -most), most)
         state.depth += state.speed * self.period
-        if state.depth > job.standoff + job.search:
-            self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
 
     def _press(self, state: SupervisorState, time: float, felt: float) -> None:
         job = self._job
@@ -323,7 +355,8 @@ class SurfaceWork:
         state.work_start += (1.0 - state.pace) * self.period
         state.path_s, _ = progress.at(time - state.work_start)
         part = min(int(state.path_s / progress.length * len(self._job.forces)), len(self._job.forces) - 1)
-        self._ramp_force(state, self._job.forces[part] * (self._PAUSED_FORCE if state.paused else 1.0))
+        if self._job.contactless is None:
+            self._ramp_force(state, self._job.forces[part] * (self._PAUSED_FORCE if state.paused else 1.0))
         if time - state.work_start > progress.duration + 0.5:
             self._enter(state, WorkState.RETREAT, time)
 
@@ -426,7 +459,7 @@ class SurfaceWork:
             X_WG, tangent, turn = self._on_path(state, state.path_s, state.depth - job.standoff)
             rate *= state.pace
             v_tool, w_tool = rate * tangent, rate * turn
-            force, force_control = state.force, True
+            force, force_control = state.force, job.contactless is None
         elif state.arm_held or np.isfinite(state.halted):
             pass  # the angles are held
         elif state.state in _OVER and state.placement is not None:

@@ -115,7 +115,7 @@ def _of_contact(job: "Job", state: "SupervisorState", estimate: StateEstimate, f
     """The force is too large, or the contact is gone."""
     if state.state in _TOUCHING and felt > job.force_limit:
         return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
-    if state.state is WorkState.WORK and job.force_control:
+    if state.state is WorkState.WORK and job.force_control and job.contactless is None:
         if felt > 0.5 * job.touch:
             state.contact_at = estimate.time
         elif estimate.time - state.contact_at > job.lost_time:

@@ -65,6 +65,7 @@ class ContactJob:
     calibrated: bool = False  # the controller knows the arm as identified from touches
     arm: Path | None = None  # or as a file says
     force_rate: float = 60.0  # [N/s] at which a set force changes
+    contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -103,9 +104,9 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
     work = Job(
         forces=job.forces, speed=job.speed, least_share=job.least_share, force_rate=job.force_rate,
-        force_control="force-control" not in job.without,
+        force_control="force-control" not in job.without, contactless=job.contactless,
     )  # fmt: skip
-    truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT)
+    truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT, contactless=job.contactless)
     believed, built, said = believed_and_built(
         job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
     )
@@ -143,6 +144,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,
         planner=SurfaceWork(
             vehicle, chain, job.target, work, X_WB_scan=X_WB, hull_box=hull_box(own, vehicle),
+            view_B=X_BC[:3, 2], floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
     )  # fmt: skip

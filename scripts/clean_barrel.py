@@ -17,6 +17,7 @@ from _job import ContactJob, run_contact_job
 from models.targets import barrel
 from sim.interfaces.spatial import exp_so3, pose
 
+
 @dataclass(kw_only=True)
 class Options(ContactOptions):
     """Clean a barrel with a set force."""

@@ -26,7 +26,7 @@ class Options(ContactOptions):
     length: float = 0.5
     """Of the vertical path [m]."""
     arc: float = 100.0
-    """Of the ring and the helix [deg]; where the reach ends sooner the largest arc from 80 deg on is worked, and said."""
+    """Of ring and helix [deg]; where the reach ends sooner the largest from 80 deg on is worked, and said."""
     rise: float = 0.3
     """Of the helix [m]."""
     azimuth: float = 0.0

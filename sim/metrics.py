@@ -40,6 +40,7 @@ class Bounds:
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
     tilt: float = float(np.radians(3.0))  # [rad] tool and hull
+    gap_error: float = 0.008  # [m] of work without contact: what identification and path may each be off, together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,6 +50,7 @@ class TrueObject:
     model: TargetModel
     path: str  # name of the tool path on it
     X_WT: Array  # (4, 4)
+    contactless: float | None = None  # [m] distance that was to be kept from its surface; None: pressed
 
     def __post_init__(self) -> None:
         self.model.path(self.path)  # raises ConfigurationError if it has none of that name
@@ -107,10 +109,12 @@ def assess(
     contact, segments = contact_figures(recording)
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
+    gap = gap_figures(recording, truth)
     collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
     metrics: dict[str, Any] = {
         "identification": identification,
         "contact": {**contact, "segments": segments},
+        "gap": gap,
         "tool": tool,
         "force_estimate": force_estimate_figures(recording),
         "hull": hull,
@@ -130,12 +134,22 @@ def assess(
     if range_m is not None:
         position_bound = min(position_bound, bounds.position_error_share * range_m)
     mm, degrees = 1e3, float(np.degrees(1.0))
+    if gap is None:
+        of_tool = (
+            _check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
+            _check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
+            _check("contact lost", contact["lost_s"], bounds.lost, "s"),
+        )
+    else:
+        of_tool = (
+            _check("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
+            _check("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
+            _check("touched", gap["touched_s"], 0.0, "s"),
+        )
     checks = (
         _check("identified position", identification["position_error_m"], position_bound, "mm", mm),
         _check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
-        _check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
-        _check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
-        _check("contact lost", contact["lost_s"], bounds.lost, "s"),
+        *of_tool,
         _check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
         _check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
         _check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
@@ -163,7 +177,7 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     """
     time, work = recording["set_force"].time, recording.within(WorkState.WORK)
     names = ("force_error_rms_n", "force_error_max_n", "lost_s")
-    if not work.any():
+    if not work.any() or not recording["set_force"].scalar[work].any():  # none was asked for
         return dict.fromkeys(names), []
     wanted = recording["set_force"].scalar
     lost = (recording["contact_normal"].scalar < LOST_BELOW) & work
@@ -275,14 +289,48 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
 
 def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     """Times (N,) [s] in the work state, and angles (N,) [rad] between the tool axis and the true inward normal."""
+    time, tip_T, axis = _at_work(recording, truth)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    _, normal = surface.closest(tip_T)
+    sine = np.linalg.norm(np.cross(axis, normal), axis=1)
+    return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
+
+
+def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
+    """The pad's distance to the true surface against the one to be kept, at work; None where it was to press.
+
+    Beside the error: the time with contact, in any state.
+    """
+    if truth.contactless is None:
+        return None
+    touched = float((recording["contact_normal"].scalar > 0.0).sum() * recording.timestep)
+    error = None
+    if recording.within(WorkState.WORK).any():
+        error = tool_gap(recording, truth)[1] - truth.contactless
+    return {
+        "set_m": truth.contactless,
+        "error_rms_m": None if error is None else float(np.sqrt(np.mean(error**2))),
+        "error_max_m": None if error is None else float(np.abs(error).max()),
+        "touched_s": touched,
+    }
+
+
+def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+    """Times (N,) [s] in the work state, and distances (N,) [m] of the pad's face from the true surface, 0 inside it."""
+    time, tip_T, _ = _at_work(recording, truth)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    found, normal = surface.closest(tip_T)
+    outside = np.sum((tip_T - found) * normal, axis=1) > 0.0
+    return time, np.where(outside, np.linalg.norm(tip_T - found, axis=1), 0.0)
+
+
+def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
+    """Times (N,) [s] in the work state, at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
     every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
     rows = np.flatnonzero(recording.within(WorkState.WORK))[::every]
     X_TW = inverse(truth.X_WT)
-    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
-    _, normal = surface.closest(transform_points(X_TW, recording["p_pad"].value[rows]))
-    axis = recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
-    sine = np.linalg.norm(np.cross(axis, normal), axis=1)
-    return recording["p_pad"].time[rows], np.arctan2(sine, -np.sum(axis * normal, axis=1))
+    tip_T = transform_points(X_TW, recording["p_pad"].value[rows])
+    return recording["p_pad"].time[rows], tip_T, recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
 
 
 def force_estimate_figures(recording: Recording) -> Figures:
@@ -299,10 +347,12 @@ def force_estimate_figures(recording: Recording) -> Figures:
 def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
     """Times (N,) [s] in the work state, displacement (N, 3) [m] in W and turn (N,) [rad] of the hull since first touch.
 
-    The turn is the whole rotation, yaw included. None if the tool never touched or the run never came to work.
+    The turn is the whole rotation, yaw included. Where no force was asked for: since the work began. None if the tool
+    never touched or the run never came to work.
     """
-    touching = np.flatnonzero(recording["contact_normal"].scalar > 0.0)
     work = recording.within(WorkState.WORK)
+    pressed = recording["set_force"].scalar[work].any()
+    touching = np.flatnonzero(recording["contact_normal"].scalar > 0.0 if pressed else work)
     if not touching.size or not work.any():
         return None
     first = touching[0]

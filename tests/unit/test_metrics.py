@@ -263,3 +263,31 @@ def test_closest_on_curve_gives_arc_lengths_past_corners_and_repeated_points():
     closest, arc = closest_on_curve(np.array([[0.3, -1.0, 0], [2.0, 1.5, 0], [-5.0, 0, 0]]), curve)
     assert np.allclose(closest, [[0.3, 0, 0], [1.0, 1.5, 0], [0, 0, 0]])
     assert np.allclose(arc, [0.3, 2.5, 0.0])
+
+
+def test_work_without_contact_is_judged_by_its_distance(within):
+    """Held 1 mm too far from the shell all along, and 3 mm too near for a moment."""
+    truth = TrueObject(model=TRUTH.model, path=TRUTH.path, X_WT=TRUTH.X_WT, contactless=0.03)
+    near = np.arange(STEPS) // 100 == 20  # 0.2 s, seen at 50 Hz
+    height = np.where(near, 0.027, 0.031)
+    tip = recorded()["p_pad"].value + height[:, None] * TRUTH.X_WT[:3, 2]
+    untouched = {name: np.zeros(STEPS) for name in ("contact_normal", "set_force", "felt_normal")}
+    clean = recorded(p_pad=tip, p_command=tip, **untouched)
+    assessment = assess(clean, truth, seed=3, wall_s=0.5, identification_s=0.2)
+    assert assessment.accepted, assessment.failed
+    jsonschema.validate(assessment.metrics, schema())
+    gap = assessment.metrics["gap"]
+    assert gap["set_m"] == 0.03
+    within("peak [m]", gap["error_max_m"] - 0.003, 5e-5)  # facets of the shell: 2e-5
+    within("RMS [m]", gap["error_rms_m"] - np.sqrt(0.98 * 0.001**2 + 0.02 * 0.003**2), 5e-5)
+    assert gap["touched_s"] == 0.0
+    assert assessment.metrics["contact"] == {
+        "force_error_rms_n": None, "force_error_max_n": None, "lost_s": None, "segments": [],
+    }  # fmt: skip
+
+    brushed = recorded(p_pad=tip, p_command=tip, **{**untouched, "contact_normal": np.where(near, 1.0, 0.0)})
+    failed = assess(brushed, truth, seed=3, wall_s=0.5).failed
+    assert [line for line in failed if line.startswith("touched: 0.2 s")]
+    inside = recorded(p_pad=tip - 0.04 * TRUTH.X_WT[:3, 2], p_command=tip, **untouched)
+    assert assess(inside, truth, seed=3, wall_s=0.5).metrics["gap"]["error_max_m"] == pytest.approx(0.03)
+    assert assessed(recorded()).metrics["gap"] is None

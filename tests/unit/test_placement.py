@@ -8,7 +8,7 @@ import models
 from controllers.mkps import Chain, solve
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
 from models import scenes
-from models.targets import TargetModel, barrel
+from models.targets import TargetModel, barrel, pile, ring, vertical
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
@@ -20,7 +20,7 @@ COARSE = Search(heights=(0.65, 0.85), radii=(0.2, 0.5), bearings=6, rolls=2)
 STANDOFF = 0.1  # [m]
 
 
-def tool_path(target: TargetModel, name: str) -> ToolPath:
+def tool_path(target: TargetModel, name: str, X_WT: Array = X_WT) -> ToolPath:
     path = target.path(name)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     R = X_WT[:3, :3]
@@ -33,11 +33,14 @@ def own() -> mujoco.MjModel:
     return models.load("uuv_puma").compile()
 
 
-def found(own: mujoco.MjModel, target: TargetModel, path: ToolPath, search: Search = COARSE) -> tuple[Chain, Placement]:
+def found(
+    own: mujoco.MjModel, target: TargetModel, path: ToolPath, search: Search = COARSE, X_WT: Array = X_WT,
+    floor: float = -np.inf,
+) -> tuple[Chain, Placement]:  # fmt: skip
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     placement = place(
         Vehicle.of(own), chain, path, obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, force=90.0,
-        standoff=STANDOFF, search=search,
+        standoff=STANDOFF, floor=floor, search=search,
     )  # fmt: skip
     return chain, placement
 
@@ -68,20 +71,31 @@ def test_middle_part():
     assert middle_part(path, 1.0) is path
 
 
-@pytest.mark.parametrize("name", ["longitudinal", "transverse"])
-def test_whole_path_is_worked_from_the_placement(own, name, within):
-    target = barrel(line_length=0.6, arc=np.radians(120.0))
-    path = tool_path(target, name)
-    chain, placement = found(own, target, path)
+X_WP = pose(exp_so3([0.01, -0.01, 2.8]), [0.2, -0.1, 0.1])  # of a pile, azimuth 0 towards -x of W
+
+
+@pytest.mark.parametrize(
+    ("vehicle_name", "target", "name", "X_WT"),
+    [
+        pytest.param("uuv_puma", barrel(line_length=0.6), "longitudinal", X_WT, id="longitudinal"),
+        pytest.param("uuv_puma", barrel(arc=np.radians(120.0)), "transverse", X_WT, id="transverse"),
+        pytest.param("uuv_puma_side", pile(), "vertical", X_WP, id="vertical"),
+        pytest.param("uuv_puma_side", pile({"ring": ring(np.radians(80.0))}), "ring", X_WP, id="ring"),
+    ],
+)
+def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_WT, within):
+    path = tool_path(target, name, X_WT)
+    chain, placement = found(models.load(vehicle_name).compile(), target, path, X_WT=X_WT)
     assert placement.reached == 1.0
     assert placement.margin > 0.05
+    assert placement.X_WB[2, 2] == 1.0  # level
 
-    scene = scenes.work_site(models.load("uuv_puma"), target, X_WT).compile()
+    scene = scenes.work_site(models.load(vehicle_name), target, X_WT).compile()
     vehicle, data = Vehicle.of(scene), mujoco.MjData(scene)
     hull_geom = scene.geom("hull_box").id
     arm = [scene.geom(geom).id for geom in ("upper_arm", "forearm")]
     objects = [g for g in range(scene.ngeom) if scene.geom(g).name.startswith("target")]
-    assert len(objects) >= 3
+    assert len(objects) >= 2
 
     def reached(q: Array, X_WG: Array) -> None:
         data.qpos[:3] = placement.X_WB[:3, 3]
@@ -124,3 +138,16 @@ def test_no_room_for_the_hull(own):
     target = barrel(line_length=0.2)
     with pytest.raises(ReachError, match="out of reach"):
         found(own, target, tool_path(target, "longitudinal"), Search(clearance=5.0))
+
+
+def test_hull_keeps_off_the_seabed():
+    """Low on the pile: what is left of the places is over the seabed, and where none is left that is said."""
+    own, target = models.load("uuv_puma_side").compile(), pile({"low": vertical(0.2, height=-0.8)})
+    path = tool_path(target, "low", X_WP)
+    middle = 0.5 * (path.p[0, 2] + path.p[-1, 2])
+    free = found(own, target, path, X_WT=X_WP)[1]
+    floor = free.X_WB[2, 3] + HULL_BOX[0, 2] - COARSE.clearance + 0.1  # what it took is now too low by 10 cm
+    kept = found(own, target, path, X_WT=X_WP, floor=floor)[1]
+    assert kept.X_WB[2, 3] + HULL_BOX[0, 2] >= floor + COARSE.clearance
+    with pytest.raises(ReachError, match="out of reach"):
+        found(own, target, path, X_WT=X_WP, floor=middle + 2.0)

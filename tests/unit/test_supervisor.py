@@ -66,10 +66,11 @@ class Script:
     job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
     views: Sequence[bool] = (True,)  # whether each view finds the object
+    side: bool = False  # the vehicle with its arm on the side
     references: list[Reference] = field(default_factory=list)
 
     def run(self, seconds: float = 120.0) -> "Script":
-        own = models.load("uuv_puma").compile()
+        own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
         chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
         vehicle = Vehicle.of(own)
         planner = SurfaceWork(
@@ -303,6 +304,48 @@ def test_a_camera_that_gives_nothing():
     assert script.end.note == "no depth frame arrived within 5 s"
 
 
+WITHOUT_CONTACT = [state for state in JOURNEY if state is not WorkState.PRESS]
+
+
+def test_work_without_contact_keeps_its_distance():
+    script = Script(job=Job(forces=(60.0,), contactless=0.03), felt=lambda _: 0.0).run()
+    assert script.states == [*WITHOUT_CONTACT, WorkState.DONE]
+    work = script.of(WorkState.WORK)
+    assert {round(float(tip(r)[2]), 9) for r in work} == {0.03}
+    assert tip(work[-1])[0] == pytest.approx(0.12)
+    assert not any(r.force or r.force_control for r in script.references)
+    fastest = max(float(np.linalg.norm(r.v_WG_W)) for r in script.of(WorkState.APPROACH)[-20:])
+    assert fastest <= script.job.touch_speed + 0.01  # it comes to its distance slowly
+    assert tip(script.end)[2] >= script.job.standoff - 1e-3
+
+
+def test_a_touch_on_the_way_ends_work_without_contact():
+    def felt(reference: Reference) -> float:  # something 50 mm before the surface
+        return STIFFNESS * max(0.0, 0.05 - float(tip(reference)[2])) if reference.state is WorkState.APPROACH else 0.0
+
+    script = Script(job=Job(forces=(60.0,), contactless=0.03), felt=felt).run()
+    assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
+    assert "touched something" in script.end.note
+
+
+@pytest.mark.parametrize("axis", [[0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
+    """Under the hull: from above; on its side: from the side. The arm unfolds before that, `lift` or more away."""
+    script = Script()
+    script.side = axis[1] > 0.0
+    script.run()
+    moves = script.of(WorkState.CLOSE_IN)
+    unfolding = [r for r in moves if np.any(r.qd)]
+    assert unfolding
+    held = {tuple(np.round(r.X_WB[:3, 3], 9)) for r in unfolding}
+    assert len(held) == 1
+    back = np.array(held.pop()) - WORK_POSE[:3, 3]
+    assert back @ -np.array(axis) >= script.job.lift - 1e-9
+    assert np.linalg.norm(np.cross(back, axis)) < 1e-9
+    last = moves[-1].X_WB[:3, 3]
+    assert last == pytest.approx(WORK_POSE[:3, 3])
+
+
 def test_path_out_of_reach(monkeypatch):
     def place(*_: Any, **__: Any) -> Placement:
         raise ReachError("out of reach: at best 40%")
@@ -341,6 +384,8 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
         ({"forces": (60.0, -60.0)}, "must be > 0 N, got -60"),
         ({"forces": (float("nan"),)}, "must be > 0 N"),
         ({"forces": (160.0,)}, "no room for overshoot"),
+        ({"forces": (60.0,), "contactless": 0.0}, "contactless: the distance must be > 0"),
+        ({"forces": (60.0,), "contactless": 0.2}, "at most the stand-off of 0.1 m, got 0.2"),
         ({"forces": (60.0,), "speed": 0.0}, "speed"),
     ],
 )

@@ -1,0 +1,88 @@
+"""The pile as a user runs it, with the arm on the vehicle's side: pressed, and cleaned without contact."""
+
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from models import open3d_loader
+from sim import hydrodynamics
+from sim.metrics import Bounds, schema
+
+open3d_loader.load()  # without its system libraries the job cannot run: see tests/conftest.py
+BOUNDS = Bounds()
+RUNS = {"vertical": (), "ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}
+
+
+def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "scripts/clean_pile.py", "--quick", "--no-record", "--out", str(out), *options]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600, check=False)
+
+
+@pytest.fixture(scope="module")
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """metrics.json of each run; two at a time."""
+    hydrodynamics.install()
+
+    def run(name: str) -> dict[str, Any]:
+        out = tmp_path_factory.mktemp(name)
+        done = clean_pile(request.config.rootpath, out, *RUNS[name])
+        assert done.returncode == 0, done.stdout + done.stderr
+        return json.loads((out / "metrics.json").read_text(encoding="utf-8"))
+
+    with ThreadPoolExecutor(2) as pool:
+        return dict(zip(RUNS, pool.map(run, RUNS), strict=True))
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_figures_keep_their_bounds(runs, name):
+    metrics = runs[name]
+    jsonschema.validate(metrics, schema())
+    assert metrics["accepted"] is True
+    assert metrics["run"]["state"] == "done"
+    assert metrics["identification"]["position_error_m"] <= BOUNDS.position_error
+    assert metrics["tool"]["path_deviation_max_m"] <= BOUNDS.path_deviation
+    assert metrics["tool"]["tilt_max_rad"] <= BOUNDS.tilt
+    assert metrics["hull"]["tilt_max_rad"] <= BOUNDS.tilt
+    assert metrics["tool"]["speed_mean_m_s"] == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["vertical", "ring"])
+def test_it_pressed(runs, name):
+    contact = runs[name]["contact"]
+    assert [segment["set_n"] for segment in contact["segments"]] == (
+        [60.0, 90.0, 60.0] if name == "vertical" else [60.0, 90.0]
+    )
+    assert contact["force_error_rms_n"] <= BOUNDS.force_error_rms
+    assert contact["force_error_max_n"] <= BOUNDS.force_error_max
+    assert contact["lost_s"] == 0.0
+    assert runs[name]["gap"] is None
+
+
+def test_it_kept_its_distance(runs):
+    gap = runs["contactless"]["gap"]
+    assert gap["set_m"] == 0.03
+    assert 0.0 < gap["error_rms_m"] <= gap["error_max_m"] <= BOUNDS.gap_error
+    assert gap["touched_s"] == 0.0
+    assert runs["contactless"]["contact"]["segments"] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        pytest.param(["--height", "0.25"], "clear of the flange", id="at the flange"),
+        pytest.param(["--contactless", "0.2"], "at most the stand-off", id="too far"),
+        pytest.param(["--vehicle", "uuv_puma"], "", id="arm under the hull"),
+    ],
+)
+def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, said):
+    done = clean_pile(root, tmp_path / "out", *options)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert said in done.stderr

@@ -337,13 +337,13 @@ def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
     moves = script.of(WorkState.CLOSE_IN)
     unfolding = [r for r in moves if np.any(r.qd)]
     assert unfolding
-    held = {tuple(np.round(r.X_WB[:3, 3], 9)) for r in unfolding}
+    held = {tuple(np.round(r.X_WB[:3, 3], 6)) for r in unfolding}
     assert len(held) == 1
     back = np.array(held.pop()) - WORK_POSE[:3, 3]
-    assert back @ -np.array(axis) >= script.job.lift - 1e-9
-    assert np.linalg.norm(np.cross(back, axis)) < 1e-9
+    assert back @ -np.array(axis) >= script.job.lift - 1e-6
+    assert np.linalg.norm(np.cross(back, axis)) < 1e-6
     last = moves[-1].X_WB[:3, 3]
-    assert last == pytest.approx(WORK_POSE[:3, 3])
+    assert last == pytest.approx(WORK_POSE[:3, 3], abs=1e-6)
 
 
 def test_path_out_of_reach(monkeypatch):

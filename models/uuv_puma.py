@@ -10,8 +10,8 @@ Armstrong-Helouvry 1994, A search for consensus among model parameters reported 
 the limits of its joints 2 to 6, 27 % of that of the first); stiction 1.3 times that below 0.03 rad/s, an assumption.
 
 The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be fixed aside of the hull's
-vertical axis (paper 002, third section): `build_side` has the same hull and arm, the arm on the port side, forward of
-the jet of the sway thruster, and the camera beside it.
+vertical axis (paper 002, third section): `build(arm="side")` has the same hull and arm, the arm on the port side,
+forward of the jet of the sway thruster, and the camera beside it.
 """
 
 from pathlib import Path

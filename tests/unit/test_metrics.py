@@ -271,8 +271,12 @@ def test_work_without_contact_is_judged_by_its_distance(within):
     near = np.arange(STEPS) // 100 == 20  # 0.2 s, seen at 50 Hz
     height = np.where(near, 0.027, 0.031)
     tip = recorded()["p_pad"].value + height[:, None] * TRUTH.X_WT[:3, 2]
-    untouched = {name: np.zeros(STEPS) for name in ("contact_normal", "set_force", "felt_normal")}
-    clean = recorded(p_pad=tip, p_command=tip, **untouched)
+    none = np.zeros(STEPS)
+
+    def free(p_pad: np.ndarray, contact: np.ndarray = none) -> Recording:
+        return recorded(p_pad=p_pad, p_command=tip, set_force=none, felt_normal=none, contact_normal=contact)
+
+    clean = free(tip)
     assessment = assess(clean, truth, seed=3, wall_s=0.5, identification_s=0.2)
     assert assessment.accepted, assessment.failed
     jsonschema.validate(assessment.metrics, schema())
@@ -285,9 +289,8 @@ def test_work_without_contact_is_judged_by_its_distance(within):
         "force_error_rms_n": None, "force_error_max_n": None, "lost_s": None, "segments": [],
     }  # fmt: skip
 
-    brushed = recorded(p_pad=tip, p_command=tip, **{**untouched, "contact_normal": np.where(near, 1.0, 0.0)})
-    failed = assess(brushed, truth, seed=3, wall_s=0.5).failed
+    failed = assess(free(tip, np.where(near, 1.0, 0.0)), truth, seed=3, wall_s=0.5).failed
     assert [line for line in failed if line.startswith("touched: 0.2 s")]
-    inside = recorded(p_pad=tip - 0.04 * TRUTH.X_WT[:3, 2], p_command=tip, **untouched)
+    inside = free(tip - 0.04 * TRUTH.X_WT[:3, 2])
     assert assess(inside, truth, seed=3, wall_s=0.5).metrics["gap"]["error_max_m"] == pytest.approx(0.03)
     assert assessed(recorded()).metrics["gap"] is None

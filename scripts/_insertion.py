@@ -95,6 +95,8 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     tool_radius = float(own.geom_size[tool, 0])
     if not setting.clearance > 0.0:
         raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * setting.clearance:g}")
+    if not np.all(np.isfinite(setting.error)):
+        raise ConfigurationError(f"--error: must be finite, got {setting.error} m")
     block = manifold(tool_radius + setting.clearance, setting.depth + BOTTOM, setting.chamfer)
     bore, target = block.hole(setting.hole), block.target
     # Where the manifold lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
@@ -227,8 +229,10 @@ def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Co
         bar = progress.add_task("trials", total=len(seeds), note="")
         waiting = {pool.submit(_trial, setting, seed): seed for seed in seeds}
         for done in as_completed(waiting):
-            found[waiting[done]] = done.result()
-            good = sum(bool(one["accepted"]) for one in found.values())
+            found[waiting[done]] = one = done.result()
+            if not one["accepted"]:
+                progress.console.print(f"seed {waiting[done]}: {'; '.join(one['failed'])}", highlight=False)
+            good = sum(bool(each["accepted"]) for each in found.values())
             progress.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
     return [found[seed] for seed in seeds]
 

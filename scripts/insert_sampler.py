@@ -16,6 +16,7 @@ from _insertion import Setting, run_and_write, run_trials, say_trials
 from rich.console import Console
 
 from sim.insertion_metrics import summary
+from sim.interfaces.errors import ConfigurationError
 
 
 @dataclass(kw_only=True)
@@ -49,6 +50,8 @@ class Options(ScenarioOptions):
 def main() -> int:
     started = time.perf_counter()
     options = parse(Options)
+    if options.trials < 0 or options.workers < 0:
+        raise ConfigurationError(f"--trials and --workers: must be >= 0, got {options.trials} and {options.workers}")
     setting = Setting(
         hole=options.hole,
         clearance=1e-3 * options.clearance,

@@ -4,9 +4,11 @@ Side force is the true contact force on the tool across the hole's axis, axial f
 the physics rate, from the stand-off to the stand-off again.
 """
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from sim.recording import Recording
 AT_THE_HOLE = (
     WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW,
 )  # fmt: skip
+SCHEMA = "schemas/insertion.schema.json"
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
 
@@ -43,6 +46,11 @@ class TrueHole:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of an insertion's metrics.json."""
+    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
 
 
 def assess_insertion(

@@ -22,6 +22,7 @@ from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateE
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
+_OLD_IMU = 0.1  # [s] without the inertial unit after which an estimate of the hull is a guess
 _BRAKING_SPEED = 0.4  # [rad/s] at which a drive brakes
 _BRAKING_SHARE = 0.5  # with this share of its torque limit
 
@@ -70,6 +71,8 @@ class Guarded:
         """As the controller's; what is no number neither raises here nor is commanded."""
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
+            return state, self._without(state, estimate, FaultKind.ESTIMATE)
+        if e.imu_age > _OLD_IMU:
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:

@@ -373,10 +373,10 @@ class SurfaceWork:
             away = (time - state.since) * self._job.approach_speed > self._way_back(state)
         if away and state.adrift and not state.arm_held:
             state.q, state.arm_held = np.array(estimate.q), True
-            above = np.array(estimate.X_WB)
-            above[:3, :3] = state.X_WB[:3, :3]
+            state.X_WB = np.array(state.X_WB)
+            state.X_WB[:3, 3] = estimate.X_WB[:3, 3]
+            above = state.X_WB.copy()
             above[2, 3] += self._job.lift
-            state.X_WB = above
             self._move_hull(state, time, above)
         elif away:
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)

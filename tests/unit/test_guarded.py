@@ -104,6 +104,12 @@ def test_an_estimate_whose_time_stands_still_is_lost():
     assert not commands[-1].thrusters.any()
 
 
+def test_an_estimate_without_its_inertial_unit_is_lost():
+    commands = run([estimate(i, imu_age=max(i - 20, 0) * DT) for i in range(100)])
+    assert commands[69].faults == ()
+    assert kinds(commands[-1]) == [FaultKind.ESTIMATE]
+
+
 def test_a_slower_estimator_is_not():
     assert run([estimate(4 * (i // 4)) for i in range(100)])[-1].faults == ()
 

@@ -1,0 +1,47 @@
+"""Two faults in a closed loop at full push: one that the work rides through, one that it retreats from."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim.interfaces.messages import WorkState
+
+
+@pytest.fixture
+def scripts(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    monkeypatch.setattr(sys, "argv", ["study_faults.py"])
+
+
+@pytest.mark.usefixtures("scripts")
+def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat(tmp_path: Path):
+    import clean_barrel
+    from _fault_cases import Trace, run_branched
+    from _job import build
+
+    options = clean_barrel.Options(seed=0, forces=(90.0,), record=False, quick=True, out=tmp_path)
+    rng = np.random.default_rng(options.seed)
+    traces: dict[str, Trace] = {}
+
+    def keep(trace: Trace) -> None:
+        traces[trace.case] = trace
+
+    cases = ("torque sensor 2 frozen", "thruster heave_front dead")
+    run_branched(build(clean_barrel.barrel_job(options, rng), options, rng), cases, keep)
+    frozen, lost = (traces[case] for case in cases)
+
+    assert frozen.found[0][1:] == ("torque sensor", "joint2")
+    assert frozen.found[0][0] < 0.1
+    assert frozen.states[-1][1] is WorkState.DONE
+    assert lost.found[0][1:] == ("thruster", "heave_front")
+    assert lost.found[0][0] < 2.0
+    assert [state for _, state, _ in lost.states] == [WorkState.WORK, WorkState.RETREAT, WorkState.ABORT]
+    assert "thruster heave_front is lost" in lost.states[-1][2]
+    for trace in (frozen, lost):
+        assert not trace.blew_up
+        assert not trace.rows[:, 8].any()  # no collision
+        assert trace.rows[:, 1].max() < 2.0 * trace.set_force
+    gone = lost.rows[lost.rows[:, 0] > lost.states[-1][0]]
+    assert not gone[:, 1].any()  # off the object, and it stays off

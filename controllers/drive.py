@@ -19,11 +19,12 @@ def feel(
 ):  # fmt: skip
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
-    Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration is not known, and taken as
-    zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration `qdd` (n,), and the filtered
-    force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques `tau_e` (n,)
-    before the bias is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's pose and
-    Jacobian in the hull's frame, and the force in tool axes and in world axes.
+    `bias` (n,) [N m] is not the contact's; `noise`, a share of the reading, and `floor` (n,) [N m] say how far each
+    torque is trusted. Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration is not known, and
+    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration `qdd` (n,), and the
+    filtered force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques
+    `tau_e` (n,) before `bias` is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's
+    pose and Jacobian in the hull's frame, and the force in tool axes and in world axes.
     """
     for i in range(3):
         for j in range(3):
@@ -89,7 +90,7 @@ def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
     a00, a11, a22, a01, a02, a12 = 1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
     for j in range(tau_e.shape[0]):
-        weight = 1.0 / (floor + noise * abs(tau_measured[j])) ** 2
+        weight = 1.0 / (floor[j] + noise * abs(tau_measured[j])) ** 2
         x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
         a00 += weight * x * x
         a11 += weight * y * y

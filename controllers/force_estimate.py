@@ -10,6 +10,9 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
+# [1/N^2] A posture that cannot feel one direction gives no answer there; a weak prior (sigma 1 kN) says zero instead.
+_PRIOR = 1e-6
+
 
 def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
     """Least-squares force on the tip from the external torques of all joints.
@@ -24,9 +27,59 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
     """
     A = J.T / sigma[:, None]
     information = A.T @ A
-    # A posture that cannot feel one direction gives no answer there; a weak prior (sigma 1 kN) says zero instead.
-    covariance = np.asarray(np.linalg.inv(information + 1e-6 * np.eye(3)), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(information + _PRIOR * np.eye(3)), dtype=np.float64)
     return covariance @ (A.T @ (tau_e / sigma)), covariance
+
+
+def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
+    """Covariance (3, 3) [N^2] of what `tip_force` makes of torques whose errors are other than it weighs them by.
+
+    Args:
+        J: (3, n) linear Jacobian of the tip [m/rad].
+        sigma: (n,) the standard deviations that it weighs by [N m].
+        torque_covariance: (n, n) of the torques' true errors [N^2 m^2].
+    """
+    A = J.T / sigma[:, None]
+    stated = np.asarray(np.linalg.inv(A.T @ A + _PRIOR * np.eye(3)), dtype=np.float64)
+    gain = stated @ (J / sigma**2)
+    return gain @ torque_covariance @ gain.T + _PRIOR * stated @ stated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WrenchEstimate:
+    """Force and moment on the tip, and how well they are seen; (force; moment)."""
+
+    wrench: Array  # (6,) [N, N m]
+    covariance: Array  # (6, 6), of the prior where nothing is seen
+    seen: Array  # (6,) share of the prior's variance that the torques took away, from 0 to 1
+    blind: Array  # (6,) unit vector, in units of the prior's deviations, along which they took away least
+
+
+def tip_wrench(
+    tau_e: Array, J: Array, sigma: Array, *, force_prior: float = 1e3, moment_prior: float = 30.0
+) -> WrenchEstimate:
+    """Force and moment on the tip from the external torques of any number of joints, with a prior of zero mean.
+
+    Six joints or more see all six numbers, but for singular postures; fewer see as many combinations as they are, and
+    the prior decides the rest: a small `moment_prior` takes what is felt for a force rather than a moment.
+
+    Args:
+        tau_e: (n,) [N m].
+        J: (6, n) Jacobian of the tip, linear over angular, in the axes in which the wrench is wanted.
+        sigma: (n,) standard deviation of each torque [N m].
+        force_prior, moment_prior: standard deviations [N, N m] of each component before anything is felt.
+    """
+    scale = np.repeat([force_prior, moment_prior], 3)
+    A = J.T * scale / sigma[:, None]  # the unknowns in units of the prior
+    values, axes = np.linalg.eigh(A.T @ A)
+    values = np.maximum(values, 0.0)
+    scaled = (axes / (1.0 + values)) @ axes.T
+    return WrenchEstimate(
+        wrench=scale * (scaled @ (A.T @ (tau_e / sigma))),
+        covariance=scale[:, None] * scaled * scale,
+        seen=1.0 - np.diag(scaled),
+        blind=axes[:, 0],
+    )
 
 
 def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, float]) -> Array:

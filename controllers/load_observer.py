@@ -21,11 +21,14 @@ import numba
 import numpy as np
 
 from controllers.arm_dynamics import ArmDynamics, newton_euler
+from controllers.friction import dry_friction
+from models.gear_friction import DryFriction
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting
 
+SMOOTHING = 1e-3  # [rad/s] over which dry friction turns round: five times the noise of the encoders' speed
 _HINGE = 1  # the kind in `layout` of controllers.arm_dynamics; other joints slide
 
 
@@ -43,12 +46,15 @@ class LoadObserver:
     """External torque on every joint of a vehicle's arm from motor torques, joint and hull velocities."""
 
     def __init__(
-        self, model: mujoco.MjModel, *, period: float, time_constant: float = 0.012, water_error: float = 0.0
-    ) -> None:
+        self, model: mujoco.MjModel, *, period: float, time_constant: float = 0.012, water_error: float = 0.0,
+        friction: DryFriction | None = None,
+    ) -> None:  # fmt: skip
         """Take the arm of the vehicle in `model`, the `period` [s] of its steps, and the lag [s] of what it shows.
 
-        `water_error` makes the hydrodynamic coefficients wrong by that share. Raises ConfigurationError for times that
-        are not positive.
+        `water_error` makes the hydrodynamic coefficients wrong by that share; `friction` is that of the gears as it is
+        believed (default: the model's). At rest it may be anything below stiction, and is taken for none.
+
+        Raises ConfigurationError for times that are not positive.
         """
         for name, value in (("period", period), ("time_constant", time_constant)):
             if not (np.isfinite(value) and value > 0.0):
@@ -61,6 +67,7 @@ class LoadObserver:
         self._bare[64 * nb : 106 * nb] = 0.0
         self._bare[113 * nb : 113 * nb + 3] = 0.0
         self._armature, self._friction = np.array(vehicle.armature), np.array(vehicle.joint_damping)
+        self._dry = friction or vehicle.dry_friction
         self._period = period
         self._gain = -np.expm1(-period / time_constant) / period  # [1/s], its pole exactly exp(-period / time_constant)
         self._hull = np.zeros(24)
@@ -95,9 +102,11 @@ class LoadObserver:
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[9:12] -= R_WB.T @ v_current_W
+        dry = self._dry
         _observe(
             arm.layout, arm.numbers, self._bare, arm.stations, arm.work, hull, q, qd, tau_motor, self._armature,
-            self._friction, self._period, self._gain, not state.started, state.integral, state.known, state.tau_e,
+            self._friction, dry.coulomb, dry.stiction, dry.stribeck_speed, self._period, self._gain, not state.started,
+            state.integral, state.known, state.tau_e,
         )  # fmt: skip
         state.started = True
         return state.tau_e.copy()
@@ -106,8 +115,8 @@ class LoadObserver:
 @numba.njit(cache=True)
 @keyed_by_imports
 def _observe(
-    layout, numbers, bare, stations, work, hull, q, qd, tau_motor, armature, friction, dt, gain, first, integral, known,
-    tau_e,
+    layout, numbers, bare, stations, work, hull, q, qd, tau_motor, armature, viscous, coulomb, stiction, stribeck_speed,
+    dt, gain, first, integral, known, tau_e,
 ):  # fmt: skip
     """One step of the observer; with `first` it only begins: nothing is known of the past."""
     n = q.shape[0]
@@ -116,9 +125,11 @@ def _observe(
     newton_euler(layout, numbers, stations, q, qd, still, hull, no_contact, work, static, wrench_B)
     newton_euler(layout, bare, stations[:0], q, qd, still, hull, no_contact, work, velocity, wrench_B)
     momentum(layout, numbers, work, p, turning)
+    dry = np.empty(n)
+    dry_friction(coulomb, stiction, stribeck_speed, SMOOTHING, qd, dry)
     for j in range(n):
         p[j] += armature[j] * qd[j]
-        now = turning[j] - (static[j] - velocity[j]) - friction[j] * qd[j]
+        now = turning[j] - (static[j] - velocity[j]) - viscous[j] * qd[j] - dry[j]
         if first:
             integral[j], tau_e[j] = p[j], 0.0
         else:

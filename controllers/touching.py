@@ -281,6 +281,7 @@ class CompliantTouch:
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B, self._no_bias = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
         self._hover_ticks = max(1, round(0.02 / period))
+        self._floor = np.full(n, 0.1)
         self._most_friction = 1.5 * vehicle.dry_friction.stiction
 
     def init(self, estimate: StateEstimate) -> CompliantState:
@@ -299,8 +300,8 @@ class CompliantTouch:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
             estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._no_bias, 0.01,
-            0.1, dt, (0.015, 0.012), state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B, self._X_BG, self._J_B,
-            state.f_tip_B, self._f_tip_G, np.empty(3),
+            self._floor, dt, (0.015, 0.012), state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B, self._X_BG,
+            self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
         )  # fmt: skip
         lost_in_gears(
             state.tau, estimate.tau, estimate.qd, self._qdd, vehicle.armature, vehicle.joint_damping,

@@ -20,14 +20,16 @@ from controllers.allocation import WITHOUT_ONE, Allocation
 from controllers.arm_dynamics import ArmDynamics
 from controllers.compliance import ComplianceState, LateralCompliance
 from controllers.drive import aim, drive, feel, lost_in_gears, resolve
-from controllers.force_estimate import Tare
+from controllers.force_estimate import Tare, force_covariance
+from controllers.friction import doubt, dry_friction
 from controllers.hover import Hover, HoverState
-from controllers.load_observer import LoadObserver, LoadObserverState
+from controllers.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
 from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.tool_motion import blended, moved_on
 from controllers.wrench_terms import WrenchTerms
+from models.gear_friction import DryFriction
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, inverse, skew
@@ -53,6 +55,10 @@ class Tuning:
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
+    friction_reversal: float = 0.01  # [rad/s] of wanted speed over which friction is fed forward, without sensors
+    friction_known: float = 0.8  # share of the dry friction that is, where it slides
+    observer_floor: float = 0.4  # [N m] of the observer's torques
+    torque_drift: float = 0.3  # [N m] of the external torques since the tare, for what is said of the felt force alone
     friction_excess: float = 1.5  # times the believed stiction that is compensated at most
     hover_period: float = 0.02  # [s]
     task_period: float = 0.004  # [s] of IK and force loop
@@ -87,6 +93,8 @@ class WorkControllerState:
     load: LoadObserverState
     tau: Array  # (n,) [N m] last asked of the motors
     friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
+    floor: Array  # (n,) [N m] of the external torques, beside the noise of the sensors
+    sigma_G: Array  # (3,) [N] standard deviation of the felt force, tool axes
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
     thrusters: Array  # (m,) normalised
     believed: dict[str, Array] = field(default_factory=dict)
@@ -105,11 +113,12 @@ class WorkController:
         displacement: Displacement | None = None,
         compliance: LateralCompliance | None = None,
         water_error: float = 0.0,
+        friction: DryFriction | None = None,
     ) -> None:
         """Take the controller's own model of the vehicle (not the plant's).
 
         `without` names methods to leave out, for ablation; `water_error` makes the controller's added masses and
-        drags wrong by that share.
+        drags wrong by that share; `friction` is the gears' as it was identified (default: the model's).
         """
         self.period = period
         self._tuning = tuning or Tuning()
@@ -127,7 +136,7 @@ class WorkController:
         self._lead = ThrusterLead(vehicle)
         self._left: dict[tuple[int, ...], Allocation] = {(): self._allocation}  # by the thrusters that are lost
         self._observer = LoadObserver(
-            model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error
+            model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error, friction=friction
         )
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
@@ -143,7 +152,9 @@ class WorkController:
         self._filters = (tuning.acceleration_filter, tuning.force_filter)
         self._armature, self._joint_damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._torque_limits = np.array(vehicle.torque_limits)
-        self._most_friction = tuning.friction_excess * vehicle.dry_friction.stiction
+        self._dry = friction or vehicle.dry_friction
+        self._most_friction = tuning.friction_excess * self._dry.stiction
+        self._force_share = min(1.0, period / tuning.force_filter)
         self._friction_share = min(1.0, period / tuning.friction_filter)
         # Scratch of one step; nothing in it outlives the step, so the state stays explicit.
         self._hull, self._borne_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
@@ -175,6 +186,8 @@ class WorkController:
             load=self._observer.init(),
             tau=np.zeros(n),
             friction=np.zeros(n),
+            floor=np.full(n, self._tuning.torque_floor),
+            sigma_G=np.full(3, np.inf),
             f_tip_B=np.zeros(3),
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
         )
@@ -189,7 +202,7 @@ class WorkController:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            tuning.torque_floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
+            state.floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
             self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if tuning.torque_source == "observer":
@@ -198,9 +211,13 @@ class WorkController:
                 v_current_W=state.current_W,
             )  # fmt: skip
             felt = resolve(
-                estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, tuning.torque_noise,
-                tuning.torque_floor, state.f_tip_B, self._f_tip_G, f_tip_W,
+                estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, 0.0, state.floor,
+                state.f_tip_B, self._f_tip_G, f_tip_W,
             )  # fmt: skip
+            dry = self._dry
+            dry_friction(
+                dry.coulomb, dry.stiction, dry.stribeck_speed, tuning.friction_reversal, state.qd_wanted, state.friction
+            )
         else:
             lost_in_gears(
                 state.tau, estimate.tau, estimate.qd, self._qdd, self._armature, self._joint_damping,
@@ -209,6 +226,8 @@ class WorkController:
         if reference.tare:
             state.tare.add(self._tau_e)
             state.bias = state.tare.bias()
+        if state.tick % self._hover_ticks == 0:
+            self._doubt(state, estimate)
 
         # 2. Where the tool should be.
         since = state.tick % self._task_ticks
@@ -242,10 +261,25 @@ class WorkController:
             believed={
                 **state.believed,
                 "f_tip_W": f_tip_W,
+                "f_tip_sigma_G": state.sigma_G,
                 "displacement": np.array([state.displacement.k]),
                 "compliance_W": state.compliance.offset_W,
             },
         )
+
+    def _doubt(self, state: WorkControllerState, estimate: StateEstimate) -> None:
+        """How far each external torque is trusted, and so how well the force is felt."""
+        tuning, dry = self._tuning, self._dry
+        if tuning.torque_source == "observer":
+            doubt(dry.coulomb, dry.stiction, SMOOTHING, tuning.friction_known, state.qd_slow, state.floor)
+            state.floor = np.hypot(tuning.observer_floor, state.floor)
+            weighed, errors = state.floor, state.floor**2
+        else:
+            noise = tuning.torque_noise * np.abs(estimate.tau)
+            kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the felt force
+            weighed, errors = state.floor + noise, kept * noise**2 + tuning.torque_drift**2
+        J_G = self._X_BG[:3, :3].T @ self._J_B[:3]
+        state.sigma_G = np.sqrt(np.diag(force_covariance(J_G, weighed, np.diag(errors))))
 
     def _task(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, felt: float, f_tip_W: Array

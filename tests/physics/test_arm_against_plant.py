@@ -287,7 +287,8 @@ def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
     tau_e, J_B = np.empty(n), np.empty((6, n))
     f_B = drive.tip_force(
         arm.layout, arm.numbers, arm.stations, arm.work, hull, moving.q, moving.data.qvel[moving.dofs],
-        moving.data.qacc[moving.dofs], moving.tau, bias, NOISE, FLOOR, tau_e, np.empty(6), np.empty((4, 4)), J_B,
+        moving.data.qacc[moving.dofs], moving.tau, bias, NOISE, np.full(n, FLOOR), tau_e, np.empty(6),
+        np.empty((4, 4)), J_B,
     )  # fmt: skip
     return np.array(f_B), tau_e, J_B
 
@@ -328,8 +329,8 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     felt_qdd = np.empty(n)
     normal = drive.feel(
         arm.layout, arm.numbers, arm.stations, arm.work, np.empty(24), moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3],
-        np.array(moving.model.opt.wind), moving.q, qd, moving.tau, np.zeros(n), NOISE, FLOOR, 0.02, (lag, 0.01),
-        qd_slow, felt_qdd, tau_e, wrench_B, np.empty((4, 4)), J_B, f_B, f_G, f_W,
+        np.array(moving.model.opt.wind), moving.q, qd, moving.tau, np.zeros(n), NOISE, np.full(n, FLOOR), 0.02,
+        (lag, 0.01), qd_slow, felt_qdd, tau_e, wrench_B, np.empty((4, 4)), J_B, f_B, f_G, f_W,
     )  # fmt: skip
     within("acceleration", relative(felt_qdd, qdd), 1e-13)  # measured up to 1e-14
     a_B[3:] = 0.0

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.force_estimate import Tare, tip_force, tip_force_closed_form
+from controllers.force_estimate import Tare, force_covariance, tip_force, tip_force_closed_form, tip_wrench
 from models.vehicle import TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -123,3 +123,46 @@ def test_tare_is_a_mean():
     for sample in ([1.0, 2.0], [3.0, -2.0], [5.0, 6.0]):
         tare.add(np.array(sample))
     assert tare.bias().tolist() == [3.0, 2.0]
+
+
+def test_covariance_of_torques_weighed_wrongly_is_what_repeated_measurements_show():
+    rng = np.random.default_rng(4)
+    J, weighed, true = paper_arm(np.array([0.2, 0.6, 1.0, 0.7]))[1], np.full(4, 0.3), np.array([1.5, 2.0, 0.2, 0.6])
+    seen = np.cov(np.array([tip_force(true * rng.standard_normal(4), J, weighed)[0] for _ in range(4000)]).T)
+    stated = force_covariance(J, weighed, np.diag(true**2))
+    assert np.abs(seen - stated).max() < 0.1 * np.abs(stated).max()  # 4.5 standard deviations
+    right = tip_force(np.zeros(4), J, true)[1]
+    assert force_covariance(J, true, np.diag(true**2)) == pytest.approx(right, rel=1e-3)
+    assert np.trace(right) < np.trace(stated)
+
+
+@pytest.mark.parametrize("joints", [3, 5, 6, 7, 9])
+def test_force_and_moment_are_found_as_far_as_the_joints_see_them(joints, within):
+    """Any number of joints: errors as stated, drawn from the prior itself, and a full arm without noise exact."""
+    rng = np.random.default_rng([5, joints])
+    J, sigma, squared = rng.normal(size=(6, joints)), np.full(joints, 0.1), []
+    prior = np.repeat([50.0, 5.0], 3)
+    for _ in range(800):
+        wrench = prior * rng.standard_normal(6)
+        tau_e = J.T @ wrench + sigma * rng.standard_normal(joints)
+        found = tip_wrench(tau_e, J, sigma, force_prior=50.0, moment_prior=5.0)
+        error = found.wrench - wrench
+        squared.append(float(error @ np.linalg.solve(found.covariance, error)))
+    assert np.mean(squared) == pytest.approx(6.0, abs=4.5 * np.sqrt(12.0 / 800))
+    assert np.all(found.seen >= 0.0)
+    if joints >= 6:
+        assert found.seen.min() > 0.9
+        exact = tip_wrench(J.T @ wrench, J, 1e-6 * sigma)
+        within("wrench", (exact.wrench - wrench) / prior, 1e-8)
+    else:
+        unseen = J.T @ (prior * found.blind)
+        within("torque of what is not seen", unseen / np.linalg.norm(J.T * prior), 1e-6)
+
+
+def test_without_moment_a_small_prior_of_it_gives_the_force_alone(within):
+    rng = np.random.default_rng(6)
+    J, sigma, tau_e = rng.normal(size=(6, 6)), rng.uniform(0.1, 1.0, 6), 20.0 * rng.normal(size=6)
+    force, covariance = tip_force(tau_e, J[:3], sigma)
+    found = tip_wrench(tau_e, J, sigma, moment_prior=1e-6)
+    within("force [N]", found.wrench[:3] - force, 1e-6)
+    within("covariance", (found.covariance[:3, :3] - covariance) / np.abs(covariance).max(), 1e-6)

@@ -144,20 +144,21 @@ def drive(
     integral stands still.
 
     `yielding` (3, n): rows are how the joints move the tip along its axis, how they would be moved to do only that, and
-    in the first place of the last row the share of the stiffness that the tip loses along its axis.
+    at the beginning of the last the shares of stiffness that the tip loses along its axis, and of damping that it gains.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
     error = np.empty(n)
-    along = 0.0
+    along, rate = 0.0, 0.0
     for j in range(n):
         error[j] = q_wanted[j] + since * qd_wanted[j] - q[j]
         along += yielding[0, j] * error[j]
-    soft = yielding[2, 0]
+        rate += yielding[0, j] * (qd_wanted[j] - qd[j])
+    soft, braked = yielding[2, 0], yielding[2, 1]
     for j in range(n):
         qdd[j] = (
             stiffness * (error[j] - soft * along * yielding[1, j])
-            + damper * (qd_wanted[j] - qd[j])
+            + damper * (qd_wanted[j] - qd[j] + braked * rate * yielding[1, j])
             + integrator * integral[j]
         )
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)

@@ -51,6 +51,8 @@ class Tuning:
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
     normal_softness: float = 0.8  # share of the servo's stiffness that is given up along the tool axis in force control
+    hard: float = 1e5  # [N/m] of a surface above which the tip is damped more along the tool axis,
+    hard_damping: float = 1.5  # by up to this share on a rigid one
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
@@ -235,7 +237,11 @@ class WorkController:
             self._task(state, estimate, reference, felt, f_tip_W)
 
         # 3. Drives.
-        state.yielding[2, 0] = tuning.normal_softness if self._presses(reference) else 0.0
+        if self._presses(reference):
+            hard = max(0.0, 1.0 - state.displacement.compliance * tuning.hard)
+            state.yielding[2, 0], state.yielding[2, 1] = tuning.normal_softness, tuning.hard_damping * hard
+        else:
+            state.yielding[2, :2] = 0.0
         in_contact = reference.force > 0.0 or reference.force_control
         self._borne_G[:3] = tuning.friction_feedforward * self._f_tip_G if in_contact else 0.0
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0

@@ -17,9 +17,9 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 from sim.plant import PAD_GEOM
 
-PAD_JOINT = "pad"
+PAD_BODY = PAD_JOINT = "pad"
 STEPS_PER_SOLREF = 3.0  # of the contact's time constant; two are MuJoCo's least
-SOFTEST_CONTACT = 3.0  # times the stiffness asked for, that the contact alone has; else the physics takes smaller steps
+SOFTEST_CONTACT = 1.6  # times the stiffness asked for, that the contact alone has at least
 _TRANSLATION = slice(0, 3)
 
 
@@ -173,15 +173,19 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         geom.priority = 1  # the pad's friction holds, whatever the surface has
         geom.friction = [friction, *np.array(geom.friction)[1:]]
     if stiffness is not None:
-        # Contact and the pad's spring yield one after the other: the contact is made stiff by a small step, and the
-        # spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad.
-        contact = _contact_stiffness(spec, geom)
-        while contact < SOFTEST_CONTACT * stiffness:
+        # Contact and the pad's spring yield one after the other: the contact is made stiff by a short time constant, and
+        # the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. MuJoCo's friction comes
+        # with the time constant too; so stiff it would let go for a step in every few, so its own softness is kept.
+        solref = STEPS_PER_SOLREF * float(spec.option.timestep)
+        contact, softest = _contact_stiffness(spec, geom, solref), SOFTEST_CONTACT * stiffness
+        while contact < softest:
+            solref, contact = 0.5 * solref, 4.0 * contact
+            spec.option.impratio *= 0.25
+        geom.solref = [solref, 1.0]
+        spring, mass = 1.0 / (1.0 / stiffness - 1.0 / contact), float(spec.body(PAD_BODY).mass)
+        while solref < STEPS_PER_SOLREF * spec.option.timestep or spring * spec.option.timestep**2 > 4.0 * mass:
             spec.option.timestep *= 0.5
-            contact *= 4.0
         timestep = float(spec.option.timestep)
-        geom.solref = [STEPS_PER_SOLREF * timestep, 1.0]
-        spring = 1.0 / (1.0 / stiffness - 1.0 / contact)
         old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
         # The same damping ratio on any surface, but no less than keeps the step stable.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
@@ -189,8 +193,8 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
 
 
-def _contact_stiffness(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> float:
-    """Force per penetration [N/m] of a light touch of `geom`, at `STEPS_PER_SOLREF` of the spec's step.
+def _contact_stiffness(spec: mujoco.MjSpec, geom: mujoco.MjsGeom, solref: float) -> float:
+    """Force per penetration [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
 
     MuJoCo's constraint model (documentation, Computation, Parameters): at rest f = d / (1 - d) k r / A, with the
     impedance d at no depth, k = 1 / (d_max solref)^2, and A the inverse weight of the bodies.
@@ -198,7 +202,7 @@ def _contact_stiffness(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> float:
     model = spec.copy().compile()
     least, most = np.clip(np.array(geom.solimp)[:2], 1e-4, 0.9999)
     weight = float(model.body_invweight0[model.geom(geom.name).bodyid[0], 0])
-    return least / (1.0 - least) / (most * STEPS_PER_SOLREF * float(spec.option.timestep)) ** 2 / weight
+    return least / (1.0 - least) / (most * solref) ** 2 / weight
 
 
 def _first(old: float | Array, value: float) -> float | Array:

@@ -144,7 +144,7 @@ def drive(
     integral stands still.
 
     `yielding` (3, n): rows are how the joints move the tip along its axis, how they would be moved to do only that, and
-    at the beginning of the last the shares of stiffness that the tip loses along its axis, and of damping that it gains.
+    at the beginning of the last the shares of stiffness that the tip loses along its axis and of damping that it gains.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]

@@ -4,11 +4,15 @@ Candidates of the arm's base around the path are tried, each with the hull level
 hull is turned so that the arm reaches forward; where it looks aside, so that it faces the surface. Along the path MKPS
 keeps to one branch. The best candidate is the one with the largest smallest margin: to
 joint limits, to singular postures, to torque limits under the set force, and to the object.
+
+Where that margin is small the hull may travel while the tool works (paper 004, sixth section): straight, by a share of
+the way from the path's one end to the other, at the pace of the tool. The arm then stands before every point nearly as
+before the middle, drives keep off their limits, and the path may be longer than the arm.
 """
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -28,11 +32,18 @@ _STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
 class Placement:
     """A hull pose from which the whole path can be worked."""
 
-    X_WB: Array  # (4, 4)
+    X_WB: Array  # (4, 4) at the path's start
+    travel_W: Array  # (3,) [m] of the hull by the path's end
     roll: float  # [rad] turn of the tool about its own axis against the path's x
     q_start: Array  # (n,) [rad] at the stand-off before the path's first point
     margin: float  # smallest of the margins along the path, 1 is roomy, 0 is at a limit
     reached: float  # share of the path that is within reach
+
+    def hull_at(self, share: float) -> Array:
+        """Hull pose (4, 4) when the tool has done `share` of the path."""
+        X_WB = self.X_WB.copy()
+        X_WB[:3, 3] += share * self.travel_W
+        return X_WB
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +119,7 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
 
 def place(
     vehicle: Vehicle, chain: Chain, path: ToolPath, *, obstacle: Array, hull_box: Array, force: float, standoff: float,
-    floor: float = -np.inf, search: Search | None = None,
+    floor: float = -np.inf, travel: float = 0.0, search: Search | None = None,
 ) -> Placement:  # fmt: skip
     """The best hull pose for `path`.
 
@@ -120,6 +131,7 @@ def place(
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
         floor: [m] height in W of the seabed, over which the hull keeps its clearance.
+        travel: share of the way between the path's ends that the hull goes while the tool works.
 
     Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
     """
@@ -129,8 +141,12 @@ def place(
     hull = ConvexHull(obstacle)
     planes, skin = hull.equations, _skin(obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
-    poses = [_tool_poses(path, shares, roll, standoff) for roll in rolls]
+    travel_W = travel * (path.p[-1] - path.p[0])
+    # As the hull sees them: on a path that comes towards it as it goes.
+    gone = np.concatenate([np.full(_STANDOFF_STEPS, -0.5), np.linspace(-0.5, 0.5, search.samples)])[:, None] * travel_W
+    poses = [_seen(_tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
     mounting = _Mounting.of(vehicle.X_BA)
+    ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
     best_yaw, furthest = 0.0, 0.0
 
@@ -139,18 +155,20 @@ def place(
         nonlocal best, best_yaw, furthest
         R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-        if X_WB[2, 3] + hull_box[0, 2] < floor + search.clearance:
+        if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + hull_box[0, 2] < floor + search.clearance:
             return False
-        if _hull_gap(X_WB, hull_box, skin) < search.clearance:
+        if min(_hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
             return False
         better = False
         for roll, tool in zip(rolls, poses, strict=True):
             margin, reached, q_start = _try(
-                vehicle, chain, X_WB, tool, planes, force, search.arm_clearance, best.margin if best else 0.0
+                vehicle, chain, X_WB, tool, planes, gone, force, search.arm_clearance, best.margin if best else 0.0
             )
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
-                best = Placement(X_WB=X_WB, roll=roll, q_start=q_start, margin=margin, reached=reached)
+                best = Placement(
+                    X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=q_start, margin=margin, reached=reached
+                )
                 best_yaw, better = yaw, True
         return better
 
@@ -166,7 +184,9 @@ def place(
         raise ReachError(
             f"the tool path is out of reach: no place of the hull lets the arm take all of it, at best {furthest:.0%}"
         )
-    return best
+    start = best.X_WB.copy()
+    start[:3, 3] -= 0.5 * travel_W
+    return replace(best, X_WB=start)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -232,8 +252,8 @@ def _skin(obstacle: Array, hull: ConvexHull) -> Array:
 
 
 def _try(
-    vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, force: float, clearance: float,
-    to_beat: float,
+    vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, gone: Array, force: float,
+    clearance: float, to_beat: float,
 ) -> tuple[float, float, Array | None]:  # fmt: skip
     """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good)."""
     X_AW = inverse(X_WB @ vehicle.X_BA)
@@ -256,7 +276,7 @@ def _try(
         margin = min(margin, smallest, 3.0 * torque)
         if margin <= floor:
             return 0.0, i / len(poses), None
-        margin = min(margin, _arm_gap(chain, q, X_AW, planes) / clearance)
+        margin = min(margin, _arm_gap(chain, q, X_AW, planes, gone[i]) / clearance)
         if margin <= floor:
             return 0.0, i / len(poses), None
         if i == 0:
@@ -272,6 +292,13 @@ def _tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> 
     return down + along
 
 
+def _seen(poses: list[Array], gone: Array) -> list[Array]:
+    """`poses` from a hull that has `gone` (one row each) [m] since the middle of its way."""
+    for X, way in zip(poses, gone, strict=True):
+        X[:3, 3] -= way
+    return poses
+
+
 def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
@@ -280,7 +307,7 @@ def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
 
 
-def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
+def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
     """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf if there are none.
 
     Left out are the first two, which hardly move, and the last two, which go with the tool that is there to touch.
@@ -297,7 +324,7 @@ def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array) -> float:
             X = X @ pose(R, point - R @ point)
     if not moved:
         return np.inf
-    p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3]
+    p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
     return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
 
 

@@ -6,7 +6,7 @@ Work without contact (paper 004) goes from approach to work: there is nothing to
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,6 +23,8 @@ from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate
 from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
+_TRAVELS = (0.0, 0.5, 1.0)  # of the way between a path's ends that the hull may go with the tool
+_SHORTER = 0.04  # of a path that is left out, step by step, where it is too long
 _HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
@@ -63,7 +65,7 @@ class Job:
     lost_place_at_work: float = 0.15  # [m] and while the tool approaches or touches
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
-    roomy: float = 0.3  # margin of the placement under which less of the path is worked, where that is allowed
+    roomy: float = 0.3  # margin of the placement under which the hull travels with the tool, or less is worked
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
     contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
 
@@ -241,21 +243,22 @@ class SurfaceWork:
     def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
         job = self._job
         obstacle = transform_points(target.X_WT, self._model.vertices)
-        placement, whole, failure, share = None, path, "", 1.0
-        worked = share
-        while (placement is None or placement.margin < job.roomy) and share >= job.least_share - 1e-9:
+        placement, whole, worked, failure = None, path, 1.0, ""
+        for share, travel in self._ways_to_stand():
             shorter = middle_part(whole, share)
             try:
                 found = place(
                     self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
-                    force=max(job.forces), standoff=job.standoff, floor=self._floor, search=self._search,
+                    force=max(job.forces), standoff=job.standoff, floor=self._floor, travel=travel,
+                    search=self._search,
                 )  # fmt: skip
             except ReachError as error:
                 failure = failure or str(error)
-            else:
-                if placement is None or found.margin > placement.margin:
-                    placement, path, worked = found, shorter, share
-            share -= 0.04
+                continue
+            if placement is None or found.margin > placement.margin:
+                placement, path, worked = found, shorter, share
+            if placement.margin >= job.roomy:
+                break
         if placement is None:
             self._give_up(state, time, failure)
             return
@@ -268,6 +271,14 @@ class SurfaceWork:
         before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
         self._move_hull(state, time, before)
         self._enter(state, WorkState.CLOSE_IN, time)
+
+    def _ways_to_stand(self) -> Iterator[tuple[float, float]]:
+        """Shares of the path to work, and of its length for the hull to travel meanwhile, the most wanted first."""
+        yield from ((1.0, travel) for travel in _TRAVELS)
+        share = 1.0 - _SHORTER
+        while share >= self._job.least_share - 1e-9:
+            yield share, _TRAVELS[0]
+            share -= _SHORTER
 
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
         job = self._job
@@ -459,6 +470,10 @@ class SurfaceWork:
             X_WG, tangent, turn = self._on_path(state, state.path_s, state.depth - job.standoff)
             rate *= state.pace
             v_tool, w_tool = rate * tangent, rate * turn
+            if state.hull_move is None and not state.reason:
+                assert state.placement is not None
+                done, length = state.path_s / state.progress.length, state.progress.length
+                state.X_WB, v_hull = state.placement.hull_at(done), rate / length * state.placement.travel_W
             force, force_control = state.force, job.contactless is None
         elif state.arm_held or np.isfinite(state.halted):
             pass  # the angles are held

@@ -173,9 +173,9 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         geom.priority = 1  # the pad's friction holds, whatever the surface has
         geom.friction = [friction, *np.array(geom.friction)[1:]]
     if stiffness is not None:
-        # Contact and the pad's spring yield one after the other: the contact is made stiff by a short time constant, and
-        # the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. MuJoCo's friction comes
-        # with the time constant too; so stiff it would let go for a step in every few, so its own softness is kept.
+        # Contact and the pad's spring yield one after the other: the contact is made stiff by a short time constant,
+        # and the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. The time constant
+        # is that of friction too; so stiff it would let go for a step in every few: its own softness is kept.
         solref = STEPS_PER_SOLREF * float(spec.option.timestep)
         contact, softest = _contact_stiffness(spec, geom, solref), SOFTEST_CONTACT * stiffness
         while contact < softest:

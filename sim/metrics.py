@@ -347,6 +347,7 @@ def force_estimate_figures(recording: Recording) -> Figures:
 def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
     """Times (N,) [s] in the work state, displacement (N, 3) [m] in W and turn (N,) [rad] of the hull since first touch.
 
+    Where the hull is asked to travel with the tool, that is taken off.
     The turn is the whole rotation, yaw included. Where no force was asked for: since the work began. None if the tool
     never touched or the run never came to work.
     """
@@ -356,7 +357,7 @@ def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
     if not touching.size or not work.any():
         return None
     first = touching[0]
-    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value
+    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value - recording["p_WB_reference"].value
     ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
     chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
     turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine

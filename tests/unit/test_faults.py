@@ -23,8 +23,8 @@ def truth(time: float) -> Any:
     """What the torque sensors read of the truth."""
     tau = np.array([10.0, -5.0, 2.0]) + np.sin(time)
     return SimpleNamespace(
-        time=time, q=np.zeros(3), qd=np.zeros(3), qdd=np.zeros(3), tau_drive=tau, tau_friction=np.zeros(3), armature=np.zeros(3),
-        joint_damping=np.zeros(3),
+        time=time, q=np.zeros(3), qd=np.zeros(3), qdd=np.zeros(3), tau_drive=tau, tau_friction=np.zeros(3),
+        armature=np.zeros(3), joint_damping=np.zeros(3),
     )  # fmt: skip
 
 

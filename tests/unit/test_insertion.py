@@ -119,7 +119,9 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Placement has its own tests: here every path is within reach from WORK_POSE."""
 
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
-        return Placement(X_WB=WORK_POSE, roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
+        return Placement(
+            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0
+        )
 
     monkeypatch.setattr(supervisor, "place", place)
 

@@ -35,12 +35,12 @@ def own() -> mujoco.MjModel:
 
 def found(
     own: mujoco.MjModel, target: TargetModel, path: ToolPath, search: Search = COARSE, X_WT: Array = X_WT,
-    floor: float = -np.inf,
+    floor: float = -np.inf, travel: float = 0.0,
 ) -> tuple[Chain, Placement]:  # fmt: skip
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     placement = place(
         Vehicle.of(own), chain, path, obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, force=90.0,
-        standoff=STANDOFF, floor=floor, search=search,
+        standoff=STANDOFF, floor=floor, travel=travel, search=search,
     )  # fmt: skip
     return chain, placement
 
@@ -151,3 +151,36 @@ def test_hull_keeps_off_the_seabed():
     assert kept.X_WB[2, 3] + HULL_BOX[0, 2] >= floor + COARSE.clearance
     with pytest.raises(ReachError, match="out of reach"):
         found(own, target, path, X_WT=X_WP, floor=middle + 2.0)
+
+
+def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within):
+    """3 m straight: out of reach from any one place; with the hull at the tool's pace the arm stands as it began."""
+    s = np.linspace(0.0, 3.0, 61)
+    ones = np.ones((len(s), 1))
+    p = np.column_stack([s - 1.5, np.zeros((len(s), 2))])
+    path = ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
+    plate = np.array([[x, y, z] for x in (-1.6, 1.6) for y in (-0.2, 0.2) for z in (-0.02, 0.0)])
+    chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
+    options = {"obstacle": plate, "hull_box": HULL_BOX, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
+    with pytest.raises(ReachError, match="out of reach"):
+        place(vehicle, chain, path, **options)
+    placement = place(vehicle, chain, path, travel=1.0, **options)
+    within("travel [m]", placement.travel_W - [3.0, 0.0, 0.0], 1e-12)
+    q, angles = placement.q_start, []
+    for share in np.linspace(0.0, 1.0, 9):
+        X_AG = inverse(placement.hull_at(share) @ vehicle.X_BA) @ tool_pose(path, 3.0 * share, placement.roll)[0]
+        result = solve(chain, X_AG, q, 1e-6, 1e-5, branch="keep")
+        assert result.converged
+        q = result.q
+        angles.append(q)
+    within("joint angles [rad]", np.ptp(angles, axis=0), 1e-5)
+
+
+def test_travel_by_half_the_way_is_a_longer_reach(own):
+    """Far around the barrel: what limits the arm at its ends is eased by a hull that goes along."""
+    target = barrel(arc=np.radians(150.0))
+    path = tool_path(target, "transverse")
+    search = Search(heights=(0.5, 0.65), radii=(0.13, 0.26), bearings=6, rolls=2)
+    still, going = (found(own, target, path, search, travel=travel)[1] for travel in (0.0, 0.5))
+    assert going.margin > still.margin
+    assert going.hull_at(1.0)[:3, 3] - going.hull_at(0.0)[:3, 3] == pytest.approx(0.5 * (path.p[-1] - path.p[0]))

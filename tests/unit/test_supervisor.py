@@ -118,7 +118,9 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         del chain, options
         asked.append(path)
-        return Placement(X_WB=WORK_POSE, roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
+        return Placement(
+            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0
+        )
 
     monkeypatch.setattr(supervisor, "place", place)
     return asked
@@ -129,7 +131,12 @@ def smooth() -> Script:
     """One job without trouble."""
     with pytest.MonkeyPatch.context() as patch:
         placement = Placement(
-            X_WB=WORK_POSE, roll=0.0, q_start=np.array([0.0, 0.15, 1.2, 0.2, 0.0, 0.0]), margin=1.0, reached=1.0
+            X_WB=WORK_POSE,
+            travel_W=np.zeros(3),
+            roll=0.0,
+            q_start=np.array([0.0, 0.15, 1.2, 0.2, 0.0, 0.0]),
+            margin=1.0,
+            reached=1.0,
         )
         patch.setattr(supervisor, "place", lambda *_, **__: placement)
         return Script().run()

@@ -143,7 +143,8 @@ def place(
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
     # As the hull sees them: on a path that comes towards it as it goes.
-    gone = np.concatenate([np.full(_STANDOFF_STEPS, -0.5), np.linspace(-0.5, 0.5, search.samples)])[:, None] * travel_W
+    done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
+    gone = done[:, None] * travel_W
     poses = [_seen(_tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
     mounting = _Mounting.of(vehicle.X_BA)
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
@@ -285,11 +286,11 @@ def _try(
 
 
 def _tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
-    """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m]."""
+    """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m], then back off it."""
     along = [tool_pose(path, s, roll)[0] for s in shares]
-    R, p = along[0][:3, :3], along[0][:3, 3]
-    down = [pose(R, p - R[:, 2] * (standoff * i / _STANDOFF_STEPS)) for i in range(_STANDOFF_STEPS, 0, -1)]
-    return down + along
+    steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
+    down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
+    return down[::-1] + along + up
 
 
 def _seen(poses: list[Array], gone: Array) -> list[Array]:

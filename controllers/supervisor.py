@@ -23,7 +23,7 @@ from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate
 from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
-_TRAVELS = (0.0, 0.5, 1.0)  # of the way between a path's ends that the hull may go with the tool
+_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # of the way between a path's ends that the hull may go with the tool
 _SHORTER = 0.04  # of a path that is left out, step by step, where it is too long
 _HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
@@ -65,7 +65,7 @@ class Job:
     lost_place_at_work: float = 0.15  # [m] and while the tool approaches or touches
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
-    roomy: float = 0.3  # margin of the placement under which the hull travels with the tool, or less is worked
+    roomy: float = 0.6  # margin of the placement under which the hull travels with the tool, or less is worked
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
     contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
 
@@ -277,7 +277,7 @@ class SurfaceWork:
         yield from ((1.0, travel) for travel in _TRAVELS)
         share = 1.0 - _SHORTER
         while share >= self._job.least_share - 1e-9:
-            yield share, _TRAVELS[0]
+            yield share, 1.0
             share -= _SHORTER
 
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:

@@ -22,6 +22,7 @@ from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateE
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
+_LEFT_OUT = 1e3  # [N m] of doubt: nothing is felt through that joint
 _OLD_IMU = 0.1  # [s] without the inertial unit after which an estimate of the hull is a guess
 _BRAKING_SPEED = 0.4  # [rad/s] at which a drive brakes
 _BRAKING_SHARE = 0.5  # with this share of its torque limit
@@ -89,7 +90,11 @@ class Guarded:
         return state, replace(command, faults=faults) if faults else command
 
     def _replaced(self, health: HealthState, estimate: StateEstimate) -> StateEstimate:
-        """The estimate with the motors' word in place of torque sensors that were found wrong."""
+        """The estimate with the motors' word in place of torque sensors that were found wrong, and told to be doubted.
+
+        What a motor gives and a gear passes on differ by the gear's stiction, tens of newtons at the tool: the force is
+        felt through the other joints.
+        """
         missing = not np.isfinite(estimate.tau).all()
         if not missing and not health.faults:
             return estimate
@@ -98,12 +103,13 @@ class Guarded:
         wrong = [fault.index for fault in health.faults if fault.kind is FaultKind.TORQUE_SENSOR]
         if not wrong:
             return estimate
-        tau = np.array(estimate.tau)
+        tau, doubt = np.array(estimate.tau), np.zeros(len(estimate.tau))
         for j in wrong:
+            doubt[j] = _LEFT_OUT
             acceleration = (estimate.qd[j] - health.qd_slow[j]) / self._health.limits.torque_time
             motor = health.tau_motor[j] - self._armature[j] * acceleration - self._damping[j] * estimate.qd[j]
             tau[j] = motor + health.usual[j]
-        return replace(estimate, tau=tau)
+        return replace(estimate, tau=tau, tau_doubt=doubt)
 
     def _without(self, state: GuardedState, estimate: StateEstimate, kind: FaultKind) -> Command:
         """What to command without a controller: the same again, and after a while nothing but brakes."""

@@ -52,13 +52,13 @@ class Limits:
     hull_time: float = 0.15  # [s] filter of the hull's momentum
     hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
     hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
-    hull_share: float = 0.25  # and of the thrust asked for, all thrusters together,
+    hull_share: float = 0.12  # and of the thrust asked for, all thrusters together,
     hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
     lever: float = 0.5  # [m]
     thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
     thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which it is not suspected
     thruster_leftover: float = 0.4  # share of what is missing that the thruster need not explain
-    thruster_confirm: float = 0.4  # [s]
+    thruster_confirm: float = 0.35  # [s]
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

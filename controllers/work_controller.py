@@ -201,10 +201,11 @@ class WorkController:
         f_tip_W = np.empty(3)
 
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
+        floor = state.floor if estimate.tau_doubt is None else np.hypot(state.floor, estimate.tau_doubt)
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            state.floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
+            floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
             self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if tuning.torque_source == "observer":

@@ -151,6 +151,7 @@ class StateEstimate:
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m] measured at the gear outputs
+    tau_doubt: Array | None = None  # (n,) [N m] standard deviation of each beside the sensors' noise; None: of none
     position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull's place, W; NaN: not said
     vision_age: float = math.nan  # [s] since the newest picture that was used was taken; NaN: not said
     dvl_age: float = math.nan  # [s] the same of the DVL; inf: none was ever used

@@ -142,13 +142,15 @@ def test_force_and_moment_are_found_as_far_as_the_joints_see_them(joints, within
     rng = np.random.default_rng([5, joints])
     J, sigma, squared = rng.normal(size=(6, joints)), np.full(joints, 0.1), []
     prior = np.repeat([50.0, 5.0], 3)
-    for _ in range(800):
-        wrench = prior * rng.standard_normal(6)
+    wrenches = prior * rng.standard_normal((800, 6))
+    for wrench in wrenches:
         tau_e = J.T @ wrench + sigma * rng.standard_normal(joints)
         found = tip_wrench(tau_e, J, sigma, force_prior=50.0, moment_prior=5.0)
         error = found.wrench - wrench
         squared.append(float(error @ np.linalg.solve(found.covariance, error)))
     assert np.mean(squared) == pytest.approx(6.0, abs=4.5 * np.sqrt(12.0 / 800))
+    wrench = wrenches[-1]
+    found = tip_wrench(J.T @ wrench, J, sigma, force_prior=50.0, moment_prior=5.0)
     assert np.all(found.seen >= 0.0)
     if joints >= 6:
         assert found.seen.min() > 0.9

@@ -43,6 +43,7 @@ def sample(sensor: Sensor, field: str, seed: int = 1, count: int = SAMPLES) -> n
     state, rows, state_of_truth = sensor.init(np.random.default_rng(seed)), [], truth()
     for _ in range(count):
         state, measurement = sensor.step(state, state_of_truth)
+        assert measurement is not None
         assert measurement.time == 3.5
         rows.append(getattr(measurement, field))
     return np.array(rows)

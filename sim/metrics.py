@@ -357,7 +357,9 @@ def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
     if not touching.size or not work.any():
         return None
     first = touching[0]
-    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value - recording["p_WB_reference"].value
+    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value
+    if "p_WB_reference" in recording:
+        p = p - recording["p_WB_reference"].value
     ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
     chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
     turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine

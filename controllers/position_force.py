@@ -26,6 +26,7 @@ class DisplacementState:
     integral: float = 0.0  # [m]
     error: float = 0.0  # [N] of the last step
     wanted: float | None = None  # [N] set force of the last step; None: the loop was open
+    expected: float = 0.0  # [N] what the drives should have made of the set force by now
     felt: float = 0.0  # [N] smoothed, for the slope
     displaced: float = 0.0  # [m] smoothed alike
     compliance: float = 0.0  # [m]/[N] of the surface, as believed
@@ -39,6 +40,7 @@ class Displacement:
     bandwidth: float = 24.0  # [rad/s] of the closed loop on whatever surface
     proportional_time: float = 0.0  # [s] proportional gain over integral gain
     derivative_time: float = 0.0  # [s] derivative gain over proportional gain
+    response: float = 0.08  # [s] in which the set force that the drives bear comes to be felt: no error meanwhile
     limit: float = 0.04  # [m] largest displacement either way
     speed: float = 0.03  # [m/s] largest speed of the displacement
     softest: float = 2e-4  # [m]/[N] of a surface that is believed, 5e3 N/m
@@ -59,9 +61,11 @@ class Displacement:
 
         `servo_compliance` [m]/[N]: how far the arm's servo yields to a force along the tool axis.
         """
-        error = wanted - felt
         if state.wanted is None:
-            state.wanted, state.error, state.felt, state.displaced = wanted, error, felt, state.k
+            state.wanted, state.expected, state.error = wanted, wanted, wanted - felt
+            state.felt, state.displaced = felt, state.k
+        state.expected += min(1.0, dt / self.response) * (wanted - state.expected)
+        error = state.expected - felt
         change = wanted - state.wanted
         self._learn(state, felt, change, dt)
         integral = self.bandwidth * (servo_compliance + state.compliance)

@@ -10,7 +10,7 @@ from perception.identification import APPROACH_ERROR, Identification, identify
 from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel
 from perception.toolpath import plan_path
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points
 
@@ -85,14 +85,19 @@ class KnownObjectFinder:
             approach_error=self._approach_error,
             seed=self._seed,
         )
-        path = _in_world(X_WC, plan_path(found, self._path, spacing=self._spacing)) if found.accepted else None
+        path, reason = None, found.reason
+        if found.accepted:
+            try:
+                path = _in_world(X_WC, plan_path(found, self._path, spacing=self._spacing))
+            except PerceptionError as error:  # found, but what is on the path was not seen: another look may tell
+                reason = str(error)
         target = Target(
             time=measurement.time,
             X_WT=readonly(X_WC @ found.X_sensor_target),
-            accepted=found.accepted,
+            accepted=path is not None,
             check_m=found.check.figure_m if found.check is not None else float("inf"),
             range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
-            reason=found.reason,
+            reason=reason,
             path=path,
         )
         return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target

@@ -1,5 +1,8 @@
 """Tool paths: carried by eq. (3), projected where the surface is another, smooth and dense."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +11,10 @@ from models.targets import ModelPath, barrel, longitudinal, transverse
 from perception.identification import Identification, identify
 from perception.registration import ModelSurface
 from perception.scan import Scan
+from perception.target_finder import KnownObjectFinder
 from perception.toolpath import carry, densified, plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import ToolPath
+from sim.interfaces.messages import StateEstimate, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 from tests.unit.depth_scenes import dented_barrel, look, seen_from
 
@@ -19,9 +23,13 @@ VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 AZIMUTH = 0.3  # [rad] of the dent and of the path over it
 
 
-def found_on(depth: float, seed: int = 0) -> Identification:
-    """The plain barrel, found in a noisy frame of one with a dent of `depth` [m]; the free angle at its true value."""
+def found_on(depth: float, seed: int = 0, spoil: Callable[[Array], None] | None = None) -> Identification:
+    """The plain barrel, found in a noisy frame of one with a dent of `depth` [m]; `spoil` changes the depth [m]."""
     image = look(dented_barrel(depth, azimuth=AZIMUTH), VIEW, np.random.default_rng(seed))
+    if spoil is not None:
+        changed = np.array(image.depth)
+        spoil(changed)
+        image = replace(image, depth=changed)
     found = identify(Scan.from_depth(image), ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
     assert found.accepted, found.reason
     return found
@@ -109,9 +117,7 @@ def test_undamaged_barrel_keeps_the_model(plain: Identification, name: str, with
 def test_path_follows_a_dent_and_a_bulge(depth: float, within):
     """Measured: 0.5 to 0.7 mm median, 3 mm worst; tool axis 1.4 deg median, 7 deg worst; the dent is 23 deg steep."""
     found = found_on(depth)
-    spin = VIEW[:3, :3].T @ found.X_sensor_target[:3, :3]  # the path is wanted over the dent, wherever the angle fell
-    turn = float(np.arctan2(spin[2, 1], spin[1, 1]))
-    path = plan_path(found, longitudinal(0.6, AZIMUTH - turn))
+    path = plan_path(found, over_dent(found))
     assert_well_formed(path, within)
     p_T = transform_points(inverse(VIEW), path.p)
     z_T = path.z @ VIEW[:3, :3]
@@ -128,6 +134,69 @@ def test_path_follows_a_dent_and_a_bulge(depth: float, within):
     outside = np.abs(p_T[:, 0] - 0.05) > 0.25
     assert path.on_scan[in_dent].all()
     assert not path.on_scan[outside].any()
+
+
+def around_dent(length: float) -> tuple[slice, slice]:
+    """Rows and columns of a frame from VIEW that see `length` [m] of the path around the middle of the dent."""
+    line = longitudinal(0.6, AZIMUTH)
+    p = transform_points(VIEW, line.p[np.abs(line.p[:, 0] - 0.05) <= 0.5 * length])
+    column, row = 554.0 * p[:, 0] / p[:, 2] + 319.5, 554.0 * p[:, 1] / p[:, 2] + 239.5
+    return slice(int(row.min()) - 30, int(row.max()) + 31), slice(int(column.min()), int(column.max()) + 1)
+
+
+def over_dent(found: Identification) -> ModelPath:
+    """The path over the dent, wherever the free angle of the barrel fell."""
+    spin = VIEW[:3, :3].T @ found.X_sensor_target[:3, :3]
+    return longitudinal(0.6, AZIMUTH - float(np.arctan2(spin[2, 1], spin[1, 1])))
+
+
+def test_short_hole_in_the_scan_is_bridged(within):
+    """40 mm without a return in a dent 30 mm deep. Measured: 4.4 mm at worst, where the model is 30 mm off."""
+
+    def spoil(depth: Array) -> None:
+        depth[around_dent(0.04)] = np.nan
+
+    found = found_on(0.03, spoil=spoil)
+    path = plan_path(found, over_dent(found))
+    p_T = transform_points(inverse(VIEW), path.p)
+    target = dented_barrel(0.03, azimuth=AZIMUTH)
+    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    z_T = path.z @ VIEW[:3, :3]
+    gap = open3d_loader.cast_rays(scene, p_T - 0.05 * z_T, z_T)["t"] - 0.05
+    within("worst distance to the true surface [m]", gap, 9e-3)
+    assert path.on_scan[np.abs(p_T[:, 0] - 0.05) < 0.02].all()
+
+
+@pytest.mark.parametrize(
+    ("filled", "cause"), [(np.nan, "nothing came back"), (0.6, r"\d+ mm before the object")], ids=["empty", "before"]
+)
+def test_long_hole_is_refused(filled: float, cause: str):
+    """Nobody knows what is there; a fish or a rope before the object is no surface to press on."""
+
+    def spoil(depth: Array) -> None:
+        depth[around_dent(0.12)] = filled
+
+    found = found_on(0.03, spoil=spoil)
+    with pytest.raises(PerceptionError, match=rf"hole of 1[0-9]+ mm on the tool path, .*{cause}.*at most 60 mm"):
+        plan_path(found, over_dent(found))
+    assert plan_path(found, over_dent(found), bridge=0.2).on_scan.any()  # where it is wanted
+
+
+def test_finder_asks_for_another_look_at_a_hole():
+    """The object is found, the path is not: a Target with the reason, not an error."""
+    image = look(dented_barrel(0.03, azimuth=AZIMUTH), VIEW, np.random.default_rng(0))
+    depth = np.array(image.depth)
+    depth[around_dent(0.12)] = np.nan
+    finder = KnownObjectFinder(BARREL, longitudinal(0.6, AZIMUTH), VIEW[:3, 3], VIEW[:3, :3])
+    zero = np.zeros(3)
+    estimate = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero
+    )  # W is the camera's own frame
+    measurement = replace(image, depth=depth, X_BC=np.eye(4))
+    _, target = finder.step(finder.init(), estimate, measurement)
+    assert not target.accepted
+    assert target.path is None
+    assert "hole of" in target.reason
 
 
 def test_unseen_side_is_carried_over(plain: Identification, within):

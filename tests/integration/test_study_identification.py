@@ -1,0 +1,31 @@
+"""The study of identification: what it writes is what it measured."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+
+def test_one_scene_of_each_sensor(root: Path, tmp_path: Path):
+    run = subprocess.run(
+        [sys.executable, "scripts/study_identification.py", "--objects", "manifold", "--scenes", "1",
+         "--out", tmp_path],
+        cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    rows = json.loads((tmp_path / "scenes.json").read_text())
+    assert [row["sensor"] for row in rows] == ["stereo", "white"]
+    figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
+    for row in rows:
+        assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
+        assert row["found"] == (row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0)
+    assert (tmp_path / "errors.png").stat().st_size > 10_000
+
+
+def test_unknown_object_is_refused(root: Path):
+    run = subprocess.run(
+        [sys.executable, "scripts/study_identification.py", "--objects", "teapot"],
+        cwd=root, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 2
+    assert "manifold" in run.stderr

@@ -1,0 +1,157 @@
+"""Seabeds to take samples from: seeded terrains as MuJoCo height fields, or as meshes for what only looks.
+
+A terrain is a grid of heights; between its nodes it is the triangles of MuJoCo's height field, so that what a sensor
+sees, what collides, and what a judge calls true is one surface. MuJoCo collides meshes as their convex hulls: a mesh
+of a seabed is for the eye and the sonar, the height field is what stops a vehicle.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, readonly
+
+Kind = Literal["flat", "ripples", "slope", "rocks"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+SEABED_GEOM = "seabed"
+_BASE = 0.3  # [m] of solid ground under the lowest point
+_RGBA = (0.55, 0.5, 0.4, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seabed:
+    """A terrain over the square of half side `half` around `center_W`: heights on an even grid."""
+
+    kind: Kind
+    heights: Array  # (n, n) [m] over `center_W`, rows along y, columns along x
+    half: float  # [m]
+    center_W: Array  # (3,) [m]
+    rocks: Array  # (k, 3) [m] x, y in W and radius of each rock; none: (0, 3)
+
+    def __post_init__(self) -> None:
+        heights = np.asarray(self.heights, dtype=np.float64)
+        if heights.ndim != 2 or heights.shape[0] != heights.shape[1] or heights.shape[0] < 2:
+            raise ConfigurationError(f"seabed heights: expected an (n, n) grid, got shape {heights.shape}")
+        if not np.all(np.isfinite(heights)):
+            raise ConfigurationError("seabed heights: every height must be finite")
+        if not self.half > 0.0:
+            raise ConfigurationError(f"seabed half: must be > 0 m, got {self.half}")
+        object.__setattr__(self, "heights", readonly(heights))
+        object.__setattr__(self, "center_W", checked(self.center_W, (3,), "seabed center_W"))
+        object.__setattr__(self, "rocks", readonly(np.asarray(self.rocks, dtype=np.float64).reshape(-1, 3)))
+
+    @property
+    def step(self) -> float:
+        """Between the nodes [m]."""
+        return 2.0 * self.half / (len(self.heights) - 1)
+
+    def height(self, xy_W: ArrayLike) -> Array:
+        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN beside the grid."""
+        at = np.atleast_2d(np.asarray(xy_W, dtype=np.float64))
+        last = len(self.heights) - 1
+        u = (at[:, 0] - self.center_W[0] + self.half) / self.step
+        v = (at[:, 1] - self.center_W[1] + self.half) / self.step
+        with np.errstate(invalid="ignore"):
+            inside = (u >= 0.0) & (u <= last) & (v >= 0.0) & (v <= last)
+        u, v = np.where(inside, u, 0.0), np.where(inside, v, 0.0)
+        i, j = np.minimum(u.astype(int), last - 1), np.minimum(v.astype(int), last - 1)
+        u, v = u - i, v - j
+        a, b = self.heights[j, i], self.heights[j, i + 1]
+        c, d = self.heights[j + 1, i + 1], self.heights[j + 1, i]
+        # Each cell is cut from corner a to corner c.
+        z = np.where(v <= u, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
+        return np.where(inside, z + self.center_W[2], np.nan)
+
+    def mesh(self) -> tuple[Array, np.ndarray]:
+        """Vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise from above."""
+        n = len(self.heights)
+        x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
+        index = np.arange(n * n).reshape(n, n)
+        a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, 1:].ravel(), index[1:, :-1].ravel()
+        vertices = np.column_stack([x.ravel(), y.ravel(), (self.heights + self.center_W[2]).ravel()])
+        return vertices, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+
+    def add_to(self, spec: mujoco.MjSpec, shape: Literal["height field", "mesh"] = "height field") -> None:
+        """Put the terrain into the world of `spec` as geom SEABED_GEOM; as a mesh it collides with nothing."""
+        geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
+        if shape == "mesh":
+            vertices, triangles = self.mesh()
+            mesh = spec.add_mesh(name=SEABED_GEOM, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+            mesh.uservert, mesh.userface = (vertices - self.center_W).ravel(), triangles.ravel()
+            geom.type, geom.meshname, geom.pos = mujoco.mjtGeom.mjGEOM_MESH, SEABED_GEOM, self.center_W
+            geom.contype = geom.conaffinity = 0
+            return
+        low, high = float(self.heights.min()), float(self.heights.max())
+        n = len(self.heights)
+        top = max(high - low, 1e-3)  # MuJoCo wants some
+        spec.add_hfield(
+            name=SEABED_GEOM, nrow=n, ncol=n, size=[self.half, self.half, top, _BASE],
+            userdata=((self.heights - low) / top).ravel(),
+        )  # fmt: skip
+        geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, SEABED_GEOM
+        geom.pos = [*self.center_W[:2], self.center_W[2] + low]
+
+
+def seabed(
+    kind: Kind, rng: np.random.Generator, *, center_W: ArrayLike = (0.0, 0.0, 0.0), half: float = 2.5,
+    step: float = 0.02, steepest: float = 20.0,
+) -> Seabed:  # fmt: skip
+    """A terrain of `kind` drawn from `rng`: what varies is the heading, size and place of its features.
+
+    flat: undulation of 3 to 10 mm over 1 to 3 m. ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to
+    a fifteenth as high (sand ripples are steeper than 1:20; Soulsby 1997, Dynamics of Marine Sands, ch. 7.2). slope: a
+    plane of 5 degrees to `steepest` [deg]. rocks: 6 to 14 half-buried ellipsoids of 0.08 to 0.3 m radius. All carry
+    the undulation and 1 mm of bumps. Raises ConfigurationError for an unknown kind or impossible sizes.
+    """
+    if kind not in KINDS:
+        raise ConfigurationError(f"unknown seabed {kind!r}; there are {', '.join(KINDS)}")
+    if not (half > 0.0 and 0.0 < step <= half and 5.0 <= steepest < 60.0):
+        raise ConfigurationError(
+            f"seabed: half > 0 m, 0 < step <= half, 5 <= steepest < 60 deg; got {half}, {step}, {steepest}"
+        )
+    center = checked(center_W, (3,), "center_W")
+    n = 1 + 2 * round(half / step)
+    x, y = np.meshgrid(np.linspace(-half, half, n), np.linspace(-half, half, n))
+    z = _waves(x, y, rng, lengths=(1.0, 3.0), height=rng.uniform(0.003, 0.01), count=4)
+    z += _waves(x, y, rng, lengths=(0.1, 0.25), height=0.001, count=6)
+    rocks = np.zeros((0, 3))
+    if kind == "ripples":
+        z += _ripples(x, y, rng)
+    elif kind == "slope":
+        heading, tangent = rng.uniform(-np.pi, np.pi), np.tan(np.radians(rng.uniform(5.0, steepest)))
+        z += tangent * (np.cos(heading) * x + np.sin(heading) * y)
+    elif kind == "rocks":
+        stones = []
+        for _ in range(rng.integers(6, 15)):
+            place, radius, squash = rng.uniform(-0.8 * half, 0.8 * half, 2), rng.uniform(0.08, 0.3), rng.uniform(0.5, 1)
+            stones.append([*(place + center[:2]), radius])
+            inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
+            # Over half of the stone is in the ground, or it would be undercut.
+            z = np.maximum(z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0)))
+        rocks = np.array(stones)
+    return Seabed(kind=kind, heights=z - z[n // 2, n // 2], half=half, center_W=center, rocks=rocks)
+
+
+def _waves(
+    x: Array, y: Array, rng: np.random.Generator, *, lengths: tuple[float, float], height: float, count: int
+) -> Array:
+    """`count` sine waves of random heading; `height` [m] is the standard deviation of their sum."""
+    z = np.zeros_like(x)
+    for _ in range(count):
+        k, heading, phase = 2.0 * np.pi / rng.uniform(*lengths), rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 2 * np.pi)
+        z += np.sin(k * (np.cos(heading) * x + np.sin(heading) * y) + phase)
+    return z * height / np.sqrt(0.5 * count)
+
+
+def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
+    """Ripples with a steep lee side and crests that wander."""
+    length, heading = rng.uniform(0.15, 0.6), rng.uniform(-np.pi, np.pi)
+    height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
+    along, across = np.cos(heading) * x + np.sin(heading) * y, np.cos(heading) * y - np.sin(heading) * x
+    along = along + 0.15 * length * np.sin(2.0 * np.pi * across / rng.uniform(1.0, 2.0) + rng.uniform(0.0, 2 * np.pi))
+    phase = 2.0 * np.pi * along / length
+    return 0.5 * height * np.sin(phase + 0.4 * np.sin(phase))

@@ -3,7 +3,8 @@
 import mujoco
 import numpy as np
 
-from models.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel, revolve
+from models.closed_shells import revolve
+from models.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import pose, rotation_from_z
 

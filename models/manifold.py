@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.targets import ModelPath, Solid, TargetModel, revolve
+from models.closed_shells import joined, revolve, welded
+from models.target_model import ModelPath, Solid, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
 
@@ -59,7 +60,7 @@ class Manifold:
 def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) -> Manifold:
     """A block with pipes in three directions and two holes, "a" and "b", of `radius`, `depth` and `chamfer` [m].
 
-    The pipes leave it without symmetry. The target's paths "beside_a"
+    The pipes, closed shells that run into the block's, leave it without symmetry. The target's paths "beside_a"
     and "beside_b" are short lines on the face next to the holes.
     Raises ConfigurationError for a hole that does not fit its place in the block.
     """
@@ -98,7 +99,8 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
             else:
                 mesh.bore(hole)
                 solids += _ring(name, hole)
-    mesh.sides(length, width, height)
+    mesh.sides(columns, rows, height)
+    shells = [welded(*mesh.arrays())]
     for name, pipe_radius, pipe_length, axis, middle in pipes:
         R = rotation_from_z(axis, [0.3, 0.5, 0.7])
         cylinder, half = mujoco.mjtGeom.mjGEOM_CYLINDER, 0.5 * pipe_length
@@ -107,13 +109,13 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
             [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
         )
         R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])  # revolved about x, where the solid stands along z
-        mesh.add(vertices @ R_pipe.T + middle, triangles)
+        shells.append((vertices @ R_pipe.T + middle, triangles))
     x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
     line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
     beside = {
         name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0]) for name, hole in holes.items()
     }
-    vertices, triangles = mesh.arrays()
+    vertices, triangles = joined(shells)
     target = TargetModel(
         name="manifold",
         vertices=vertices,
@@ -157,15 +159,10 @@ class _Mesh:
     """Vertices and triangles, gathered; counter-clockwise seen from outside."""
 
     def __init__(self) -> None:
-        self._vertices: list[Array] = []
-        self._triangles: list[np.ndarray] = []
-        self._count = 0
+        self._parts: list[tuple[Array, np.ndarray]] = []
 
     def add(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
-        points = np.asarray(vertices, dtype=np.float64)
-        self._vertices.append(points)
-        self._triangles.append(np.asarray(triangles, dtype=np.int64) + self._count)
-        self._count += len(points)
+        self._parts.append((np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)))
 
     def quad(self, corners: ArrayLike) -> None:
         self.add(corners, [[0, 1, 2], [0, 2, 3]])
@@ -194,15 +191,25 @@ class _Mesh:
         bottom = hole.p_T + r * circle - [0, 0, hole.depth]
         self.add(np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]), np.column_stack([i, j, np.full(n, n)]))
 
-    def sides(self, length: float, width: float, height: float) -> None:
-        """The block but for its face."""
-        x, y = 0.5 * length, 0.5 * width
-        low = np.array([[-x, -y, -height], [x, -y, -height], [x, y, -height], [-x, y, -height]])
-        self.quad(low[::-1])
-        for k in range(4):
-            m = (k + 1) % 4
-            up = [0, 0, height]
-            self.quad([low[k], low[m], low[m] + up, low[k] + up])
+    def sides(self, columns: list[float], rows: list[float], height: float) -> None:
+        """The block but for its face, whose edge has corners at `columns` (x) and `rows` (y)."""
+        x, y = np.array(columns), np.array(rows)
+        rim = np.concatenate(
+            [
+                np.column_stack([x[:-1], np.full(len(x) - 1, y[0])]),
+                np.column_stack([np.full(len(y) - 1, x[-1]), y[:-1]]),
+                np.column_stack([x[:0:-1], np.full(len(x) - 1, y[-1])]),
+                np.column_stack([np.full(len(y) - 1, x[0]), y[:0:-1]]),
+            ]
+        )
+        n = len(rim)
+        top = np.column_stack([rim, np.zeros(n)])
+        i = np.arange(n)
+        j = (i + 1) % n
+        wall = np.vstack([np.column_stack([i + n, j + n, j]), np.column_stack([i + n, j, i])])
+        bottom = top - [0.0, 0.0, height]
+        under = np.column_stack([j + n, i + n, np.full(n, 2 * n)])
+        self.add(np.vstack([top, bottom, bottom.mean(axis=0)]), np.vstack([wall, under]))
 
     def arrays(self) -> tuple[Array, np.ndarray]:
-        return np.vstack(self._vertices), np.vstack(self._triangles)
+        return joined(self._parts)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import open3d_loader
+from models import convex_parts, open3d_loader
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3, quat_wxyz_from_rotation, readonly
 
@@ -103,7 +103,8 @@ class TargetModel:
     triangles: np.ndarray  # (T, 3) int indices into `vertices`
     symmetry: Symmetry = field(default_factory=Symmetry)
     paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
-    solids: tuple[Solid, ...] = ()  # collision primitives; empty: MuJoCo takes the mesh's convex hull
+    solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
+    hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex parts to collide with beside the solids
     stand: tuple[Solid, ...] = ()  # what it rests on: in the scene, but no part of the model to be found
 
     def __post_init__(self) -> None:
@@ -116,7 +117,13 @@ class TargetModel:
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
         triangles.setflags(write=False)
+        for hull in self.hulls:
+            if hull.ndim != 2 or hull.shape[1] != 3 or len(hull) < 4 or not np.all(np.isfinite(hull)):
+                raise ConfigurationError(
+                    f"target {self.name!r}: a hull must be finite, (n, 3), n > 3; got {hull.shape}"
+                )
         object.__setattr__(self, "vertices", readonly(vertices))
+        object.__setattr__(self, "hulls", tuple(readonly(hull) for hull in self.hulls))
         object.__setattr__(self, "triangles", triangles)
         object.__setattr__(self, "paths", MappingProxyType(dict(self.paths)))
 
@@ -143,29 +150,42 @@ class TargetModel:
     def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True) -> mujoco.MjsBody:
         """Add the target to the world of `spec` at `X_WT` (4, 4), as a body and a main geom both named "target".
 
-        Its other geoms are "target_<part>". Without `solids` the geom is the mesh, which collides as its convex hull.
-        Returns the body, for the caller to set friction or colour. Raises ConfigurationError for a bad pose.
+        Its other geoms are "target_<part>". Solids alone are both seen and felt. With hulls the mesh is what is seen,
+        and what is felt, solids and hulls, is not drawn. With neither, the mesh is cut into hulls first, which takes
+        seconds for a large one. Returns the body, for the caller to set friction or colour.
+        Raises ConfigurationError for a bad pose.
         """
         X = checked(X_WT, (4, 4), "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
-        if not self.solids:
+        hulls = self.hulls if self.solids or self.hulls else convex_parts.parts(self.vertices, self.triangles)
+        if hulls:
             spec.add_mesh(
                 name="target",
                 uservert=self.vertices.astype(np.float32).ravel(),
                 userface=self.triangles.astype(np.int32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan need not be closed
             )
-            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target")
+            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
+        for k, hull in enumerate(hulls):
+            name = f"target_hull_{k}"
+            spec.add_mesh(
+                name=name,
+                uservert=hull.astype(np.float32).ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some are thin
+            )
+            _hide(body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name))
         for solid in (*self.solids, *(self.stand if stand else ())):
             size = np.zeros(3)
             size[: len(solid.size)] = solid.size
-            body.add_geom(
+            geom = body.add_geom(
                 name=solid.name,
                 type=solid.kind,
                 size=size,
                 pos=solid.X_TS[:3, 3],
                 quat=quat_wxyz_from_rotation(solid.X_TS[:3, :3]),
             )
+            if hulls and solid in self.solids:
+                _hide(geom)
         return body
 
     @classmethod
@@ -208,33 +228,7 @@ class TargetModel:
         )
 
 
-def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
-    """The closed surface swept by `profile` (P, 2) [m], rows (x, radius), turned about x in `sides` steps.
-
-    The first and last radius must be 0. Returns vertices (V, 3) and triangles (T, 3), seen from outside
-    counter-clockwise for a profile that runs from -x to +x. Raises ConfigurationError for an open profile.
-    """
-    x, radius = np.asarray(profile, dtype=np.float64).T
-    if radius[0] != 0.0 or radius[-1] != 0.0:
-        raise ConfigurationError("profile of revolution: the first and the last radius must be 0")
-    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
-    ring_x, ring_r = x[1:-1], radius[1:-1]
-    rings = np.stack(
-        [
-            np.repeat(ring_x[:, None], sides, axis=1),
-            -ring_r[:, None] * np.sin(angle),
-            ring_r[:, None] * np.cos(angle),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
-    vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
-    i = np.arange(sides)
-    j = (i + 1) % sides
-    last = 1 + (len(ring_x) - 1) * sides
-    faces = [np.column_stack([np.zeros_like(i), 1 + j, 1 + i])]
-    for ring in range(len(ring_x) - 1):
-        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
-        faces.append(np.column_stack([low + i, low + j, high + i]))
-        faces.append(np.column_stack([low + j, high + j, high + i]))
-    faces.append(np.column_stack([last + i, last + j, np.full_like(i, len(vertices) - 1)]))
-    return vertices, np.vstack(faces)
+def _hide(geom: mujoco.MjsGeom) -> None:
+    """Leave `geom` to contact alone: no camera and no log shows it."""
+    geom.group = 3
+    geom.rgba = [0.5, 0.5, 0.5, 0.0]

@@ -1,8 +1,20 @@
 """Objects to work on: the one door to their models (`models.target_model`) and to the objects there are."""
 
+import inspect
+from collections.abc import Callable
+from types import MappingProxyType
+from typing import Any
+
+from models.anode import anode
 from models.barrel import BARREL_DIAMETER, BARREL_LENGTH, barrel, longitudinal, transverse
+from models.closed_shells import revolve
+from models.manifold import manifold
 from models.pile import PILE_DIAMETER, PILE_LENGTH, helix, pile, ring, vertical
-from models.target_model import ModelPath, Solid, Symmetry, TargetModel, revolve
+from models.rock import rock
+from models.starfish import starfish
+from models.target_model import ModelPath, Solid, Symmetry, TargetModel
+from models.valve import valve
+from sim.interfaces.errors import ConfigurationError
 
 __all__ = [
     "BARREL_DIAMETER",
@@ -13,12 +25,47 @@ __all__ = [
     "Solid",
     "Symmetry",
     "TargetModel",
+    "available",
     "barrel",
     "helix",
     "longitudinal",
+    "named",
     "pile",
     "revolve",
     "ring",
     "transverse",
     "vertical",
 ]
+
+_OBJECTS: MappingProxyType[str, Callable[..., Any]] = MappingProxyType(
+    {
+        "anode": anode,
+        "barrel": barrel,
+        "manifold": manifold,
+        "pile": pile,
+        "rock": rock,
+        "starfish": starfish,
+        "valve": valve,
+    }
+)
+
+
+def available() -> tuple[str, ...]:
+    """Names of the objects that `named` knows."""
+    return tuple(sorted(_OBJECTS))
+
+
+def named(name: str, **options: Any) -> TargetModel:
+    """The object `name`, such as "starfish"; `options` are those of its own function, such as a rock's `seed`.
+
+    Raises ConfigurationError for an unknown name or option, with those there are.
+    """
+    if name not in _OBJECTS:
+        raise ConfigurationError(f"unknown object {name!r}; there are {', '.join(available())}")
+    allowed = inspect.signature(_OBJECTS[name]).parameters
+    if not set(options) <= set(allowed):
+        raise ConfigurationError(
+            f"object {name!r} has no {sorted(set(options) - set(allowed))}; it has {list(allowed)}"
+        )
+    made = _OBJECTS[name](**options)
+    return made if isinstance(made, TargetModel) else made.target

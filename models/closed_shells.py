@@ -1,0 +1,165 @@
+"""Closed surfaces to build objects from, and what is asked of any triangle mesh: welding, closedness, normals.
+
+Triangles wind counter-clockwise seen from outside.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_WELD = 1e-7  # [m] below which two vertices are one
+
+
+def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
+    """The closed surface swept by `profile` (P, 2) [m], rows (x, radius), turned about x in `sides` steps.
+
+    The first and last radius must be 0. Returns vertices (V, 3) and triangles (T, 3), seen from outside
+    counter-clockwise for a profile that runs from -x to +x. Raises ConfigurationError for an open profile.
+    """
+    x, radius = np.asarray(profile, dtype=np.float64).T
+    if radius[0] != 0.0 or radius[-1] != 0.0:
+        raise ConfigurationError("profile of revolution: the first and the last radius must be 0")
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    ring_x, ring_r = x[1:-1], radius[1:-1]
+    rings = np.stack(
+        [
+            np.repeat(ring_x[:, None], sides, axis=1),
+            -ring_r[:, None] * np.sin(angle),
+            ring_r[:, None] * np.cos(angle),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    last = 1 + (len(ring_x) - 1) * sides
+    faces = [np.column_stack([np.zeros_like(i), 1 + j, 1 + i])]
+    for ring in range(len(ring_x) - 1):
+        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
+        faces.append(np.column_stack([low + i, low + j, high + i]))
+        faces.append(np.column_stack([low + j, high + j, high + i]))
+    faces.append(np.column_stack([last + i, last + j, np.full_like(i, len(vertices) - 1)]))
+    return vertices, np.vstack(faces)
+
+
+def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
+    """The closed surface between two convex polygons of as many corners (N, 3) [m] each, counter-clockwise."""
+    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    n = len(low)
+    i = np.arange(n)
+    j = (i + 1) % n
+    fan = np.arange(1, n - 1)
+    zero = np.zeros_like(fan)
+    return np.vstack([low, high]), np.vstack(
+        [
+            np.column_stack([zero, fan + 1, fan]),
+            np.column_stack([zero + n, fan + n, fan + 1 + n]),
+            np.column_stack([i, j, n + j]),
+            np.column_stack([i, n + j, n + i]),
+        ]
+    )
+
+
+def box(size: ArrayLike, middle: ArrayLike) -> tuple[Array, np.ndarray]:
+    """A box of `size` (3,) [m] around `middle` (3,) [m]."""
+    half = 0.5 * np.asarray(size, dtype=np.float64)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half[:2]
+    low = np.column_stack([corners, np.full(4, -half[2])]) + middle
+    return prism(low, low + np.array([0.0, 0.0, 2.0 * half[2]]))
+
+
+def sphere(level: int) -> tuple[Array, np.ndarray]:
+    """The unit sphere as an icosahedron whose triangles are cut in four `level` times."""
+    g = 0.5 * (1.0 + np.sqrt(5.0))
+    corners = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g], [0, -1, -g], [0, 1, -g]]
+    vertices = np.array([*corners, [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]], dtype=np.float64)
+    faces = "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8"
+    faces += " 3 9 4 3 4 2 3 2 6 3 6 8 3 8 9 4 9 5 2 4 11 6 2 10 8 6 7 9 8 1"
+    triangles = np.array(faces.split(), dtype=np.int64).reshape(-1, 3)
+    for _ in range(level):
+        vertices, triangles = split(vertices, triangles, np.ones(len(triangles), dtype=bool), 0.0)
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), triangles
+
+
+def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
+    """Several meshes (vertices (V, 3), triangles (T, 3)) as one, not welded."""
+    vertices, triangles, count = [], [], 0
+    for points, faces in parts:
+        vertices.append(points)
+        triangles.append(faces + count)
+        count += len(points)
+    return np.vstack(vertices), np.vstack(triangles)
+
+
+def welded(vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD) -> tuple[Array, np.ndarray]:
+    """The same mesh with vertices nearer than about `distance` [m] made one; what collapses by it is left out."""
+    points = np.asarray(vertices, dtype=np.float64)
+    _, first, index = np.unique(np.round(points / distance), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # vertices keep their order
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    faces = place[index.ravel()][triangles]
+    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return points[first[order]], faces[keep]
+
+
+def open_edges(triangles: np.ndarray) -> int:
+    """How many directed edges of `triangles` (T, 3) have not exactly one opposite: 0 for closed, manifold shells."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    count = int(triangles.max()) + 1
+    key, times = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
+    opposite = np.isin((key % count) * count + key // count, key)
+    return int((times > 1).sum() + (~opposite).sum())
+
+
+def volume(vertices: Array, triangles: np.ndarray) -> float:
+    """Volume [m^3] inside closed triangles; shells that overlap count each, one turned inside out counts negative."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
+
+
+def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
+    """Unit normals (V, 3), the mean over a vertex's triangles by area; zero where it has none."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    cross = np.cross(b - a, c - a)
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, triangles[:, corner], cross)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
+
+
+def split(vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[Array, np.ndarray]:
+    """Cut every edge of the `chosen` triangles (T,) that is longer than `longest` [m] at its middle.
+
+    Neighbours are cut along, so that a closed mesh stays closed.
+    """
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)  # (T, 3, 2)
+    key = ends[..., 0] * len(vertices) + ends[..., 1]
+    length = np.linalg.norm(vertices[ends[..., 0]] - vertices[ends[..., 1]], axis=-1)
+    cut_keys = np.unique(key[chosen[:, None] & (length > longest)])
+    if not len(cut_keys):
+        return vertices, triangles
+    middles = 0.5 * (vertices[cut_keys // len(vertices)] + vertices[cut_keys % len(vertices)])
+    place = np.searchsorted(cut_keys, key)
+    cut = cut_keys[np.minimum(place, len(cut_keys) - 1)] == key
+    middle = np.where(cut, len(vertices) + place, -1)  # (T, 3): the vertex on the edge from corner i to i + 1
+    count = cut.sum(axis=1)
+    parts = [triangles[count == 0]]
+    # Turned so that one cut lies on edge 0, and of two cuts the uncut edge is edge 2.
+    for n, first in ((1, cut.argmax(axis=1)), (2, (~cut).argmax(axis=1) + 1), (3, np.zeros(len(cut), dtype=np.int64))):
+        rows = np.flatnonzero(count == n)
+        turn = (first[rows, None] + np.arange(3)) % 3
+        (a, b, c), (x, y, z) = triangles[rows[:, None], turn].T, middle[rows[:, None], turn].T
+        if n == 1:
+            pieces = [(a, x, c), (x, b, c)]
+        elif n == 2:
+            pieces = [(x, b, y), (a, x, y), (a, y, c)]
+        else:
+            pieces = [(a, x, z), (x, b, y), (z, y, c), (x, y, z)]
+        parts += [np.column_stack(piece) for piece in pieces]
+    return np.vstack([vertices, middles]), np.vstack(parts)

@@ -1,4 +1,4 @@
-"""Depth frames in, the target and its tool path out: identification as a part of the vehicle."""
+"""Depth frames or sonar scans in, the target and its tool path out: identification as a part of the vehicle."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel
 from perception.toolpath import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import DepthImage, Measurement, StateEstimate, Target, ToolPath
+from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points
 
 
@@ -67,21 +67,28 @@ class KnownObjectFinder:
         return FinderState()
 
     def step(self, state: FinderState, estimate: StateEstimate, measurement: Measurement) -> tuple[FinderState, Target]:
-        """Look for the target in one depth frame, taken when the hull was where `estimate` says.
+        """Look for the target in one depth frame or sonar scan, taken when the hull was where `estimate` says.
 
         A frame that shows nothing gives a Target that is not accepted, with a reason. Raises ConfigurationError if
-        `measurement` is no depth frame or a malformed one.
+        `measurement` is neither or malformed.
         """
-        if not isinstance(measurement, DepthImage):
-            raise ConfigurationError(f"target finder: expected a DepthImage, got {type(measurement).__name__}")
-        X_WC = estimate.X_WB @ measurement.X_BC
+        if isinstance(measurement, DepthImage):
+            seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
+            sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
+        elif isinstance(measurement, SonarScan):
+            seen, X_BC, sensor = measurement.points, measurement.X_BS, self._sensor
+        else:
+            raise ConfigurationError(
+                f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
+            )
+        X_WC = estimate.X_WB @ X_BC
         X_CW = inverse(X_WC)
         found = identify(
-            Scan.from_depth(measurement),
+            seen,
             self._surface,
             transform_points(X_CW, self._approach_W),
             None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
-            sensor=replace(self._sensor, focal=float(measurement.K[0, 0])),
+            sensor=sensor,
             approach_error=self._approach_error,
             seed=self._seed,
         )

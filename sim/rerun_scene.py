@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 
 from models.vehicle import Vehicle
-from sim.depth_camera import tessellate
 from sim.interfaces.spatial import Array
 from sim.surface import Surface
+from sim.tessellation import tessellate
 
 TIMELINE = "sim_time"
 

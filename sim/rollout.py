@@ -10,7 +10,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, DepthImage, Measurement, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import (
+    Command,
+    DepthImage,
+    Look,
+    Measurement,
+    Reference,
+    SonarScan,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
 
 
@@ -40,7 +50,7 @@ class Moment:
     target: Target | None
     reference: Reference
     command: Command
-    frame: DepthImage | None  # the depth frame that arrived in this step
+    frame: Look | None  # the depth frame or sonar scan that arrived in this step
     found: Any  # the finder's own state, for its clouds
 
 
@@ -129,11 +139,11 @@ def rollout(
         scanning = scan
         if tick in on_the_way:
             arrived += on_the_way.pop(tick)
-        frame: DepthImage | None = None
+        frame: Look | None = None
         if tick % estimator_ticks == 0:
             estimator_state, estimate = parts.estimator.step(estimator_state, arrived)
             for measurement in arrived:
-                if isinstance(measurement, DepthImage):
+                if isinstance(measurement, (DepthImage, SonarScan)):
                     frame = measurement
             arrived = []
         if frame is not None and parts.finder is not None:

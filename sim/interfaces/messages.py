@@ -128,6 +128,17 @@ class DepthImage:
     X_BC: Array  # (4, 4) camera in hull
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SonarScan:
+    """One ping of a 3D sonar, with its place on the hull."""
+
+    time: float  # [s]
+    points: Array  # (H, W, 3) [m] in the sensor frame S, one for each beam, NaN where no echo came back
+    X_BS: Array  # (4, 4) sensor in hull; OpenCV axes: x right, y down, z ahead
+
+
+Look = DepthImage | SonarScan  # what a target is found in
+
 Measurement = (
     EncoderMeasurement
     | TorqueMeasurement
@@ -136,6 +147,7 @@ Measurement = (
     | PressureMeasurement
     | VisionMeasurement
     | DepthImage
+    | SonarScan
 )
 
 

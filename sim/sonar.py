@@ -168,7 +168,9 @@ class Sonar:
         """
         xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
         if not R_W[0].any():
-            raise ConfigurationError("sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first")
+            raise ConfigurationError(
+                "sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first"
+            )
         mounted = pose(R_W[self._body], xpos[self._body]) @ self._X_BS
         X = mounted if X_WS is None else checked(X_WS, (4, 4), "X_WS")
         distance, cosine = self._world.cast(X, Rays.of(self._directions(rng), NEAR), xpos, R_W)

@@ -116,7 +116,7 @@ class VisibleWorld:
             self._cast_chosen(self._static, X_WS, rays, tiles, distance, cosine)
         for X_WG, size in self._planes:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
-            _draw_plane(R_SG, p_SG, size, way, start, np.float32(rays.near), distance, cosine)
+            _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
         if self._moving:
             self._cast_moving(X_WS, rays, xpos, np.asarray(xmat).reshape(-1, 3, 3), distance, cosine)
         shape = rays.directions.shape[:-1]
@@ -154,7 +154,7 @@ class VisibleWorld:
         chosen = np.flatnonzero(tiles[rays.tile])
         if not len(chosen):
             return
-        near = np.float32(rays.near)
+        near = rays.near
         way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
         origins, directions = _gathered(way, start, chosen, near)
         turn = X_FS[:3, :3].T.astype(np.float32)

@@ -1,5 +1,7 @@
 """The 3D sonar and the world that its rays see, against closed forms; the statistics of its errors."""
 
+from typing import Literal
+
 import mujoco
 import numpy as np
 import pytest
@@ -141,7 +143,8 @@ def test_footprint_widens_an_edge(within):
     )
     width, fan = np.deg2rad(1.5), np.deg2rad(10.0)
     beams = SonarBeams(rows=1, columns=2001, elevation=0.0, azimuth=fan, width=width)
-    for echo, wider in (("first", 0.8 * width), ("strongest", 0.0)):
+    kinds: tuple[tuple[Literal["first", "strongest"], float], ...] = (("first", 0.8 * width), ("strongest", 0.0))
+    for echo, wider in kinds:
         sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=None, echo=echo)
         z = sonar.ping(data, np.random.default_rng(0))[0, :, 2]
         seen = fan / 2000 * np.count_nonzero(z < 2.5)

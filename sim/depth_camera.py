@@ -13,6 +13,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, checked, pose, readonly
+from sim.refraction import Calibration, FlatPort, in_water, read_depth
 from sim.stereo_noise import StereoNoise, add_noise
 from sim.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, rotation, site_on_body
 
@@ -47,12 +48,18 @@ class DepthCamera:
         delay: float = 0.0,
         exclude: Collection[str] = (),
         groups: Collection[int] = VISIBLE_GROUPS,
+        port: FlatPort | None = None,
+        calibration: Calibration | None = None,
     ) -> None:
         """Mount the camera on body `hull` of `model` at `X_BC` (4, 4), OpenCV axes.
 
         `width`, `height` and `focal` are in px, the principal point is the middle of the picture; `range_limits` and
         `delay` are in m and s; `noise` None gives exact depth; bodies named in `exclude` and geoms outside `groups`
         are not seen, nor are transparent ones (alpha 0), flexes and skins.
+
+        Without `port` the camera is a pinhole that is known exactly. Behind a `port` (`sim.refraction`), `focal` is
+        that of the lens, and frames are rectified by `calibration`, the best in water by default: their `K` and the
+        place that they claim for the camera are those of the calibration, right or wrong.
         Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without Open3D.
         """
         if not (width > 0 and height > 0 and focal > 0.0):
@@ -66,12 +73,24 @@ class DepthCamera:
         self._X_BC = checked(X_BC, (4, 4), "X_BC")
         self._range = range_limits
         self._noise = noise
-        self._K = readonly([[focal, 0, 0.5 * (width - 1)], [0, focal, 0.5 * (height - 1)], [0, 0, 1]])
-        self._shape = (height, width)
-        u, v = np.meshgrid(np.arange(width), np.arange(height))
+        if calibration is not None and port is None:
+            raise ConfigurationError("depth camera: a calibration corrects for a port; there is none")
+        if port is not None and calibration is None:
+            calibration = in_water(port, focal, 0.5 * float(np.hypot(width, height)))
+        self._port, self._calibration, self._focal = port, calibration, focal
+        self._baseline = (noise or NOISE).baseline
+        f = calibration.focal if calibration is not None else focal
+        self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
+        self._X_BC_said = self._X_BC
+        v, u = np.indices((height, width))
+        tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
+        self._tangent_x = np.ascontiguousarray(tangents[0, :, 0])
         # With unit z component the ray parameter is the depth along the optical axis.
-        rays_C = np.stack([(u - self._K[0, 2]) / focal, (v - self._K[1, 2]) / focal, np.ones_like(u)], axis=-1)
-        self._rays = Rays.of(rays_C, NEAR)
+        start, way = None, np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
+        if port is not None and calibration is not None:
+            self._X_BC_said = readonly(self._X_BC @ pose(None, [0.0, 0.0, calibration.center]))
+            start, way = port.rays(calibration.raw(tangents, focal))
+        self._rays = Rays.of(way, NEAR, start)
         unseen = {body_id(model, name, "depth camera") for name in exclude}
         self._world = VisibleWorld(model, exclude=unseen, groups=groups)
 
@@ -111,14 +130,20 @@ class DepthCamera:
         depth = depth.astype(np.float64)
         depth[~((depth >= self._range[0]) & (depth <= self._range[1]))] = np.nan
         depth.setflags(write=False)
-        image = DepthImage(time=float(truth.time), depth=depth, K=self._K, X_BC=self._X_BC)
+        image = DepthImage(time=float(truth.time), depth=depth, K=self._K, X_BC=self._X_BC_said)
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Exact depth (height, width) [m], inf where nothing is hit, and cosine of the incidence there.
+        """Depth (height, width) [m], inf where nothing is hit, and cosine of the incidence there.
+
+        Depth is exact without a port; with one, it is what the calibration makes of exact disparities.
 
         `xpos` (nbody, 3) [m] and `xmat` (nbody, 9) are the bodies' world poses.
         """
         R_W = np.asarray(xmat, dtype=np.float64).reshape(-1, 3, 3)
         X_WC = pose(R_W[self._hull], xpos[self._hull]) @ self._X_BC
-        return self._world.cast(X_WC, self._rays, xpos, R_W)
+        depth, cosine = self._world.cast(X_WC, self._rays, xpos, R_W)
+        if self._port is not None and self._calibration is not None:
+            points = self._rays.origins + depth[..., None] * self._rays.directions
+            depth = read_depth(points, self._tangent_x, self._port, self._calibration, self._focal, self._baseline)
+        return depth, cosine

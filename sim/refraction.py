@@ -1,0 +1,214 @@
+"""A stereo pair behind a flat port: Snell's law for each pixel, and what a calibration makes of the picture.
+
+Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves the lens at the
+tangent s goes on in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2) (Snell: sin a = n sin w), and it crosses
+the port off the axis. So the camera has no single centre in water, and a pinhole can only fit (Treibitz et al. 2012,
+"Flat refractive geometry"; Shortis 2015, "Calibration techniques for accurate measurements by underwater cameras").
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import optimize
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_STEPS = 20  # of Newton's method, at most; it takes 3 to 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlatPort:
+    """A flat window between air and water, square to the optical axis."""
+
+    distance: float = 0.02  # [m] of air from the lens to the port
+    thickness: float = 0.01  # [m]
+    n_water: float = 1.333
+    n_glass: float = 1.49  # acrylic
+
+    def __post_init__(self) -> None:
+        for name in ("distance", "thickness"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ConfigurationError(f"flat port: {name} must not be negative [m], got {getattr(self, name)}")
+        for name in ("n_water", "n_glass"):
+            if not 1.0 <= getattr(self, name) < 3.0:
+                raise ConfigurationError(f"flat port: {name} must lie in [1, 3), got {getattr(self, name)}")
+
+    def rays(self, tangents: ArrayLike) -> tuple[Array, Array]:
+        """Where rays leave the port and how they go on in water, (..., 3) each [m], with unit z.
+
+        `tangents` (..., 2): x/z and y/z of the rays in the air behind it, from the lens at the origin.
+        """
+        t = np.asarray(tangents, dtype=np.float64)
+        square = (t**2).sum(axis=-1, keepdims=True)
+        glass = t / np.sqrt(self.n_glass**2 * (1.0 + square) - square)
+        water = t / np.sqrt(self.n_water**2 * (1.0 + square) - square)
+        one = np.ones_like(square)
+        start = np.concatenate(
+            [self.distance * t + self.thickness * glass, (self.distance + self.thickness) * one], axis=-1
+        )
+        return start, np.concatenate([water, one], axis=-1)
+
+    def tangent(self, radius: ArrayLike, z: ArrayLike) -> Array:
+        """Tangents in the air of the rays that come from points at `radius` [m] off the axis, at depth `z` [m]."""
+        rho, depth = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64))
+        if not np.all(depth > self.distance + self.thickness):
+            raise ConfigurationError("flat port: points must lie in the water, beyond the port")
+        flat = _tangents(np.ascontiguousarray(rho).ravel(), np.ascontiguousarray(depth).ravel(), *self._numbers())
+        return flat.reshape(rho.shape)
+
+    def _numbers(self) -> tuple[float, float, float, float]:
+        return self.distance, self.thickness, self.n_glass, self.n_water
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """What the stereo software takes each camera to be: a pinhole with radial distortion.
+
+    r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the middle of the raw picture, t the tangent of the ray
+    that the pixel stands for.
+    """
+
+    focal: float  # [px]
+    k1: float = 0.0
+    k2: float = 0.0
+    center: float = 0.0  # [m] by which the pinhole lies ahead of the lens (behind it where negative)
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.focal < np.inf and np.isfinite([self.k1, self.k2, self.center]).all()):
+            raise ConfigurationError(f"calibration: focal must be positive and all numbers finite, got {self}")
+
+    def raw(self, tangents: ArrayLike, focal: float) -> Array:
+        """Tangents (..., 2) in the air behind the port of rectified ones; `focal` [px] is that of the lens."""
+        t = np.asarray(tangents, dtype=np.float64)
+        square = (t**2).sum(axis=-1, keepdims=True)
+        return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
+
+
+def in_air(focal: float) -> Calibration:
+    """The maker's calibration of a lens of `focal` [px]: right in air."""
+    return Calibration(focal=focal)
+
+
+def in_water(
+    port: FlatPort, focal: float, corner: float, ranges: Sequence[float] = (0.5, 1.0, 2.0), move_center: bool = True
+) -> Calibration:
+    """The pinhole with distortion that fits best what is seen through `port` on boards at `ranges` [m].
+
+    `focal` [px] of the lens, `corner` [px] from the middle of the picture to its corner. Boards are held anywhere, so
+    the pinhole's place on the axis is found too, unless `move_center` is false: then the lens is taken for it.
+    Least squares of pixels. Raises ConfigurationError for boards that are not in the water, or no picture.
+    """
+    if not (focal > 0.0 and corner > 0.0 and len(ranges)):
+        raise ConfigurationError(f"calibration: focal, corner and ranges must be positive, got {focal}, {corner}")
+    way = port.rays([corner / focal, 0.0])[1][0]
+    z = np.asarray(ranges, dtype=np.float64)[:, None]
+    radius = z * way * np.linspace(0.02, 1.0, 50)
+    seen = focal * port.tangent(radius, z)
+
+    def fit(center: float) -> tuple[Array, float]:
+        t = radius / (z - center)
+        # As many pixels lie at a radius as it is long.
+        weight = np.sqrt(radius / z).ravel()
+        A = np.stack([t, t**3, t**5], axis=-1).reshape(-1, 3) * weight[:, None]
+        solution = np.linalg.lstsq(A, weight * seen.ravel(), rcond=None)[0]
+        return solution, float(np.square(A @ solution - weight * seen.ravel()).sum())
+
+    center = 0.0
+    if move_center:
+        span = port.distance + port.thickness
+        found = optimize.minimize_scalar(lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7})
+        center = float(found.x)
+    (f, f_k1, f_k2), _ = fit(center)
+    return Calibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
+
+
+def read_depth(
+    points: np.ndarray, tangent_x: Array, port: FlatPort, calibration: Calibration, focal: float, baseline: float
+) -> np.ndarray:
+    """Depth (H, W) [m] that stereo reads for points (H, W, 3) [m] seen by the left camera; inf where they are.
+
+    The right camera, `baseline` [m] to the right, sees each point through the port as well; both pictures are
+    rectified by `calibration`, and depth is baseline / (difference of the rectified x tangents). `tangent_x` (W,):
+    rectified x tangents of the columns. `focal` [px] of the lenses.
+    """
+    return _read(
+        np.ascontiguousarray(points, dtype=np.float64), tangent_x, *port._numbers(), calibration.focal / focal,
+        calibration.k1, calibration.k2, baseline,
+    )  # fmt: skip
+
+
+@numba.njit(cache=True)
+def _tangent(rho: float, z: float, distance: float, thickness: float, n_glass: float, n_water: float) -> float:
+    """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which grows with s."""
+    if rho == 0.0:
+        return 0.0
+    depth = z - distance - thickness
+    # The sum bends down, and the start, by its slope at the axis, lies below the root: no step goes too far.
+    s = rho / (distance + thickness / n_glass + depth / n_water)
+    for _ in range(_STEPS):
+        square = s * s
+        glass = n_glass * n_glass * (1.0 + square) - square
+        water = n_water * n_water * (1.0 + square) - square
+        root_glass, root_water = np.sqrt(glass), np.sqrt(water)
+        off = s * (distance + thickness / root_glass + depth / root_water) - rho
+        # d(s / sqrt(n^2 (1 + s^2) - s^2)) / ds = n^2 / (...)^(3/2)
+        slope = (
+            distance
+            + thickness * n_glass * n_glass / (glass * root_glass)
+            + depth * n_water * n_water / (water * root_water)
+        )
+        step = off / slope
+        s -= step
+        if abs(step) < 1e-13 * (1.0 + s):
+            break
+    return s
+
+
+@numba.njit(cache=True)
+def _tangents(
+    rho: np.ndarray, z: np.ndarray, distance: float, thickness: float, n_glass: float, n_water: float
+) -> np.ndarray:
+    result = np.empty(len(rho))
+    for i in range(len(rho)):
+        result[i] = _tangent(rho[i], z[i], distance, thickness, n_glass, n_water)
+    return result
+
+
+@numba.njit(cache=True)
+def _read(
+    points: np.ndarray,
+    tangent_x: np.ndarray,
+    distance: float,
+    thickness: float,
+    n_glass: float,
+    n_water: float,
+    scale: float,
+    k1: float,
+    k2: float,
+    baseline: float,
+) -> np.ndarray:
+    rows, columns = points.shape[:2]
+    result = np.full((rows, columns), np.inf, dtype=np.float32)
+    for i in range(rows):
+        for j in range(columns):
+            x, y, z = points[i, j, 0] - baseline, points[i, j, 1], points[i, j, 2]
+            if not np.isfinite(z):
+                continue
+            rho = np.sqrt(x * x + y * y)
+            s = _tangent(rho, z, distance, thickness, n_glass, n_water)
+            t = s / scale
+            for _ in range(_STEPS):
+                square = t * t
+                off = t * (1.0 + square * (k1 + square * k2)) - s / scale
+                step = off / (1.0 + square * (3.0 * k1 + 5.0 * square * k2))
+                t -= step
+                if abs(step) < 1e-12:
+                    break
+            difference = tangent_x[j] - (t * x / rho if rho > 0.0 else 0.0)
+            if difference > 0.0:
+                result[i, j] = baseline / difference
+    return result

@@ -25,6 +25,9 @@ from sim.four_lanes import all_four, at_least, four_of, load_four, put_four, tra
 from sim.interfaces.kernels import imports_stamp
 from sim.interfaces.spatial import Array
 from sim.mujoco_layout import offset
+from sim.native_memory import f64 as _f64
+from sim.native_memory import i32 as _i32
+from sim.native_memory import pointer as _pointer
 
 # What the callback reads or writes; the layout of at least these is compared with live objects.
 # fmt: off
@@ -65,19 +68,6 @@ def _inline(function: Callable[P, T]) -> Callable[P, T]:
     return njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
 
 
-def _loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int], Any]:
-    """An intrinsic f(address, index): the `kind` that lies `index` times `scale` bytes after `address`."""
-
-    def load(_typing: Any, _address: Any, _index: Any) -> Any:
-        def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
-            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, scale)))
-            return builder.load(builder.inttoptr(place, kind.as_pointer()))
-
-        return result(types.intp, types.intp), codegen
-
-    return cast(Any, intrinsic(load))
-
-
 def _storer() -> Callable[[int, int, float], None]:
     """An intrinsic f(address, index, value): stores the float64 `value` 8 `index` bytes after `address`."""
 
@@ -92,9 +82,6 @@ def _storer() -> Callable[[int, int, float], None]:
     return cast(Any, intrinsic(store))
 
 
-_f64 = _loader(types.float64, ir.DoubleType(), 8)
-_i32 = _loader(types.int32, ir.IntType(32), 4)
-_pointer = _loader(types.intp, ir.IntType(64), 1)  # index in bytes
 _put = _storer()
 
 

@@ -1,7 +1,6 @@
 """The plant: one vehicle in one MjModel, stepped at the physics rate; and the ground truth that it alone knows."""
 
 import mujoco
-import numba
 import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
@@ -9,9 +8,9 @@ from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, fitting, quat_wxyz_from_rotation
+from sim.plant_kernel import COLLISION, CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.reaction import Reaction
 from sim.thrusters import Thrusters
 
@@ -100,8 +99,12 @@ class Plant:
         if pad_site < 0:
             pad_site = vehicle.tip
         self._gears = _rows_of_friction(model, vehicle)
-        self._own_geom = _carried_geoms(model, vehicle.hull).tolist()
-        self._force = np.zeros(6)
+        self._own_geom = _carried_geoms(model, vehicle.hull)
+        self._places = places_of(self.data, model, self._pad_geom)
+        self._frictionloss, self._contacts = model.dof_frictionloss, np.zeros(CONTACTS)
+        dry = vehicle.dry_friction
+        self._friction = np.array([dry.coulomb, dry.stiction, dry.stribeck_speed])
+        self._joint_ctrl, self._thruster_ctrl = _block(vehicle.actuators), _block(vehicle.thruster_actuators)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
@@ -138,11 +141,9 @@ class Plant:
         truth.time = float(data.time)
         truth.saturated = False
         truth.tau_friction[:] = 0.0
-        if self._gears.size:
-            self._move_gears(np.zeros(self.model.nv))
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
-        self._read_contacts()
+        self._read_off()
 
     def _bind(self, pad_site: int) -> Truth:
         """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
@@ -171,7 +172,7 @@ class Plant:
         truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
         truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
         truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
-        truth.contact_force_W = np.zeros(3)
+        truth.contact_force_W = self._contacts[FORCE : FORCE + 3]
         return truth
 
     def observe(self) -> Truth:
@@ -189,12 +190,12 @@ class Plant:
         Raises ConfigurationError for torques or thruster commands of another shape or that are not finite.
         """
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
-        data, vehicle, truth = self.data, self.vehicle, self.truth
+        data, truth = self.data, self.truth
         truth.saturated = self._thrusters.step(
             command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
         )
-        self._ctrl[vehicle.thruster_actuators] = self._thrusters.thrust
-        self._ctrl[vehicle.actuators] = joint_torque
+        self._ctrl[self._thruster_ctrl] = self._thrusters.thrust
+        self._ctrl[self._joint_ctrl] = joint_torque
         if self._reaction is not None and self._tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(self.model, data)
@@ -202,19 +203,17 @@ class Plant:
         else:
             mujoco.mj_step2(self.model, data)
         self._tick += 1
-        if self._gears.size:
-            self._move_gears(data.efc_force[data.ne :])
-        self._read_contacts()
+        self._read_off()
         self._flow()
 
-    def _move_gears(self, force: Array) -> None:
-        """Note what friction the gears had, the first rows of `force`, and let it follow Stribeck's curve."""
-        vehicle = self.vehicle
-        dry = vehicle.dry_friction
-        _along_the_curve(
-            self._gears, force, vehicle.dof, dry.coulomb, dry.stiction, dry.stribeck_speed, self.truth.qd,
-            self.truth.tau_friction, self.model.dof_frictionloss,
+    def _read_off(self) -> None:
+        """Note what friction the gears had, which then follows Stribeck's curve, and what the vehicle touched."""
+        truth, contacts = self.truth, self._contacts
+        gears_and_contacts(
+            self._places, self._gears, self.vehicle.dof, self._friction, truth.qd, self._own_geom, truth.tau_friction,
+            self._frictionloss, contacts,
         )  # fmt: skip
+        truth.contact_normal, truth.collision = float(contacts[NORMAL]), bool(contacts[COLLISION])
 
     def _flow(self) -> None:
         """Let the water of the next step into the model, before `observe` computes what it does."""
@@ -222,35 +221,6 @@ class Plant:
         self._wind[:] = velocity
         self._current_slot[:] = acceleration
         self.truth.current_W[:] = velocity
-
-    def _read_contacts(self) -> None:
-        truth, data = self.truth, self.data
-        truth.contact_normal, truth.collision = 0.0, False
-        truth.contact_force_W[:] = 0.0
-        if data.ncon == 0:
-            return
-        contact, force = data.contact, self._force
-        pairs = zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True)
-        for i, ((first, second), address) in enumerate(pairs):
-            if self._own_geom[first] == self._own_geom[second] or address < 0:
-                continue
-            if self._pad_geom not in (first, second):
-                truth.collision = True
-                continue
-            mujoco.mj_contactForce(self.model, data, i, force)
-            truth.contact_normal += float(force[0])
-            _add_turned_back(contact.frame[i], force, 1.0 if second == self._pad_geom else -1.0, truth.contact_force_W)
-
-
-@numba.njit(cache=True)
-@keyed_by_imports
-def _along_the_curve(rows, force, dof, coulomb, stiction, stribeck_speed, qd, tau_friction, frictionloss):
-    """Friction of the step that has ended from its constraints, and the bounds (nv,) of the next one."""
-    for j in range(rows.shape[0]):
-        if rows[j] >= 0:
-            tau_friction[j] = force[rows[j]]
-            share = np.exp(-((qd[j] / stribeck_speed[j]) ** 2))
-            frictionloss[dof[j]] = coulomb[j] + (stiction[j] - coulomb[j]) * share
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
@@ -273,13 +243,6 @@ def _checked_pose(X_WB: Array) -> Array:
     return X
 
 
-@numba.njit(cache=True)
-def _add_turned_back(frame, force, sign, total):
-    """Add `sign` times `force` (its first three) in the axes that are the rows of `frame` (9,) to `total` (3,)."""
-    for k in range(3):
-        total[k] += sign * (frame[k] * force[0] + frame[3 + k] * force[1] + frame[6 + k] * force[2])
-
-
 def _view(array: Array, addresses: np.ndarray) -> Array:
     """A slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
     if not len(addresses):
@@ -288,6 +251,13 @@ def _view(array: Array, addresses: np.ndarray) -> Array:
     if not np.array_equal(addresses, np.arange(first, first + len(addresses))):
         raise ConfigurationError("the driven joints of the arm must follow each other without others between them")
     return array[first : first + len(addresses)]
+
+
+def _block(addresses: np.ndarray) -> slice | np.ndarray:
+    """Addresses as a slice where they follow each other, which is the faster to write through."""
+    if len(addresses) and np.array_equal(addresses, np.arange(addresses[0], addresses[0] + len(addresses))):
+        return slice(int(addresses[0]), int(addresses[0]) + len(addresses))
+    return addresses
 
 
 def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:

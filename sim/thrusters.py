@@ -14,8 +14,14 @@ SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; al
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _advance(curve, decay, slew, inflow_loss, advance, command, R_WB, v_WB_W, w_WB_B, current_W, passed, speed, thrust):
-    """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit."""
+def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
+    """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit.
+
+    Rows of `table` (9, m): what the lag leaves, slew in a step, inflow loss, lever of the advance speed (6). Rows of
+    `state` (3, m): command passed on, propeller speed, thrust.
+    """
+    decay, slew, inflow_loss, advance = table[0], table[1], table[2], table[3:]
+    passed, speed, thrust = state[0], state[1], state[2]
     saturated = False
     nu_r_B = np.empty(6)
     for i in range(3):
@@ -53,21 +59,20 @@ class Thrusters:
             raise ConfigurationError(f"thrusters: table {table.shape} and wrench {wrench.shape} do not fit together")
         self._curves = curves(table)
         columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
-        self._inflow_loss = columns[:, INFLOW_LOSS].copy()
         lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
-        self._decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
-        self._slew = np.where(slew > 0.0, slew * timestep, np.inf)
+        decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
         # Where the water goes: the propeller's own torque, which is in the wrench, is no lever of the thrust.
-        self._advance = np.array(wrench)
-        self._advance[3:] -= columns[:, TORQUE] * self._advance[:3]
-        self._passed = np.zeros(len(table))  # command that the drives pass on, after their slew limit
-        self.speed = np.zeros(len(table))  # normalised propeller speed
-        self.thrust = np.zeros(len(table))  # [N]
+        advance = np.array(wrench)
+        advance[3:] -= columns[:, TORQUE] * advance[:3]
+        slew = np.where(slew > 0.0, slew * timestep, np.inf)
+        self._table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
+        self._state = np.zeros((3, len(table)))  # the first: command that the drives pass on, after their slew limit
+        self.speed = self._state[1]  # normalised propeller speed
+        self.thrust = self._state[2]  # [N]
 
     def reset(self) -> None:
         """At rest."""
-        for state in (self._passed, self.speed, self.thrust):
-            state[:] = 0.0
+        self._state[:] = 0.0
 
     def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
         """Advance by one physics step; thrust [N] in `self.thrust`.
@@ -77,7 +82,4 @@ class Thrusters:
         Raises ConfigurationError for a command of another shape or with a number that is not finite.
         """
         command = fitting(command, self.speed.shape, "thruster command")
-        return _advance(
-            self._curves, self._decay, self._slew, self._inflow_loss, self._advance, command, R_WB, v_WB_W, w_WB_B,
-            current_W, self._passed, self.speed, self.thrust,
-        )  # fmt: skip
+        return _advance(self._curves, self._table, command, R_WB, v_WB_W, w_WB_B, current_W, self._state)

@@ -1,0 +1,26 @@
+"""Reading at bare addresses in compiled code, where MuJoCo's structs are met without their Python binding."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+
+def loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int], Any]:
+    """An intrinsic f(address, index): the `kind` that lies `index` times `scale` bytes after `address`."""
+
+    def load(_typing: Any, _address: Any, _index: Any) -> Any:
+        def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
+            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, scale)))
+            return builder.load(builder.inttoptr(place, kind.as_pointer()))
+
+        return result(types.intp, types.intp), codegen
+
+    return cast(Any, intrinsic(load))
+
+
+f64 = loader(types.float64, ir.DoubleType(), 8)
+i32 = loader(types.int32, ir.IntType(32), 4)
+pointer = loader(types.intp, ir.IntType(64), 1)  # index in bytes

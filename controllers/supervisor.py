@@ -167,9 +167,9 @@ class SurfaceWork:
         self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SupervisorState, Reference]:
         felt = self._felt(state, last)
-        time = estimate.time if np.isfinite(estimate.time) else state.since
+        time = estimate.time if math.isfinite(estimate.time) else state.since
         self._watch(state, estimate, felt, last)
-        if np.isfinite(state.halted):
+        if math.isfinite(state.halted):
             state.halted -= self.period
             if state.halted <= 0.0:
                 state.state = WorkState.ABORT
@@ -202,13 +202,13 @@ class SurfaceWork:
 
     def _quiet(self, state: SupervisorState, estimate: StateEstimate) -> bool:
         """Whether the hull has been still, and where it should be, for long enough."""
-        error = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
+        error = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
         job = self._job
-        moving = float(np.linalg.norm(estimate.v_WB_B)) > job.settle_speed
-        turning = float(np.linalg.norm(estimate.w_WB_B)) > job.settle_turn
+        moving = math.hypot(*estimate.v_WB_B.tolist()) > job.settle_speed
+        turning = math.hypot(*estimate.w_WB_B.tolist()) > job.settle_turn
         if moving or turning or error > job.settle_error:
             state.quiet_since = np.inf
-        elif not np.isfinite(state.quiet_since):
+        elif not math.isfinite(state.quiet_since):
             state.quiet_since = estimate.time
         return estimate.time - state.quiet_since > self._job.settle_time
 
@@ -348,7 +348,7 @@ class SurfaceWork:
         self._ramp_force(state, first)
         if abs(felt - first) > 0.05 * first or state.force != first:
             state.set_since = np.inf
-        elif not np.isfinite(state.set_since):
+        elif not math.isfinite(state.set_since):
             state.set_since = time
         reached = time - state.set_since > 0.5
         late = time - state.since > job.press_time
@@ -411,7 +411,7 @@ class SurfaceWork:
         state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
         verdict = judge(self._job, state, estimate, felt, faults)
         state.paused = verdict.reaction is Reaction.PAUSE
-        if verdict.reaction is Reaction.STOP and not np.isfinite(state.halted):
+        if verdict.reaction is Reaction.STOP and not math.isfinite(state.halted):
             state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []
             self._enter(state, WorkState.RETREAT, time if np.isfinite(time) else state.since)
         state.adrift |= verdict.reaction is Reaction.RISE or bool(state.lost_thrusters)
@@ -475,7 +475,7 @@ class SurfaceWork:
                 done, length = state.path_s / state.progress.length, state.progress.length
                 state.X_WB, v_hull = state.placement.hull_at(done), rate / length * state.placement.travel_W
             force, force_control = state.force, job.contactless is None
-        elif state.arm_held or np.isfinite(state.halted):
+        elif state.arm_held or math.isfinite(state.halted):
             pass  # the angles are held
         elif state.state in _OVER and state.placement is not None:
             back = self._way_back(state)

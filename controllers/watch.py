@@ -13,12 +13,11 @@
 A retreat ends in ABORT. Before there is anything to retreat from, the work is given up where the vehicle is.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
 
@@ -67,6 +66,9 @@ class Verdict:
     reason: str = ""
 
 
+_SOUND = Verdict(Reaction.GO_ON)
+
+
 def judge(
     job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float, faults: Sequence[Fault]
 ) -> Verdict:
@@ -76,13 +78,15 @@ def judge(
         _of_place(job, state, estimate),
         _of_contact(job, state, estimate, felt),
     )
+    if all(one is _SOUND for one in found):
+        return _SOUND
     return max(found, key=lambda one: _SEVERITY.index(one.reaction))
 
 
 def _of_faults(job: "Job", faults: Sequence[Fault], time: float) -> Verdict:
-    if not np.isfinite(time):
+    if not math.isfinite(time):
         return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
-    hardest, seen = Verdict(Reaction.GO_ON), []
+    hardest, seen = _SOUND, []
     for fault in faults:
         reaction = _AGAIN.get(fault.kind, REACTIONS[fault.kind]) if fault.kind in seen else REACTIONS[fault.kind]
         if fault.kind is FaultKind.VISION and time - fault.time > job.blind_time:
@@ -97,18 +101,18 @@ def _of_faults(job: "Job", faults: Sequence[Fault], time: float) -> Verdict:
 def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> Verdict:
     """The hull is carried away, or does not come to rest where it waits for that."""
     time = estimate.time
-    off = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.X_WB[:3, 3]))
+    off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
     waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
     late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
     if not waiting or state.joint_moves:
         state.still_since = time
     if state.state in _OVER:
-        return Verdict(Reaction.GO_ON)
+        return _SOUND
     if off > (job.lost_place_at_work if state.state in _TOUCHING else job.lost_place):
         return Verdict(Reaction.RISE, f"the hull cannot hold its place: {off:.2f} m off")
     if late:
         return Verdict(Reaction.RETREAT, f"the hull did not become quiet within {job.settle_limit:.0f} s")
-    return Verdict(Reaction.GO_ON)
+    return _SOUND
 
 
 def _of_contact(job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float) -> Verdict:
@@ -120,4 +124,4 @@ def _of_contact(job: "Job", state: "SupervisorState", estimate: StateEstimate, f
             state.contact_at = estimate.time
         elif estimate.time - state.contact_at > job.lost_time:
             return Verdict(Reaction.RETREAT, f"contact lost for {job.lost_time} s")
-    return Verdict(Reaction.GO_ON)
+    return _SOUND

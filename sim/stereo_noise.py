@@ -12,7 +12,12 @@ EDGE = 0.025  # relative jump of disparity between neighbours that counts as a d
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoNoise:
-    """Errors of a stereo camera, made in disparity: sigma_z = z^2 disparity_sigma / (f baseline)."""
+    """Errors of a stereo camera, made in disparity: sigma_z = z^2 disparity_sigma / (f baseline).
+
+    In turbid water the contrast that is left at range r is C = exp(-attenuation r) (Duntley 1963, "Light in the sea");
+    the error of a match grows as 1 / C, and there is none where the texture, whose strength differs from place to place
+    (Rayleigh, mean square 1), times C is below `least_contrast`: at a share of 1 - exp(-(least_contrast / C)^2).
+    """
 
     disparity_sigma: float = 0.25  # [px]
     baseline: float = 0.12  # [m]
@@ -20,10 +25,12 @@ class StereoNoise:
     disparity_step: float = 1.0 / 16.0  # [px] quantum of the matcher; 0: none
     flying: float = 0.5  # probability that a pair of pixels across a depth edge makes a flying pixel
     max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; nothing comes back beyond it
+    attenuation: float = 0.0  # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour (Petzold 1972)
+    least_contrast: float = 0.05  # that is matched, as a share of what the mean texture has in clear water
 
     def __post_init__(self) -> None:
-        for name in ("disparity_sigma", "correlation", "disparity_step"):
-            if not getattr(self, name) >= 0.0:
+        for name in ("disparity_sigma", "correlation", "disparity_step", "attenuation", "least_contrast"):
+            if not 0.0 <= getattr(self, name) < np.inf:
                 raise ConfigurationError(f"stereo noise: {name} must not be negative, got {getattr(self, name)}")
         if not self.baseline > 0.0:
             raise ConfigurationError(f"stereo noise: baseline must be positive, got {self.baseline}")
@@ -46,20 +53,42 @@ def add_noise(
     if noise.flying > 0.0:
         _mix_edges(disparity, noise.flying, rng)
     seen = disparity > 0.0
+    contrast = None
+    if noise.attenuation > 0.0:
+        contrast = np.exp(-noise.attenuation * np.where(seen, depth, 0.0) * _ray_lengths(depth.shape, focal))
     if noise.disparity_sigma > 0.0:
-        error = rng.standard_normal(depth.shape, dtype=np.float32)
-        if noise.correlation > 0.0:
-            # White noise through a Gaussian of width s is correlated as exp(-r^2 / (4 s^2)).
-            kernel = ndimage.gaussian_filter1d(np.eye(1, 65, 32)[0], 0.5 * noise.correlation, truncate=3.0)
-            error = ndimage.gaussian_filter(error, 0.5 * noise.correlation, truncate=3.0, mode="wrap")
-            error /= np.float32(kernel @ kernel)
-        disparity += np.float32(noise.disparity_sigma) * error
+        error = np.float32(noise.disparity_sigma) * _smooth_noise(depth.shape, noise.correlation, rng)
+        disparity += error if contrast is None else error / np.maximum(contrast, np.float32(1e-6))
+    if contrast is not None:
+        x, y = (_smooth_noise(depth.shape, noise.correlation, rng) for _ in range(2))
+        seen &= 0.5 * (x * x + y * y) * contrast**2 >= noise.least_contrast**2
     if noise.disparity_step > 0.0:
         disparity = np.rint(disparity / np.float32(noise.disparity_step)) * np.float32(noise.disparity_step)
     seen &= (disparity > 0.0) & (cosine >= np.cos(noise.max_incidence))
     result = np.full_like(depth, np.inf)
     np.divide(np.float32(focal * noise.baseline), disparity, out=result, where=seen)
     return result
+
+
+def _smooth_noise(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
+    """Normal numbers of variance 1, correlated over `correlation` [px]; a torus, so that the rim is like the middle."""
+    noise = rng.standard_normal(shape, dtype=np.float32)
+    if correlation == 0.0:
+        return noise
+    # White noise through a Gaussian of width s is correlated as exp(-r^2 / (4 s^2)).
+    width = 0.5 * correlation
+    middle = int(3.0 * width) + 1
+    kernel = ndimage.gaussian_filter1d(np.eye(1, 2 * middle + 1, middle)[0], width, truncate=3.0)
+    smooth = ndimage.gaussian_filter(noise, width, truncate=3.0, mode="wrap")
+    smooth /= np.float32(kernel @ kernel)
+    return smooth
+
+
+def _ray_lengths(shape: tuple[int, ...], focal: float) -> np.ndarray:
+    """Length (height, width) of each pixel's ray with unit z, float32."""
+    x = (np.arange(shape[1]) - 0.5 * (shape[1] - 1)) / focal
+    y = (np.arange(shape[0]) - 0.5 * (shape[0] - 1)) / focal
+    return np.sqrt(1.0 + x**2 + (y**2)[:, None]).astype(np.float32)
 
 
 def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generator) -> None:

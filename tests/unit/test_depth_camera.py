@@ -183,6 +183,32 @@ def test_disparity_is_quantised(within):
     assert len(np.unique(np.rint(disparity * 16.0))) > 10
 
 
+@pytest.mark.parametrize("correlation", [0.0, 5.0, 30.0])
+def test_sigma_is_that_stated_whatever_the_correlation(correlation: float, within):
+    noise = StereoNoise(flying=0.0, disparity_step=0.0, correlation=correlation)
+    frames = np.stack([flat_wall(1.0, noise, seed) - 1.0 for seed in range(4 if correlation < 10.0 else 40)])
+    within("sigma, relative", frames.std() / (0.25 / (554.0 * 0.12)) - 1.0, 0.05)
+
+
+def test_turbid_water(within):
+    """At contrast C = exp(-c r) the error is 1 / C times as large, and 1 - exp(-(m / C)^2) of the pixels are lost."""
+    clear, turbid = (StereoNoise(flying=0.0, disparity_step=0.0, attenuation=c) for c in (0.0, 1.5))
+    depth = np.full((480, 640), 1.2, dtype=np.float32)
+    focal = 5540.0  # so narrow that all rays are of one length, to 0.3 %
+    seen = []
+    for noise in (clear, turbid):
+        frames = [add_noise(depth, np.ones_like(depth), focal, noise, np.random.default_rng(s)) for s in range(6)]
+        seen.append(focal * 0.12 / np.stack(frames).astype(np.float64))
+    contrast = np.exp(-1.5 * 1.2)
+    assert np.all(seen[0] > 0.0)
+    lost = 1.0 - np.exp(-((0.05 / contrast) ** 2))
+    within("lost", (seen[1] == 0.0).mean() - lost, 0.01)
+    sigma = (seen[1][seen[1] > 0.0] - focal * 0.12 / 1.2).std()
+    within("sigma, relative", sigma * contrast / 0.25 - 1.0, 0.03)
+    dark = add_noise(depth * 8, np.ones_like(depth), focal, turbid, np.random.default_rng(0))
+    assert np.isinf(dark).mean() > 0.999
+
+
 def test_edges_fly_and_grazing_surfaces_vanish():
     depth = np.where(np.arange(640) < 320, 1.0, 2.0).astype(np.float32) * np.ones((480, 1), dtype=np.float32)
     cosine = np.ones_like(depth)
@@ -231,6 +257,7 @@ def test_impossible_cameras_are_refused(scene: mujoco.MjModel):
         (lambda: StereoNoise(flying=2.0), "flying"),
         (lambda: StereoNoise(max_incidence=2.0), "max_incidence"),
         (lambda: StereoNoise(disparity_sigma=-1.0), "disparity_sigma"),
+        (lambda: StereoNoise(attenuation=np.nan), "attenuation"),
     ):
         with pytest.raises(ConfigurationError, match=words):
             make()

@@ -179,19 +179,19 @@ class _Found:
 
 
 def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array | None) -> list[Array]:
-    """Poses (4, 4) to start from: the prior orientation, at the approach and over the cloud, or 24 over the cloud."""
+    """Poses (4, 4) to start from: the prior orientation, over the cloud and at the approach, or 24 over the cloud."""
     turns = [R_prior] if R_prior is not None else _distinct_turns(surface.target)
     centroid = evidence.points.mean(axis=0)
     starts = []
     for R in turns:
-        if approach is not None and R_prior is not None:
-            starts.append(pose(R, approach - R @ surface.center))
         # Pre-approach: centre of the visible model onto the centre of the cloud.
         X = pose(R, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
         visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() >= 10:
             X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
         starts.append(X)
+    if approach is not None and R_prior is not None:
+        starts.append(pose(R_prior, approach - R_prior @ surface.center))
     return starts
 
 
@@ -217,32 +217,39 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         first = sorted(first, key=lambda pair: -score(evidence, surface, pair[0]))[:_TRIED]
     rough: list[tuple[float, Array, Array]] = []
 
-    def attempt(X_near: Array, X_start: Array) -> None:
-        X = coarse_fit(evidence, surface, X_near)
+    def attempt(X_near: Array, X_start: Array, iterations: int = 18) -> None:
+        X = coarse_fit(evidence, surface, X_near, iterations)
         rough.append((score(evidence, surface, X), X, X_start))
+
+    def highest() -> float:
+        return max(item[0] for item in rough)
 
     for X_near, X_start in first:
         attempt(X_near, X_start)
+        if len(starts) <= _TRIED and highest() > _CONVINCING:
+            break  # the same attitude from another place would end in the same place
+    if highest() < _POOR and len(starts) <= _TRIED:
+        # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
+        R, center = starts[0][:3, :3], transform_points(starts[0], surface.center)
+        for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
+            R_leaning = exp_so3(lean) @ R
+            X_start = pose(R_leaning, center - R_leaning @ surface.center)
+            attempt(X_start, X_start)
+            if highest() > _CONVINCING:
+                break
+    # Only now that the attitude is as right as it gets: what can still be wrong is a slide along the object.
     best = max(rough, key=lambda item: item[0])[1]
     size = np.ptp(surface.points, axis=0)
     along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
     slides: list[float] = []
-    if max(item[0] for item in rough) < _CONVINCING:
-        # What can go wrong near a right attitude is a slide along the object; try again from both sides of it.
+    if highest() < _CONVINCING:
         slides = [-0.7, -0.35, 0.35, 0.7]
     if _cut_off(evidence, surface, best) > _MOSTLY_SEEN:
         # Of an object that goes on beyond the picture the part that tells where it ends may have slid out of it.
         slides += [-0.2, -0.1, 0.1, 0.2]
     for share in slides:
         X_start = best @ pose(p=share * along)
-        attempt(X_start, X_start)
-    if max(item[0] for item in rough) < _POOR:
-        # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
-        R, center = starts[-1][:3, :3], transform_points(starts[-1], surface.center)
-        for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
-            R_leaning = exp_so3(lean) @ R
-            X_start = pose(R_leaning, center - R_leaning @ surface.center)
-            attempt(X_start, X_start)
+        attempt(X_start, X_start, iterations=10)
     rough.sort(key=lambda item: -item[0])
     symmetry = surface.target.symmetry
     distinct: list[tuple[Array, Array]] = []

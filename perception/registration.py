@@ -7,6 +7,7 @@ their bias cancels.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,13 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 
 SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends where the sensor fails, not at an edge
 _WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
+_RASTER = 32  # [px]
 _MAX_SCAN_POINTS = 4000
 _COARSE_POINTS = 600
+_COARSE_MODEL = 5000  # of the model's points, of which a third or so is in view
 _PULL = 0.3  # weight of distances along the surface against those across it, while far off
 _REACH = 3.0  # [spacings] within which scan and model count as lying on each other
+_AT_REST = 0.01  # [spacings] a step below which another one with the same pairs is not worth its time
 _FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
 
 
@@ -67,15 +71,20 @@ class ModelSurface:
             scene=open3d_loader.ray_scene(target.vertices, target.triangles),
         )
 
-    def visible(self, X_ST: Array, scan: Scan, max_incidence: float) -> np.ndarray:
-        """Mask (M,) of the points that the sensor can see with the model at `X_ST`: in view, unhidden, not grazing."""
+    def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
+        """Mask (M,) of the points that the sensor can see with the model at `X_ST`: in view, unhidden, not grazing.
+
+        `step`: of every so many points only (the mask is of those).
+        """
+        points, normals = self.points[::step], self.normals[::step]
         origin = inverse(X_ST)[:3, 3]
-        rays = self.points - origin
+        rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
-        first = open3d_loader.cast_rays(self.scene, origin, rays)["t"] * distance
-        cosine = np.abs(np.einsum("ij,ij->i", rays, self.normals)) / np.maximum(distance, 1e-9)
-        inside = scan.pixels(transform_points(X_ST, self.points))[2]
-        return inside & (first > distance - 0.002) & (cosine > np.cos(max_incidence))
+        cosine = np.abs(np.einsum("ij,ij->i", rays, normals)) / np.maximum(distance, 1e-9)
+        seen = scan.pixels(transform_points(X_ST, points))[2] & (cosine > np.cos(max_incidence))
+        first = open3d_loader.cast_rays(self.scene, origin, rays[seen])["t"] * distance[seen]
+        seen[seen] = first > distance[seen] - 0.002
+        return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
         """Mask (N,) of the points (N, 3) [m] in S that lie in the picture of the model at `X_ST`."""
@@ -104,6 +113,7 @@ class Evidence:
     normals: Array  # (N, 3) towards the sensor
     sigma: Array  # (N,) [m]
     sensor: SensorModel
+    tree: cKDTree  # of the points
 
     @classmethod
     def of(cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel) -> "Evidence":
@@ -112,7 +122,7 @@ class Evidence:
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
         points, normals = points[::step], normals[::step]
-        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor)
+        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor, cKDTree(points))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,10 +150,9 @@ def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iteration
     step = max(1, len(evidence.points) // _COARSE_POINTS)
     points, normals, sigma = evidence.points[::step], evidence.normals[::step], evidence.sigma[::step]
     gates = np.geomspace(0.7 * surface.radius, 6.0 * surface.spacing, iterations)
-    scan_tree = cKDTree(evidence.points)
+    every = max(1, len(surface.points) // _COARSE_MODEL)
     for stage in np.array_split(gates, 5):
-        visible = np.nonzero(surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence))[0]
-        thin = visible[:: max(1, len(visible) // 1500)]
+        thin = every * np.nonzero(surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, every))[0]
         if len(thin) < 10:
             break
         model_points, model_normals = surface.points[thin], surface.normals[thin]
@@ -152,14 +161,12 @@ def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iteration
             H, g, _ = _plane_terms(
                 points, normals, sigma, model_points, model_normals, tree, X_ST, gate, _PULL, surface
             )
-            H_over, g_over = _overhang_terms(
-                evidence, scan_tree, model_points[:: len(thin) // 500 + 1], X_ST, gate, surface
-            )
+            H_over, g_over = _overhang_terms(evidence, model_points[:: len(thin) // 500 + 1], X_ST, gate, surface)
             X_ST, _ = _moved(X_ST, H + H_over, g + g_over, surface)
     return X_ST
 
 
-def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 3, inner: int = 4) -> Fit:
+def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> Fit:
     """The full fit: hidden points removed before each round, planes and depth edges together."""
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
     for gate in gates:
@@ -168,7 +175,10 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
             break
         for _ in range(inner):
             H, g, _ = pairing.terms(X_ST, gate)
+            X_before = X_ST
             X_ST, _ = _moved(X_ST, H, g, surface)
+            if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
+                break
     # What holds it is judged where it came to rest: on the way there it may have slid off all that did.
     pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
@@ -312,16 +322,13 @@ def _plane_terms(
         # Only where the model does not reach: elsewhere neighbours slide along with it and would hold it where it is.
         length = np.linalg.norm(offset, axis=1)
         pull = tangential * (length > _REACH * surface.spacing) / (1.0 + (length / gate) ** 2)
-        for axis in np.eye(3):
-            J = _rows(np.broadcast_to(axis, q.shape), q, X_ST, surface)
-            w = weight * pull
-            H += J.T @ (w[:, None] * J)
-            g += J.T @ (w * (offset @ axis))
+        H_pull, g_pull = _point_terms(weight * pull, offset, q, X_ST, surface)
+        H, g = H + H_pull, g + g_pull
     return H, g, float(np.sqrt(np.average(along**2, weights=weight)))
 
 
 def _overhang_terms(
-    evidence: Evidence, scan_tree: cKDTree, model_points: Array, X_ST: Array, gate: float, surface: ModelSurface
+    evidence: Evidence, model_points: Array, X_ST: Array, gate: float, surface: ModelSurface
 ) -> tuple[Array, Array]:
     """Normal equations (6, 6), (6,) of visible model points that stick out of the scan, drawn to its nearest points.
 
@@ -329,18 +336,24 @@ def _overhang_terms(
     """
     q = transform_points(X_ST, model_points)
     q = q[evidence.scan.pixels(q)[2]]
-    distance, index = scan_tree.query(q, distance_upper_bound=gate)
+    distance, index = evidence.tree.query(q, distance_upper_bound=gate)
     out = np.isfinite(distance) & (distance > _REACH * surface.spacing)
     if not out.any():
         return np.zeros((6, 6)), np.zeros(6)
     p, q, distance = evidence.points[index[out]], q[out], distance[out]
     weight = _PULL / (1.0 + (distance / gate) ** 2) ** 2 / (evidence.sensor.sigma(q[:, 2]) ** 2 + 1e-6)
-    H, g = np.zeros((6, 6)), np.zeros(6)
-    for axis in np.eye(3):
-        J = _rows(np.broadcast_to(axis, q.shape), q, X_ST, surface)
-        H += J.T @ (weight[:, None] * J)
-        g += J.T @ (weight * ((p - q) @ axis))
-    return H, g
+    return _point_terms(weight, p - q, q, X_ST, surface)
+
+
+def _point_terms(weight: Array, offset: Array, at: Array, X_ST: Array, surface: ModelSurface) -> tuple[Array, Array]:
+    """Normal equations (6, 6), (6,) of `offset` (N, 3) [m] from the model's points `at` (N, 3) [m] in S."""
+    arm = (at - transform_points(X_ST, surface.center)) / surface.radius
+    J = np.zeros((len(at), 3, 6))
+    J[:, [0, 1, 2], [0, 1, 2]] = 1.0
+    J[:, [0, 1, 2], [4, 5, 3]] = arm[:, [2, 0, 1]]
+    J[:, [0, 1, 2], [5, 3, 4]] = -arm[:, [1, 2, 0]]
+    weighted = (J * weight[:, None, None]).reshape(-1, 6)
+    return J.reshape(-1, 6).T @ weighted, weighted.T @ offset.ravel()
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
@@ -372,16 +385,26 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
     return X_SS @ X_ST, vectors[:, ~held].T
 
 
+def _step(A: Array, B: Array, surface: ModelSurface) -> float:
+    """How far [m] at most, about, a point of the model moves from pose `A` to `B` (4, 4)."""
+    center = transform_points(A, surface.center) - transform_points(B, surface.center)
+    turn = np.linalg.norm(A[:3, :3] - B[:3, :3]) / np.sqrt(2.0)
+    return float(np.linalg.norm(center) + surface.radius * turn)
+
+
 def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | None:
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
-    window = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
-    part = scan.part(window)
+    rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little.
+    rows, columns = (
+        slice(max(0, s.start - s.start % _RASTER), -(-s.stop // _RASTER) * _RASTER, s.step) for s in (rows, columns)
+    )
+    part = scan.part((rows, columns))
     if min(part.depth.shape) < 8:
         return None
+    of_scan, scan_outward = _scan_edges(evidence, rows.start, rows.stop, columns.start, columns.stop, rows.step)
     model, cosine = surface.seen(X_ST, part)
-    mask = evidence.mask[window]
-    of_scan = contour(part, mask, part.depth)
     covered = np.isfinite(model.depth)
     of_model = contour(model, covered, model.depth)
     if len(of_scan.rows) < 10 or len(of_model.rows) < 10:
@@ -389,11 +412,20 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     points = model.points[of_model.rows, of_model.columns]
     return _Edges(
         scan=of_scan,
-        scan_outward=outward(mask, part.depth, of_scan.rows, of_scan.columns),
+        scan_outward=scan_outward,
         model_points=transform_points(inverse(X_ST), points),
         model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
         model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
     )
+
+
+@lru_cache(maxsize=4)
+def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int) -> tuple[Contour, Array]:
+    """Depth edges of the scan in a window of pixels, and the directions (N, 2) across them."""
+    window = slice(top, bottom, step), slice(left, right, step)
+    part, mask = evidence.scan.part(window), evidence.mask[window]
+    found = contour(part, mask, part.depth)
+    return found, outward(mask, part.depth, found.rows, found.columns)
 
 
 def _edge_terms(

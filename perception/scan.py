@@ -7,6 +7,7 @@ sensor's image plane (Delaunay) and seen again through a virtual pinhole, so tha
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError, cKDTree
@@ -282,12 +283,59 @@ def voxel_means(points: Array, size: float) -> Array:
 
 def facing_normals(points: Array, neighbours: int = 20) -> Array:
     """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
-    tree = cKDTree(points)
-    near = points[tree.query(points, k=min(neighbours, len(points)))[1]]
-    offset = near - near.mean(axis=1, keepdims=True)
-    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
+    near = cKDTree(points).query(points, k=min(neighbours, len(points)))[1]
+    normals = _least_axes(points, near)
     normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
     return normals
+
+
+@njit(cache=True)
+def _least_axes(points: Array, near: np.ndarray) -> Array:
+    """Unit axes (N, 3) of least spread of the points `near` (N, k) each: the smallest principal component.
+
+    The smallest root of the characteristic polynomial in closed form (Smith 1961), the axis as the longest cross
+    product of two rows of C - root I, which is perpendicular to both.
+    """
+    axes = np.empty((len(near), 3))
+    C = np.empty((3, 3))
+    mean = np.empty(3)
+    for n in range(len(near)):
+        mean[:] = 0.0
+        for k in near[n]:
+            for i in range(3):
+                mean[i] += points[k, i] / near.shape[1]
+        C[:] = 0.0
+        for k in near[n]:
+            for i in range(3):
+                for j in range(i + 1):
+                    C[i, j] += (points[k, i] - mean[i]) * (points[k, j] - mean[j])
+        C[0, 1], C[0, 2], C[1, 2] = C[1, 0], C[2, 0], C[2, 1]
+        third = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
+        for i in range(3):
+            C[i, i] -= third
+        p = np.sqrt((C * C).sum() / 6.0)
+        axes[n] = 0.0
+        axes[n, 2] = 1.0
+        if p <= 1e-12 * third or p == 0.0:
+            continue  # spread alike to all sides: no axis is better than another
+        half = (
+            C[0, 0] * (C[1, 1] * C[2, 2] - C[1, 2] * C[2, 1])
+            - C[0, 1] * (C[1, 0] * C[2, 2] - C[1, 2] * C[2, 0])
+            + C[0, 2] * (C[1, 0] * C[2, 1] - C[1, 1] * C[2, 0])
+        ) / (2.0 * p**3)
+        root = 2.0 * p * np.cos(np.arccos(min(1.0, max(-1.0, half))) / 3.0 + 2.0 * np.pi / 3.0)
+        for i in range(3):
+            C[i, i] -= root
+        longest = 0.0
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            x = C[i, 1] * C[j, 2] - C[i, 2] * C[j, 1]
+            y = C[i, 2] * C[j, 0] - C[i, 0] * C[j, 2]
+            z = C[i, 0] * C[j, 1] - C[i, 1] * C[j, 0]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length > longest:
+                longest = length
+                axes[n, 0], axes[n, 1], axes[n, 2] = x / length, y / length, z / length
+    return axes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,10 +5,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 import perception
 from models import open3d_loader
@@ -16,7 +18,7 @@ from models.targets import Symmetry, TargetModel, barrel
 from perception.check import check
 from perception.identification import Identification, identify
 from perception.registration import ModelSurface
-from perception.scan import Scan, SensorModel
+from perception.scan import Scan, SensorModel, facing_normals
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage, EncoderMeasurement, StateEstimate
@@ -108,6 +110,33 @@ def test_objects_it_was_not_made_for(shape: Callable[[], TargetModel], within):
         within("position [m]", position, 5e-3)  # 1.1 mm
         within("angle [rad]", angle, np.deg2rad(2.0))  # 0.4 deg
         assert "none needed" in result.symmetry.policy
+
+
+def test_a_start_that_ends_across_is_leant_before_the_barrel_is_slid(
+    root: Path, monkeypatch: pytest.MonkeyPatch, within
+):
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    from _object_scenes import object_scene
+
+    scene = object_scene("barrel", 6)  # from this start a fit lies across the barrel, or 90 mm along it
+    found = identify(scene.scan, scene.target, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    off, turn = scene.error(found.X_sensor_target)
+    assert found.accepted, found.reason
+    within("position [m]", off, 0.005)  # 0.4 mm
+    within("attitude [deg]", np.rad2deg(turn), 0.5)  # 0.03 deg
+
+
+def test_normals_are_the_principal_components_of_least_spread(within):
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(500, 3)) * [1.0, 1.0, 0.05] + [0.0, 0.0, 5.0]
+    near = points[cKDTree(points).query(points, k=20)[1]]
+    offset = near - near.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", offset, offset))[1][:, :, 0]
+    found = facing_normals(points)
+    within("1 - |cosine|", np.abs(1.0 - np.abs(np.einsum("ni,ni->n", normals, found))).max(), 1e-13)  # 7e-16
+    assert np.all(np.einsum("ni,ni->n", found, points) <= 0.0)
+    flat = facing_normals(points * [1.0, 1.0, 0.0] + [0.0, 0.0, 2.0])
+    within("a plane's normal", np.abs(flat - [0.0, 0.0, -1.0]).max(), 1e-12)
 
 
 def test_unknown_attitude_is_searched_for(within):

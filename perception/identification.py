@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 
 from models.targets import TargetModel
-from perception.check import Check, check
+from perception.check import Check, Decision, check
 from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -58,6 +58,15 @@ class Identification:
     score: float  # share of model confirmed and scan explained, up to 2
     margin: float  # score above the best different pose tried; inf if there was none
     duration_s: float  # [s]
+
+    @property
+    def decision(self) -> Decision:
+        """What to do now: work on it, look again from another place, or leave it."""
+        if self.accepted:
+            return Decision.ACCEPT
+        if self.check is None or self.check.decision is Decision.ACCEPT:
+            return Decision.REFUSE  # nothing there to check, or what holds lies where it cannot be
+        return self.check.decision
 
 
 def identify(
@@ -106,11 +115,8 @@ def identify(
     X_ST = found.fit.X_ST.copy()
     reference = X_prior[:3, :3] if R_prior is not None else found.X_start[:3, :3]
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
-    verdict = check(evidence, surface, X_ST)
+    verdict = check(evidence, surface, X_ST, found.fit)
     reason = verdict.reason
-    # A declared axis leaves one motion free; whatever else this view leaves free was not measured but guessed.
-    if not reason and len(found.fit.free) > (surface.target.symmetry.axis is not None):
-        reason = "this view does not hold the whole pose: the model can slide or turn on what is seen"
     if not reason and p_approach is not None:
         astray = float(np.linalg.norm(transform_points(X_ST, surface.center) - p_approach))
         if astray > 1.5 * approach_error:

@@ -45,6 +45,7 @@ class Deviation:
     across: Array  # (N,) slope of the deviation across the path, [m]/[m]
     share: Array  # (N,) of the scan in the tool axis, 0 to 1, without steps
     on_scan: np.ndarray  # (N,) bool: a deviation beyond doubt
+    seen: np.ndarray  # (N,) bool: the scan was compared with the model there; elsewhere the path is a guess
     bridged: np.ndarray  # (N,) bool: in a hole of the scan, between what was seen on both sides
     threshold: Array  # (N,) [m] that a high and steep deviation must exceed
 
@@ -116,7 +117,7 @@ def deviate(
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
     share = _blur(on_scan.astype(float), step)
     return Deviation(
-        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, bridged=bridged,
+        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable, bridged=bridged,
         threshold=threshold,
     )  # fmt: skip
 

@@ -1,0 +1,81 @@
+"""Clean any known object under water: one of the library by name, or a mesh file with a path laid on it.
+
+As clean_barrel.py, but for the object. A named object is worked along one of its own paths. On a mesh file (metres)
+the path is a line over its top, along x, laid on the mesh from above.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from _contact_options import ContactOptions, coarse_detection
+from _job import ContactJob, run_contact_job
+
+from models import targets
+from models.targets import TargetModel
+from perception.path_shapes import laid_on, line
+from sim.interfaces.spatial import exp_so3, pose
+
+
+@dataclass(kw_only=True)
+class Options(ContactOptions):
+    """Clean a known object with a set force."""
+
+    object: str = "rock"
+    """A name of models.targets.available(), or a mesh file."""
+    path: str | None = None
+    """Name of one of the object's paths; the first of them by default."""
+    length: float = 0.3
+    """Of the line over a mesh [m]."""
+    least: float = 0.6
+    """Share of the path that must be within reach; the rest is left out at both ends, and said."""
+    range: float = 1.2
+    """From camera to object [m] at which it is scanned."""
+    vehicle: str = "uuv_puma"
+    """A name of models.available(), or an MJCF file with the named parts (README)."""
+
+
+def model_of(options: Options) -> TargetModel:
+    """The object that `options` ask for. Raises ConfigurationError where there is none, or no path on it."""
+    if not Path(options.object).suffix:
+        return targets.named(options.object)
+    target = TargetModel.from_file(options.object)
+    top = target.center + np.array([0.0, 0.0, target.radius])
+    half = np.array([0.5 * options.length, 0.0, 0.0])
+    over = laid_on(target, line(top - half, top + half), [0.0, 0.0, -1.0])
+    return target.with_path("over", over)
+
+
+def object_job(options: Options, rng: np.random.Generator) -> ContactJob:
+    """The job that `options` ask for; where the object lies and what is coarsely known of it is drawn from `rng`."""
+    target = model_of(options)
+    path = options.path or next(iter(target.paths), "none")
+    target.path(path)  # raises for an unknown one, with those there are
+    X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
+    approach, orientation = coarse_detection(X_WT, rng)
+    return ContactJob(
+        scenario="clean_object",
+        title=f"Cleaning: {target.name}, path {path!r}, seed {options.seed}",
+        target=target,
+        path=path,
+        least_share=options.least,
+        X_WT=X_WT,
+        approach_W=approach,
+        orientation_W=orientation,
+        scan_range=options.range,
+        vehicle=options.vehicle,
+        **options.of_job((60.0,) if options.quick else (60.0, 90.0, 60.0)),
+    )
+
+
+def main() -> int:
+    options = parse(Options)
+    rng = np.random.default_rng(options.seed)
+    return run_contact_job(object_job(options, rng), options, rng, started=time.perf_counter())
+
+
+if __name__ == "__main__":
+    run_scenario(main)

@@ -241,6 +241,7 @@ def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:
 def main() -> int:
     options = parse(Options)
     folder, console = options.folder("study_paths"), Console()
+    console.width = max(console.width, 110)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials
     results = {
         name: [trial(case, options.seed + i, options.judged) for i in range(trials)] for name, case in CASES.items()

@@ -117,8 +117,8 @@ def deviate(
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
     share = _blur(on_scan.astype(float), step)
     return Deviation(
-        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable, bridged=bridged,
-        threshold=threshold,
+        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable,
+        bridged=bridged, threshold=threshold,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from models.closed_shells import vertex_normals, welded
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 
-TOLERANCE = 3e-4  # [m] that a part may stand out of the surface
+TOLERANCE = 5e-4  # [m] that a part may stand out of the surface
 SUNK = 0.012  # [m] that a patch is sunk into the solid, at most
 _SAMPLE = 0.006  # [m] between the points of the surface at which a part is judged
 _UNDER = 1e-5  # [m] under the surface at which rays out of a part begin

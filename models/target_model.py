@@ -147,18 +147,21 @@ class TargetModel:
         """The same target with `path` added (or replaced) under `name`."""
         return replace(self, paths={**self.paths, name: path})
 
-    def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True) -> mujoco.MjsBody:
+    def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> mujoco.MjsBody:
         """Add the target to the world of `spec` at `X_WT` (4, 4), as a body and a main geom both named "target".
 
         Its other geoms are "target_<part>". Solids alone are both seen and felt. With hulls the mesh is what is seen,
         and what is felt, solids and hulls, is not drawn. With neither, the mesh is cut into hulls first, which takes
-        seconds for a large one. Returns the body, for the caller to set friction or colour.
+        seconds for a large one (a fouled barrel: half a minute); without `felt` it stays a picture, at once.
+        Returns the body, for the caller to set friction or colour.
         Raises ConfigurationError for a bad pose.
         """
         X = checked(X_WT, (4, 4), "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
-        hulls = self.hulls if self.solids or self.hulls else convex_parts.parts(self.vertices, self.triangles)
-        if hulls:
+        hulls = self.hulls
+        if felt and not (self.solids or hulls):
+            hulls = convex_parts.parts(self.vertices, self.triangles)
+        if hulls or not self.solids:
             spec.add_mesh(
                 name="target",
                 uservert=self.vertices.astype(np.float32).ravel(),

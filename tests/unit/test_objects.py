@@ -86,8 +86,8 @@ def test_object_is_felt_where_it_is_seen(name: str, within):
     assert len(off) > 100
     # The manifold's bores are polygons, at their corners 0.17 mm wider than the mesh.
     within("felt under the surface [m]", np.minimum(off, 0.0), 2e-3 if name == "manifold" else 1e-5)
-    # 0.3 mm and less; a ray that grazes may pass one and meet the other far off.
-    within("felt over the surface [m], all but 1 in 100", np.sort(off)[: int(0.99 * len(off))], 5e-4)
+    # 0.5 mm and less; a ray that grazes may pass one and meet the other far off.
+    within("felt over the surface [m], all but 1 in 100", np.sort(off)[: int(0.99 * len(off))], 8e-4)
     assert alone.mean() < 0.02
 
 

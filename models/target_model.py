@@ -16,6 +16,7 @@ from models import convex_parts, open3d_loader
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3, quat_wxyz_from_rotation, readonly
 
+LARGEST = 20.0  # [m] that a mesh is believed to be across
 PATH_STEP = 0.005  # [m], between points of a model path
 
 
@@ -198,17 +199,18 @@ class TargetModel:
         name: str | None = None,
         symmetry: Symmetry | None = None,
         paths: Mapping[str, ModelPath] | None = None,
-        scale: float = 1.0,
+        scale: float | None = None,
     ) -> "TargetModel":
         """A target from a mesh file in any format that Open3D reads (STL, PLY, OBJ, OFF, glTF).
 
-        `scale` takes the file's unit to metres (0.001 for millimetres). Raises ConfigurationError if the file is
-        missing, unreadable or without triangles, MissingLibraryError if Open3D cannot be imported.
+        `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a mesh larger than LARGEST
+        is refused. Raises ConfigurationError if the file is missing, unreadable or without triangles, or in a wrong
+        unit, MissingLibraryError if Open3D cannot be imported.
         """
         path = Path(file)
         if not path.is_file():
             raise ConfigurationError(f"target mesh: no file {str(path)!r}")
-        if not (np.isfinite(scale) and scale > 0.0):
+        if scale is not None and not (np.isfinite(scale) and scale > 0.0):
             raise ConfigurationError(f"target mesh: scale must be positive, got {scale}")
         o3d = open3d_loader.load()
         try:
@@ -222,9 +224,16 @@ class TargetModel:
             raise ConfigurationError(
                 f"target mesh {str(path)!r}: no triangles could be read (formats: STL, PLY, OBJ, OFF, glTF/GLB)"
             )
+        vertices = np.asarray(mesh.vertices) * (1.0 if scale is None else scale)
+        size = float(np.ptp(vertices, axis=0).max())
+        if scale is None and size > LARGEST:
+            raise ConfigurationError(
+                f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: millimetres? Give its "
+                "scale (0.001 for mm, 1 if it is so large)"
+            )
         return cls(
             name=name or path.stem,
-            vertices=np.asarray(mesh.vertices) * scale,
+            vertices=vertices,
             triangles=triangles,
             symmetry=symmetry or Symmetry(),
             paths=paths or {},

@@ -42,8 +42,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
         if not len(points):
             raise ConfigurationError(f"cloud {file}: no usable point is left; {'; '.join(notes)}")
 
-    kept(np.isfinite(points).all(axis=1), "not finite")
-    kept(points.any(axis=1), "at the origin, no return")
+    kept(np.asarray(np.isfinite(points).all(axis=1)), "not finite")
+    kept(np.asarray(points.any(axis=1)), "at the origin, no return")
     if scale is None:
         far = float((np.abs(points).max(axis=1) > FARTHEST).mean())
         if far > 0.02:

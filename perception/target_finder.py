@@ -9,6 +9,7 @@ from models.targets import ModelPath, TargetModel
 from perception.identification import APPROACH_ERROR, Identification, identify
 from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel
+from perception.sonar_cloud import without_lone_echoes
 from perception.toolpath import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
@@ -76,7 +77,7 @@ class KnownObjectFinder:
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = measurement.points, measurement.X_BS, self._sensor
+            seen, X_BC, sensor = without_lone_echoes(measurement.points), measurement.X_BS, self._sensor
         else:
             raise ConfigurationError(
                 f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"

@@ -106,7 +106,7 @@ class Sonar:
         *,
         beams: SonarBeams = BEAMS,
         noise: SonarNoise | None = NOISE,
-        echo: Literal["first", "strongest"] = "first",
+        echo: Literal["first", "strongest"] = "strongest",
         range_limits: tuple[float, float] = (0.3, 10.0),
         delay: float = 0.0,
         exclude: Collection[str] = (),

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from models import open3d_loader
+from models.targets import barrel
+from perception.identification import identify
+from perception.sonar_cloud import sonar_model, without_lone_echoes
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.protocols import Sensor
@@ -14,7 +17,7 @@ from sim.interfaces.spatial import Array, pose, rotation_from_z
 from sim.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from sim.tessellation import tessellate
 from sim.visible_world import Rays, VisibleWorld
-from tests.unit.depth_scenes import Poses
+from tests.unit.depth_scenes import Poses, seen_from
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W
 PENCIL = SonarBeams(rows=1, columns=1, width=0.0)
@@ -125,13 +128,12 @@ def test_first_echo_of_a_leaning_wall(lean: float, within):
     """r = h / cos(lean - a), where a is how far the ring of rays lies off the beam's axis."""
     model, data = wall(np.array([np.sin(lean), 0.0, -np.cos(lean)]), 2.0)
     width = np.deg2rad(1.2)
-    sonar = Sonar(model, "world", np.eye(4), beams=SonarBeams(rows=1, columns=1, width=width), noise=None)
+    one = SonarBeams(rows=1, columns=1, width=width)
+    sonar = Sonar(model, "world", np.eye(4), beams=one, noise=None, echo="first")
     r = sonar.ping(data, np.random.default_rng(0))[0, 0, 2]
     off = min(lean, 0.8 * 0.5 * width)
     within("first echo [m]", r - 2.0 * np.cos(lean) / np.cos(lean - off), 2e-5)
-    strongest = Sonar(
-        model, "world", np.eye(4), beams=SonarBeams(rows=1, columns=1, width=width), noise=None, echo="strongest"
-    )
+    strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None, echo="strongest")
     within("strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3)
 
 
@@ -171,7 +173,7 @@ def test_pointing_error_shows_on_a_leaning_wall(within):
     width = np.deg2rad(1.2)
     beams = SonarBeams(rows=40, columns=40, elevation=1e-3, azimuth=1e-3, width=width)
     noise = SonarNoise(outliers=0.0, range_share=0.0, range_cell=0.0)
-    sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=noise)
+    sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=noise, echo="first")
     r = np.linalg.norm(sonar.ping(data, np.random.default_rng(0)), axis=-1)
     within("sigma, relative", r.std() / (2.0 * np.tan(0.8) * 0.25 * width) - 1.0, 0.1)
 
@@ -209,6 +211,25 @@ def test_same_state_same_ping_in_the_step_loop():
     assert not np.array_equal(one.points, other.points, equal_nan=True)
 
 
+def test_barrel_is_found_in_a_sonar_scan(within):
+    """With 3 % of the echoes astray, seen so that both its end and its side show."""
+    target = barrel()
+    X_ST = seen_from(np.array([1.0, -0.9, 0.8]))
+    spec = mujoco.MjSpec()
+    target.add_to(spec, X_ST)
+    model = spec.compile()
+    sonar, truth = Sonar(model, "world", np.eye(4)), Poses.of(model)
+    points = sonar.step(sonar.init(np.random.default_rng(0)), truth)[1].points
+    clean = without_lone_echoes(points)
+    off = np.abs(np.linalg.norm(clean, axis=-1) - np.linalg.norm(X_ST[:3, 3]))
+    assert (np.linalg.norm(points, axis=-1) > 3.0).sum() > 50
+    assert np.nanmax(off) < 1.0
+    sensor = sonar_model(np.deg2rad(60.0) / 95)
+    found = identify(clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor)
+    assert found.accepted, found.reason
+    within("position [m]", found.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
+
+
 def test_impossible_sonars_are_refused():
     model, data = world(ONE_OF_EACH)
     for make, words in (
@@ -224,6 +245,8 @@ def test_impossible_sonars_are_refused():
         (lambda: SonarBeams(rows=0), "beam"),
         (lambda: SonarBeams(azimuth=4.0), "azimuth"),
         (lambda: SonarBeams(width=np.nan), "width"),
+        (lambda: without_lone_echoes(np.zeros((5, 3))), "organised|H, W"),
+        (lambda: sonar_model(0.0), "pitch"),
         (lambda: SonarNoise(outliers=2.0), "outliers"),
         (lambda: SonarNoise(range_share=-1.0), "range_share"),
         (lambda: SonarNoise(max_incidence=2.0), "max_incidence"),

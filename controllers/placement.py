@@ -145,7 +145,7 @@ def place(
     # As the hull sees them: on a path that comes towards it as it goes.
     done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
-    poses = [_seen(_tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
+    poses = [_seen(tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
     mounting = _Mounting.of(vehicle.X_BA)
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
@@ -162,7 +162,7 @@ def place(
             return False
         better = False
         for roll, tool in zip(rolls, poses, strict=True):
-            margin, reached, q_start = _try(
+            margin, reached, q_start = try_poses(
                 vehicle, chain, X_WB, tool, planes, gone, force, search.arm_clearance, best.margin if best else 0.0
             )
             furthest = max(furthest, reached)
@@ -173,7 +173,7 @@ def place(
                 best_yaw, better = yaw, True
         return better
 
-    for base, yaw in mounting.candidates(path, middle, _reach(chain), search):
+    for base, yaw in mounting.candidates(path, middle, reach(chain), search):
         consider(base, yaw)
     for step in search.refinements:
         while best is not None:
@@ -252,7 +252,7 @@ def _skin(obstacle: Array, hull: ConvexHull) -> Array:
     return np.vstack(points)
 
 
-def _try(
+def try_poses(
     vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, gone: Array, force: float,
     clearance: float, to_beat: float,
 ) -> tuple[float, float, Array | None]:  # fmt: skip
@@ -285,7 +285,7 @@ def _try(
     return float(margin), 1.0, q_start
 
 
-def _tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
+def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
     """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m], then back off it."""
     along = [tool_pose(path, s, roll)[0] for s in shares]
     steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
@@ -313,23 +313,28 @@ def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) ->
 
     Left out are the first two, which hardly move, and the last two, which go with the tool that is there to touch.
     """
-    moved = []  # a joint's centre is moved by the joints before it
+    moved = joint_centres(chain, q)[2 : chain.n - 2]
+    if not len(moved):
+        return np.inf
+    p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
+    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+
+
+def joint_centres(chain: Chain, q: Array) -> Array:
+    """Places (n, 3) [m] of the joints in the arm's base at angles `q` (n,)."""
+    centres = np.empty((chain.n, 3))  # a joint's centre is moved by the joints before it
     X = np.eye(4)
     for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
-        if 1 < i < chain.n - 2:
-            moved.append(X[:3, :3] @ point + X[:3, 3])
+        centres[i] = X[:3, :3] @ point + X[:3, 3]
         if kind == "p":
             X = X @ pose(p=axis * q[i])
         else:
             R = exp_so3(axis * q[i])
             X = X @ pose(R, point - R @ point)
-    if not moved:
-        return np.inf
-    p_W = (np.array(moved) - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
-    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+    return centres
 
 
-def _reach(chain: Chain) -> float:
+def reach(chain: Chain) -> float:
     """Length [m] of the arm laid out straight: from joint to joint, to the tip."""
     stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())

@@ -3,8 +3,8 @@
 Paper 004, first section. Seen from a vehicle above it a seabed is a height over the ground plane, so the cloud is
 triangulated by Delaunay in that plane: no parameter, no normals, one height at each place, edges that a vertical plane
 cuts in order. Ball pivoting leaves holes wherever the density changes, and Poisson invents soil where nothing was
-measured, which is where a sampler must not go (scripts/bench_seabed.py has the figures). Overhangs are not shown: what
-lies under one cannot be reached from above either. Two surfaces one above the other are refused.
+measured, which is where a sampler must not go (`scripts/study_seabed.py --speed` has the figures). Overhangs are not
+shown: what lies under one cannot be reached from above either. Two surfaces one above the other are refused.
 
 Frame S is that of the cloud (paper: Oxyz of the hull); `up` is its vertical, the paper's z.
 """

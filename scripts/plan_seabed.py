@@ -1,0 +1,98 @@
+"""From a cloud of the seabed and targets over it to the tool's path on it: points T_j with their axes, and a picture.
+
+The cloud is a text file (x y z a line), PLY or PCD; the targets are a text file of points B_i and the direction z
+(paper 004). A cloud that is no surface, a hole under a target, a relief that is too rough: one line and exit code 2.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from perception.terrain_files import read_cloud, read_targets
+from perception.terrain_path import SeabedPlan, plan_seabed_work, speed_law
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Lay a tool path on a seabed."""
+
+    cloud: Path
+    """Text, PLY or PCD [m]."""
+    targets: Path
+    """Text: points B_i, three numbers a line, and a line `z X Y Z`."""
+    width: float = 0.1
+    """Of the tool [m]: the axes are those of the ground as it meets it."""
+    speed: float = 0.02
+    """Along the path [m/s]."""
+    out: Path = Path("runs/plan_seabed")
+    """Folder for profile.csv, path.csv and plan.png."""
+
+
+def picture(plan: SeabedPlan) -> Figure:
+    """From above, the mesh coloured by how well it is known; from aside, the profile with its axes."""
+    terrain = plan.terrain
+    ground, A = terrain.ground(terrain.vertices), terrain.ground(plan.targets.A)
+    figure = Figure(figsize=(11, 5), layout="constrained")
+    above, aside = figure.subplots(1, 2)
+    colour = above.tripcolor(ground[:, 0], ground[:, 1], terrain.triangles, 1e3 * terrain.sigma, shading="gouraud")
+    figure.colorbar(colour, ax=above, label="standard error of the height [mm]")
+    above.triplot(ground[:, 0], ground[:, 1], terrain.triangles, lw=0.1, color="k")
+    above.plot(A[:, 0], A[:, 1], "r^", label="targets $A_i$")
+    above.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="surface from above")
+    if plan.profile is not None and plan.path is not None:
+        T, a, n = (each @ terrain.R_ground.T for each in (plan.profile.T, plan.profile.a, plan.profile.n))
+        above.plot(T[:, 0], T[:, 1], "r-", lw=1, label="profile")
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(T[:, :2], axis=0), axis=1))])
+        path = terrain.ground(plan.path.p)
+        far = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))])
+        aside.plot(far, path[:, 2], "-", color="0.6", lw=3, label="cubic B-spline")
+        aside.plot(along, T[:, 2], "k.", ms=4, label="$T_j$")
+        way = np.gradient(T[:, :2], axis=0)
+        way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
+        for vectors, shade, label in ((a, "tab:blue", "$a_j$"), (n, "tab:red", "$n_j$")):
+            level = np.einsum("ij,ij->i", vectors[:, :2], way)
+            some = slice(None, None, max(1, len(T) // 15))
+            aside.quiver(along[some], T[some, 2], level[some], vectors[some, 2], color=shade, width=0.003, label=label)
+        aside.plot(along[plan.profile.target], T[plan.profile.target, 2], "r^")
+        aside.set(aspect="equal", xlabel="along the profile [m]", ylabel="height [m]", title="profile")
+        aside.margins(0.1, 0.6)
+        aside.legend(fontsize="small")
+    above.legend(fontsize="small")
+    return figure
+
+
+def main() -> int:
+    options = parse(Options)
+    cloud = read_cloud(options.cloud)
+    B, z = read_targets(options.targets)
+    plan = plan_seabed_work(cloud, B, z, width=options.width)
+    options.out.mkdir(parents=True, exist_ok=True)
+    console = Console()
+    terrain, relief = plan.terrain, plan.relief
+    console.print(
+        f"{terrain.points} points, {terrain.outliers} left out; noise {1e3 * terrain.noise:.1f} mm; "
+        f"{len(terrain.triangles)} triangles; slope {np.degrees(relief.slope):.1f} deg, roughness "
+        f"{1e3 * relief.roughness:.1f} mm; {plan.duration_s:.2f} s",
+        highlight=False,
+    )
+    for i, (A, sigma) in enumerate(zip(plan.targets.A, plan.targets.sigma, strict=True), start=1):
+        console.print(f"A_{i}: {A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm", highlight=False)
+    if plan.profile is not None and plan.path is not None:
+        rows = np.column_stack([plan.profile.T, plan.profile.a, plan.profile.n])
+        np.savetxt(options.out / "profile.csv", rows, "%.6f", ",", header="x,y,z,a_x,a_y,a_z,n_x,n_y,n_z", comments="")
+        law = speed_law(plan.path, options.speed)
+        rows = np.column_stack([law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x])
+        head = "time,s,speed,x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"
+        np.savetxt(options.out / "path.csv", rows, "%.6f", ",", header=head, comments="")
+    picture(plan).savefig(options.out / "plan.png", dpi=120)
+    console.print(f"written to {options.out}/", highlight=False)
+    return 0
+
+
+if __name__ == "__main__":
+    run_scenario(main)

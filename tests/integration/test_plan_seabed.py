@@ -1,0 +1,56 @@
+"""Seabed work as a user has it: files in, a path out, and bad files in one line."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from models.seabed import seabed
+
+
+def run(root, script, *options):
+    command = [sys.executable, f"scripts/{script}.py", *map(str, options)]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def files(tmp_path):
+    rng = np.random.default_rng(0)
+    ground = seabed("ripples", rng, half=1.0)
+    xy = rng.uniform(-1.0, 1.0, (4000, 2))
+    np.savetxt(tmp_path / "cloud.txt", np.column_stack([xy, ground.height(xy)]))
+    (tmp_path / "targets.txt").write_text("z 0 0 1\n-0.4 0 1\n0.4 0.1 1\n0.2 0.5 1\n", "utf-8")
+    return tmp_path, ground
+
+
+def test_a_path_from_files(root, files, within):
+    folder, ground = files
+    given = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
+    done = run(root, "plan_seabed", *given, "--out", folder)
+    assert done.returncode == 0, done.stderr
+    T = np.loadtxt(folder / "profile.csv", delimiter=",", skiprows=1)
+    path = np.loadtxt(folder / "path.csv", delimiter=",", skiprows=1)
+    within("profile [m]", T[:, 2] - ground.height(T), 0.03)
+    within("path [m]", path[:, 5] - ground.height(path[:, 3:5]), 0.03)
+    assert np.all(np.diff(path[:, 0]) > 0.0)
+    assert (folder / "plan.png").stat().st_size > 20_000
+
+
+def test_bad_files_end_in_one_line(root, files):
+    folder, _ = files
+    (folder / "empty.txt").touch()
+    done = run(root, "plan_seabed", "--cloud", folder / "empty.txt", "--targets", folder / "targets.txt")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "the file is empty" in done.stderr
+
+
+def test_study_of_terrains(root, tmp_path):
+    done = run(root, "study_seabed", "--terrains", 2, "--beam", 2, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    runs = json.loads((tmp_path / "study.json").read_text("utf-8"))["runs"]
+    assert [run["kind"] for run in runs] == ["flat", "ripples"]
+    for each in runs:
+        assert each["refused"] or each["hull_to_true_ground_m"] > 0.25

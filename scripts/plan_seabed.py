@@ -37,8 +37,8 @@ def picture(plan: SeabedPlan) -> Figure:
     """From above, the mesh coloured by how well it is known; from aside, the profile with its axes."""
     terrain = plan.terrain
     ground, A = terrain.ground(terrain.vertices), terrain.ground(plan.targets.A)
-    figure = Figure(figsize=(11, 5), layout="constrained")
-    above, aside = figure.subplots(1, 2)
+    figure = Figure(figsize=(9, 10), layout="constrained")
+    above, aside = figure.subplots(2, 1, height_ratios=(3, 1.4))
     colour = above.tripcolor(ground[:, 0], ground[:, 1], terrain.triangles, 1e3 * terrain.sigma, shading="gouraud")
     figure.colorbar(colour, ax=above, label="standard error of the height [mm]")
     above.triplot(ground[:, 0], ground[:, 1], terrain.triangles, lw=0.1, color="k")
@@ -57,11 +57,16 @@ def picture(plan: SeabedPlan) -> Figure:
         for vectors, shade, label in ((a, "tab:blue", "$a_j$"), (n, "tab:red", "$n_j$")):
             level = np.einsum("ij,ij->i", vectors[:, :2], way)
             some = slice(None, None, max(1, len(T) // 15))
-            aside.quiver(along[some], T[some, 2], level[some], vectors[some, 2], color=shade, width=0.003, label=label)
+            aside.quiver(
+                along[some], T[some, 2], level[some], vectors[some, 2], color=shade, label=label, width=0.003,
+                angles="xy", scale_units="xy", scale=18.0 / along[-1],
+            )  # fmt: skip
         aside.plot(along[plan.profile.target], T[plan.profile.target, 2], "r^")
         aside.set(aspect="equal", xlabel="along the profile [m]", ylabel="height [m]", title="profile")
-        aside.margins(0.1, 0.6)
-        aside.legend(fontsize="small")
+        middle = float(np.mean([T[:, 2].min(), T[:, 2].max()]))
+        half = max(0.75 * float(np.ptp(T[:, 2])), 0.15 * along[-1], 0.06)
+        aside.set_ylim(middle - half, middle + half)
+        aside.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     above.legend(fontsize="small")
     return figure
 

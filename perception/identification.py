@@ -39,6 +39,19 @@ class FreeMotion:
     twists: Array  # (k, 6) (linear; angular x radius) in S about the model's centre, that this view does not hold
     policy: str  # how the free part was chosen
 
+    @property
+    def angle_known(self) -> bool:
+        """Whether the turn about the axis was measured: never, where a target declares one. It is then chosen."""
+        return self.axis is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A pose that the full fit came to rest at."""
+
+    X_sensor_target: Array  # (4, 4) pose of T in S
+    score: float  # share of model confirmed and scan explained, up to 2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
@@ -56,7 +69,8 @@ class Identification:
     evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
     surface: ModelSurface  # the model as it was matched
     score: float  # share of model confirmed and scan explained, up to 2
-    margin: float  # score above the best different pose tried; inf if there was none
+    margin: float  # score above the best different pose that was fitted; inf if there was none
+    hypotheses: tuple[Hypothesis, ...]  # poses that differ, best first: the first is the one reported
     duration_s: float  # [s]
 
     @property
@@ -136,6 +150,7 @@ def identify(
         surface=surface,
         score=found.score,
         margin=found.margin,
+        hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), score=found.score), *found.others),
         duration_s=perf_counter() - started,
     )
 
@@ -181,7 +196,11 @@ class _Found:
     fit: Fit
     X_start: Array
     score: float
-    margin: float
+    others: tuple[Hypothesis, ...]
+
+    @property
+    def margin(self) -> float:
+        return self.score - self.others[0].score if self.others else np.inf
 
 
 def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array | None) -> list[Array]:
@@ -221,6 +240,7 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         # Many attitudes: a short fit from each tells which are worth a whole one.
         first = [(coarse_fit(evidence, surface, X, iterations=7), X) for X in starts]
         first = sorted(first, key=lambda pair: -score(evidence, surface, pair[0]))[:_TRIED]
+    one_attitude = all(np.array_equal(X[:3, :3], starts[0][:3, :3]) for X in starts)
     rough: list[tuple[float, Array, Array]] = []
 
     def attempt(X_near: Array, X_start: Array, iterations: int = 18) -> None:
@@ -232,9 +252,9 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
 
     for X_near, X_start in first:
         attempt(X_near, X_start)
-        if len(starts) <= _TRIED and highest() > _CONVINCING:
+        if one_attitude and highest() > _CONVINCING:
             break  # the same attitude from another place would end in the same place
-    if highest() < _POOR and len(starts) <= _TRIED:
+    if one_attitude and highest() < _POOR:
         # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
         R, center = starts[0][:3, :3], transform_points(starts[0], surface.center)
         for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
@@ -270,12 +290,13 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
     )
     best_score, fit, X_start = ranked[0]
-    margin = np.inf
+    poses, others = [fit.X_ST], []
     for other_score, other, _ in ranked[1:]:
-        p, a = symmetry.error(other.X_ST, fit.X_ST)
-        if p > 2.0 * surface.spacing or a > np.deg2rad(5.0):
-            margin = min(margin, best_score - other_score)
-    return _Found(fit, X_start, best_score, float(margin))
+        apart = [symmetry.error(other.X_ST, X) for X in poses]
+        if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
+            poses.append(other.X_ST)
+            others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), score=other_score))
+    return _Found(fit, X_start, best_score, tuple(others))
 
 
 def _cut_off(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
@@ -311,6 +332,7 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
         surface=surface,
         score=-1.0,
         margin=0.0,
+        hypotheses=(),
         duration_s=perf_counter() - started,
     )
 

@@ -149,6 +149,20 @@ def test_unknown_attitude_is_searched_for(within):
     position, angle = target.symmetry.error(result.X_sensor_target, X_CT @ pose(exp_so3([0, 0, 2.5])))
     within("position [m]", position, 5e-3)
     within("angle [rad]", angle, np.deg2rad(2.0))
+    assert result.symmetry.angle_known
+
+
+def test_attitudes_that_fit_alike_are_all_told(frame: DepthImage):
+    lone = replace(BARREL, symmetry=Symmetry())  # nobody says that its turns look the same
+    result = identify(Scan.from_depth(frame), lone, VIEW[:3, 3])
+    first, *others = result.hypotheses
+    assert others
+    assert not result.accepted
+    scores = [each.score for each in result.hypotheses]
+    assert scores == sorted(scores, reverse=True)
+    assert result.margin == scores[0] - scores[1]
+    for other in others:
+        assert lone.symmetry.error(other.X_sensor_target, first.X_sensor_target)[1] > np.deg2rad(5.0)
 
 
 def test_clouds_without_a_grid(surface: ModelSurface, frame: DepthImage, within):
@@ -170,6 +184,9 @@ def test_result_tells_how_it_came_about(found: Identification, within):
     assert np.array_equal(found.symmetry.axis, [1, 0, 0])
     assert "nearest to the coarse orientation" in found.symmetry.policy
     assert len(found.symmetry.twists) == 1
+    assert not found.symmetry.angle_known
+    assert found.hypotheses[0].score == found.score
+    assert np.array_equal(found.hypotheses[0].X_sensor_target, found.X_sensor_target)
     assert 0 < len(found.model_after) < len(found.model_before)
     assert not found.X_sensor_target.flags.writeable
     within("free angle [rad]", np.linalg.norm(found.X_sensor_target[:3, :3] - VIEW[:3, :3]), 0.5)

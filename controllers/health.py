@@ -198,31 +198,23 @@ class Health:
 
     def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits = self.limits
-        thrust = np.array([thrust_at(curve, speed) for curve, speed in zip(self._curves, state.speed, strict=True)])
-        scaled = self._scale * (state.missing - state.missing_usual)
-        size = float(np.linalg.norm(scaled))
-        bound = limits.hull_force + limits.hull_share * float(np.abs(thrust).sum()) + limits.hull_speed * speed
+        size, asked, best, share = _explain(
+            state.missing, state.missing_usual, self._scale, self._B, self._curves, state.speed, self._telling,
+            limits.thruster_leftover,
+        )  # fmt: skip
+        bound = limits.hull_force + limits.hull_share * asked + limits.hull_speed * speed
         if size < 0.7 * bound or not warm:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
             state.missing_usual += learn * (state.missing - state.missing_usual)
-        best, share = self._suspect(scaled, thrust)
         low, high = limits.thruster_loss
-        for i in range(len(thrust)):
-            suspected = warm and size > bound and i == best and low < share < high
-            state.lost_for[i] = state.lost_for[i] + dt if suspected else 0.0
-            if state.lost_for[i] > limits.thruster_confirm:
-                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[i], i, time)
-
-    def _suspect(self, scaled: Array, thrust: Array) -> tuple[int, float]:
-        """The thruster that explains best what is missing, and the share of its thrust that is; -1 if none does."""
-        columns = self._scale[:, None] * self._B
-        best, share, least = -1, 0.0, self.limits.thruster_leftover * float(np.linalg.norm(scaled))
-        for i in np.flatnonzero(self._telling):
-            lost = -float(columns[:, i] @ scaled) / float(columns[:, i] @ columns[:, i])
-            left = float(np.linalg.norm(scaled + lost * columns[:, i]))
-            if left < least and lost * thrust[i] > 0.0:
-                best, share, least = int(i), lost / float(thrust[i]), left
-        return best, share
+        lost_for = 0.0
+        if warm and size > bound and best >= 0 and low < share < high:
+            lost_for = float(state.lost_for[best]) + dt
+        state.lost_for[:] = 0.0
+        if lost_for > 0.0:
+            state.lost_for[best] = lost_for
+            if lost_for > limits.thruster_confirm:
+                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time)
 
 
 @numba.njit(cache=True)
@@ -315,3 +307,34 @@ def _hull(
     gained = inertia @ rate
     for i in range(6):
         missing[i] = gained[i] + rest[i]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _explain(missing, usual, scale, B, curve, speed, telling, leftover):
+    """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together; the
+    thruster that explains it best, -1 if none leaves less than the share `leftover`, and the share of its thrust.
+    """
+    best, share = -1, 0.0
+    square, asked = 0.0, 0.0
+    for k in range(6):
+        square += (scale[k] * (missing[k] - usual[k])) ** 2
+    size = np.sqrt(square)
+    least = leftover * size
+    for t in range(speed.shape[0]):
+        thrust = thrust_at(curve[t], speed[t])
+        asked += abs(thrust)
+        if not telling[t]:
+            continue
+        along, own = 0.0, 0.0
+        for k in range(6):
+            column = scale[k] * B[k, t]
+            along += column * scale[k] * (missing[k] - usual[k])
+            own += column * column
+        lost, left = -along / own, 0.0
+        for k in range(6):
+            left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
+        left = np.sqrt(left)
+        if left < least and lost * thrust > 0.0:
+            best, share, least = t, lost / thrust, left
+    return size, asked, best, share

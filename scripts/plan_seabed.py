@@ -37,7 +37,7 @@ def picture(plan: SeabedPlan) -> Figure:
     """From above, the mesh coloured by how well it is known; from aside, the profile with its axes."""
     terrain = plan.terrain
     ground, A = terrain.ground(terrain.vertices), terrain.ground(plan.targets.A)
-    figure = Figure(figsize=(9, 10), layout="constrained")
+    figure = Figure(figsize=(9, 9.5), layout="compressed")
     above, aside = figure.subplots(2, 1, height_ratios=(3, 1.4))
     colour = above.tripcolor(ground[:, 0], ground[:, 1], terrain.triangles, 1e3 * terrain.sigma, shading="gouraud")
     figure.colorbar(colour, ax=above, label="standard error of the height [mm]")
@@ -94,7 +94,7 @@ def main() -> int:
         rows = np.column_stack([law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x])
         head = "time,s,speed,x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"
         np.savetxt(options.out / "path.csv", rows, "%.6f", ",", header=head, comments="")
-    picture(plan).savefig(options.out / "plan.png", dpi=120)
+    picture(plan).savefig(options.out / "plan.png", dpi=120, bbox_inches="tight")
     console.print(f"written to {options.out}/", highlight=False)
     return 0
 

@@ -233,8 +233,13 @@ def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:
                     off = 1e3 * np.where(seen, path["profile"]["off"], np.nan)
                     axes.plot(path["profile"]["s"], off, color=f"C{k}", linewidth=0.8)
         axes.axhspan(-1e3 * BOUND, 1e3 * BOUND, color="0.9")
-        axes.set(title=name, ylabel="off the true surface [mm]", ylim=(-8, 8))
-    figure.supxlabel("along the path [m]")
+        axes.set(title=f"{name}; grey: the bound", ylabel="off the true surface [mm]")
+        names = next((list(found["paths"]) for found in trials if found["paths"]), [])
+        for k, path_name in enumerate(names):
+            axes.plot([], [], color=f"C{k}", label=path_name)
+        if names:
+            axes.legend(fontsize="small", loc="upper right")
+    figure.supxlabel("along the path [m], where seen; a line a seed")
     figure.savefig(file, dpi=110)
 
 

@@ -38,6 +38,7 @@ PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
 WITHOUT_ONE = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
 HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
 GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] of what least thrusts cannot give
+_ROUNDING = 1e-12  # share of the longest lever below which a lever is rounding
 _ROUNDS = 4  # over the thrusters, at most, in search of a better branch
 _EFFORT = 1e-10  # share of the mean square weight of a thruster in the wrench that its effort weighs
 _BEYOND = 1e3  # times what all thrusters together can give: a wrench that asks for the most there is
@@ -76,6 +77,8 @@ class Allocation:
     ) -> None:
         self._of = (vehicle, levels, effort, headroom, lost)
         self._B = np.where(lost, 0.0, vehicle.thruster_wrench)
+        longest = np.abs(self._B).max(initial=0.0)
+        self._B[np.abs(self._B) < _ROUNDING * longest] = 0.0  # else rounding would count as a direction of its own
         m = self._B.shape[1]
         self._order = np.array([axis for level in levels for axis in level])
         self._rows = self._B[self._order]

@@ -282,7 +282,7 @@ class UrdfChain:
 
 def urdf_chain(root: ET.Element, file: Path, base: str | None, tip: str | None) -> UrdfChain:
     """The chain between two links of a URDF; by default its root and its only leaf."""
-    joints = {joint.find("child").get("link"): joint for joint in root.iter("joint") if joint.find("child") is not None}  # type: ignore[union-attr]
+    joints = {child.get("link"): joint for joint in root.iter("joint") if (child := joint.find("child")) is not None}
     links = [str(link.get("name")) for link in root.iter("link")]
     if not links:
         raise ConfigurationError(f"arm {file}: the URDF has no links")
@@ -290,7 +290,7 @@ def urdf_chain(root: ET.Element, file: Path, base: str | None, tip: str | None) 
         if name is not None and name not in links:
             raise ConfigurationError(f"--{word}: the URDF has no link {name!r}; it has {', '.join(links)}")
     if tip is None:
-        parents = {joint.find("parent").get("link") for joint in joints.values() if joint.find("parent") is not None}  # type: ignore[union-attr]
+        parents = {up.get("link") for joint in joints.values() if (up := joint.find("parent")) is not None}
         leaves = [link for link in links if link not in parents and link in joints]
         if len(leaves) != 1:
             raise ConfigurationError(f"arm {file}: --tip: which link touches? the leaves are {', '.join(leaves)}")

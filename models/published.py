@@ -80,11 +80,11 @@ def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
 
 def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: ArrayLike) -> None:
     """Give `body` its mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m^2] about that centre, body axes."""
-    I = np.asarray(inertia, dtype=np.float64)  # noqa: E741 (the symbol of inertia)
+    about = np.asarray(inertia, dtype=np.float64)
     body.explicitinertial = True
     body.mass = mass
     body.ipos = center
-    body.fullinertia = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
+    body.fullinertia = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
 
 
 def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.terrain_files import read_cloud
+from perception.point_files import read_cloud
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 

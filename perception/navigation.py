@@ -123,6 +123,12 @@ class NavigationState:
     tau: Array
 
 
+_IMU = ImuNoise(
+    acceleration=2.5e-3, acceleration_bias=6e-3, rate=2e-4, rate_bias=1e-4, attitude=5e-5, attitude_bias=5e-4
+)
+_DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Navigation:
     """Estimator (`sim.interfaces.protocols.Estimator`).
@@ -131,11 +137,9 @@ class Navigation:
     """
 
     period: float = 0.002  # [s]
-    imu: ImuNoise = ImuNoise(  # noqa: RUF009  (frozen)
-        acceleration=2.5e-3, acceleration_bias=6e-3, rate=2e-4, rate_bias=1e-4, attitude=5e-5, attitude_bias=5e-4
-    )
-    dvl: DvlNoise = DvlNoise(white=3e-3)  # noqa: RUF009
-    vision: VisionNoise = VisionNoise(white=2e-3)  # noqa: RUF009
+    imu: ImuNoise = _IMU
+    dvl: DvlNoise = _DVL
+    vision: VisionNoise = _VISION
     bias_walk: float = 5e-6  # [m/s^2] per square root of second
     rate_bias_walk: float = 1e-7  # [rad/s] per square root of second
     adapt: bool = True  # believe a sensor less when its innovations are too large

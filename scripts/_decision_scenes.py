@@ -9,9 +9,9 @@ from functools import cache
 
 import mujoco
 import numpy as np
-from _object_scenes import OBJECTS, ObjectScene, object_scene, target_of
+from _object_scenes import ObjectScene, object_scene, target_of
 
-from models import open3d_loader
+from models import open3d_loader, targets
 from models.targets import Solid, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -25,7 +25,7 @@ KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it can
     "absent": False,
 }
 UNEVEN = "uneven starfish"
-NAMES: tuple[str, ...] = (*OBJECTS, UNEVEN)
+NAMES: tuple[str, ...] = (*targets.available(), UNEVEN)
 _FINE = 60_000  # triangles at which a mesh is no longer divided
 _RAYS = 4  # [px] between the rays by which hiding is measured
 

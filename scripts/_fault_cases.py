@@ -57,7 +57,7 @@ FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # begin before the scan
 
 
-class Enough(Exception):  # noqa: N818
+class EnoughError(Exception):
     """The run has shown what there is to see."""
 
 
@@ -106,7 +106,7 @@ class Bystander:
              float(truth.collision), *truth.thrust)
         )  # fmt: skip
         if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
-            raise Enough
+            raise EnoughError
 
     def trace(self, blew_up: str = "") -> Trace:
         return Trace(
@@ -154,7 +154,7 @@ class Branch:
         if self._ready * 0.002 > 0.5 and self._child is None:  # half a second of full push
             self._fork(moment, [case for case in self._onsets if case not in AT_START])
             if self._child is None:
-                raise Enough
+                raise EnoughError
 
     def _fork(self, moment: Moment, cases: list[str]) -> None:
         for case in cases:
@@ -228,7 +228,7 @@ def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], No
     branch, blew_up = Branch(onsets, said), ""
     try:
         rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch])
-    except Enough:
+    except EnoughError:
         pass
     except Exception as error:
         blew_up = f"{type(error).__name__}: {error}"

@@ -4,7 +4,7 @@ The world is the camera's frame C. A seed gives the same scene whatever the sens
 compared scene by scene.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
@@ -12,7 +12,6 @@ import mujoco
 import numpy as np
 
 from models import targets
-from models.manifold import manifold
 from models.targets import TargetModel
 from perception.scan import Scan, SensorModel
 from sim.depth_camera import DepthCamera, StereoNoise
@@ -30,11 +29,6 @@ from sim.interfaces.spatial import (
 )
 
 FOCAL = 554.0  # [px] of a picture of 640 x 480
-OBJECTS: Mapping[str, Callable[[], TargetModel]] = {
-    "barrel": targets.barrel,
-    "pile": targets.pile,
-    "manifold": lambda: manifold().target,
-}
 # What a camera looks at where the middle of the object says nothing: p_T [m], and heights above the horizon [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
@@ -85,10 +79,8 @@ class ObjectScene:
 
 @cache
 def target_of(name: str) -> TargetModel:
-    """The object `name`; raises ConfigurationError, with the names there are, if it is unknown."""
-    if name not in OBJECTS:
-        raise ConfigurationError(f"no object {name!r}; there are {sorted(OBJECTS)}")
-    return OBJECTS[name]()
+    """The object `name` with its usual options; raises ConfigurationError, with the names there are, if unknown."""
+    return targets.named(name)
 
 
 def object_scene(

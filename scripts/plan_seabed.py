@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from perception.terrain_files import read_cloud, read_targets
+from perception.point_files import read_cloud, read_targets
 from perception.terrain_path import SeabedPlan, plan_seabed_work, speed_law
 
 

@@ -13,12 +13,13 @@ from time import process_time
 from typing import Any, Literal
 
 import numpy as np
-from _object_scenes import OBJECTS, SENSORS, object_scene, target_of
+from _object_scenes import SENSORS, object_scene, target_of
 from _pool import run_all
 from _start import parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
+from models import targets
 from perception.identification import identify
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
@@ -30,7 +31,7 @@ FOUND = (0.01, 5.0)  # of range, deg
 class Options:
     """Random scenes for identification."""
 
-    objects: tuple[str, ...] = tuple(OBJECTS)
+    objects: tuple[str, ...] = targets.available()
     """Names of objects."""
     sensors: tuple[str, ...] = tuple(SENSORS)
     """Names of sensors."""

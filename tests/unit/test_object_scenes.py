@@ -45,10 +45,10 @@ def test_a_seed_gives_one_scene_and_a_start_within_its_limits():
 
 
 def test_other_objects_and_none():
-    from _object_scenes import OBJECTS, object_scene
+    from _object_scenes import object_scene, target_of
 
-    one, none = (object_scene("barrel", 1, there=OBJECTS["manifold"](), absent=absent) for absent in (False, True))
-    covered = np.isfinite(ModelSurface.of(OBJECTS["manifold"]()).seen(one.X_CT, one.scan)[0].depth)
+    one, none = (object_scene("barrel", 1, there=target_of("manifold"), absent=absent) for absent in (False, True))
+    covered = np.isfinite(ModelSurface.of(target_of("manifold")).seen(one.X_CT, one.scan)[0].depth)
     assert np.nanmedian((none.image.depth - one.image.depth)[covered]) > 0.1
 
 

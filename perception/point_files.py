@@ -1,4 +1,4 @@
-"""Files of seabed work: clouds as text, PLY or PCD, and the text file of targets B_i and direction z (paper 004)."""
+"""Files of points: clouds as text, PLY or PCD, and the text file of targets B_i and direction z (paper 004)."""
 
 from pathlib import Path
 

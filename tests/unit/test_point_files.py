@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models import open3d_loader
-from perception.terrain_files import read_cloud, read_targets
+from perception.point_files import read_cloud, read_targets
 from sim.interfaces.errors import ConfigurationError
 
 

@@ -115,7 +115,7 @@ def object_scene(
 
     spec = mujoco.MjSpec()
     if not absent:
-        shown.add_to(spec, X_CT)
+        shown.add_to(spec, X_CT, felt=False)
     if gap is not None:
         floor = _lowest(shown) - float(ground.uniform(*gap))
         _add_seabed(spec, X_CT, floor)

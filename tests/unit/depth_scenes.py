@@ -56,7 +56,7 @@ def look(
 ) -> DepthImage:
     """A frame of `target` at `X_CT` on its stand, on a floor."""
     spec = mujoco.MjSpec()
-    target.add_to(spec, X_CT)
+    target.add_to(spec, X_CT, felt=False)
     if floor:
         add_floor(spec, X_CT)
     return shoot(spec, rng, noise)

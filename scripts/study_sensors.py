@@ -143,8 +143,7 @@ def picture(path: Path, seed: int, ranges: tuple[float, float]) -> None:
     model, _ = scene(np.random.default_rng([seed, 0]), barrel(), ranges)
     figure = Figure(figsize=(16, 3.6), layout="constrained")
     axes = figure.subplots(1, len(CAMERAS) + 1)
-    colors = colormaps["RdBu"].copy()
-    colors.set_bad("0.2")
+    colors = colormaps["RdBu"].with_extremes(bad="0.2")
     for panel, name in zip(axes, (*CAMERAS, SONAR), strict=True):
         error = 1e3 * depth_error(look(name, model, seed), model)
         limit = 500.0 if name == "port, calibrated in air" else 50.0

@@ -1,13 +1,17 @@
-"""Set up for every test: our rooms and no others, tolerances that scale together."""
+"""Set up for every test: our rooms and no others, tolerances that scale together, scripts as a user runs them."""
 
 import os
+import sys
+from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 import sim
 from sim.interfaces.errors import MissingLibraryError
+from sim.startup import run_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
@@ -51,7 +55,7 @@ def root() -> Path:
 
 
 @pytest.fixture
-def within(capsys: pytest.CaptureFixture[str]):
+def within(capfd: pytest.CaptureFixture[str]):
     """`within(name, residual, tolerance)`: the largest |residual| must not exceed the tolerance.
 
     UUV_TOLERANCE_SCALE multiplies every tolerance; 0 prints the residuals beside them and fails none.
@@ -60,10 +64,37 @@ def within(capsys: pytest.CaptureFixture[str]):
     def check(name: str, residual: object, tolerance: float) -> None:
         largest = float(np.max(np.abs(np.asarray(residual, dtype=np.float64))))
         if SCALE == 0.0:
-            with capsys.disabled():
+            with capfd.disabled():
                 print(f"\n{name}: {largest:.3g} (tolerance {tolerance:.3g})", end="")
             return
         limit = tolerance * SCALE
         assert largest <= limit, f"{name}: {largest:.3g}, tolerance {limit:.3g}"
 
     return check
+
+
+class Run(NamedTuple):
+    """What came of a script, named as in subprocess.CompletedProcess."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+    """`script(name, *arguments)`: what scripts/name.py does, in this process, since starting one takes seconds."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(name: str, *arguments: object) -> Run:
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, arguments)])
+        module = import_module(name)
+        capfd.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            run_scenario(module.main)
+        said = capfd.readouterr()
+        return Run(int(stop.value.code or 0), said.out, said.err)
+
+    return run

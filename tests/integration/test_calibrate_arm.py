@@ -2,10 +2,8 @@
 
 import json
 import os
-import sys
-from importlib import import_module
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,34 +14,15 @@ from calib.arm import Arm
 from calib.arm_files import read_arm
 from calib.touch_files import write_touches
 from models import arms
-from sim.startup import run_scenario
 
 # A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
 REAL = os.environ.get("UUV_REAL_TOUCHES", "")
 JOINTS = tuple(f"joint{k}" for k in range(1, 7))
 
 
-class Run(NamedTuple):
-    returncode: int
-    stdout: str
-    stderr: str
-
-
 @pytest.fixture
-def calibrate(root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """`calibrate(*arguments)`: the script, in this process, since starting one costs more than a calibration."""
-    monkeypatch.syspath_prepend(str(root / "scripts"))
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: object) -> Run:
-        monkeypatch.setattr(sys, "argv", ["calibrate_arm.py", *map(str, arguments)])
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            run_scenario(import_module("calibrate_arm").main)
-        said = capsys.readouterr()
-        return Run(int(stop.value.code or 0), said.out, said.err)
-
-    return run
+def calibrate(script):
+    return partial(script, "calibrate_arm")
 
 
 @pytest.fixture(scope="module")

@@ -107,11 +107,11 @@ NAMELESS = """
         pytest.param(["--current", "nan", "0", "0"], None, "current", id="current is no number"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, vehicle, said):
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, vehicle, said):
     if vehicle is not None:
         (tmp_path / "vehicle.xml").write_text(vehicle(), encoding="utf-8")
         options = [*options, "--vehicle", str(tmp_path / "vehicle.xml")]
-    done = clean_barrel(root, tmp_path / "out", *options)
+    done = script("clean_barrel", "--quick", "--no-record", "--out", tmp_path / "out", *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

@@ -80,8 +80,8 @@ def test_it_kept_its_distance(runs):
         pytest.param(["--vehicle", "uuv_puma"], "", id="arm under the hull"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, said):
-    done = clean_pile(root, tmp_path / "out", *options)
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):
+    done = script("clean_pile", "--quick", "--no-record", "--out", tmp_path / "out", *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

@@ -1,20 +1,13 @@
 """The scripts around inverse kinematics as a user runs them: short ones, their figures and files."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 
-def run(root: Path, script: str, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, f"scripts/{script}.py", *options]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
-
-
-def test_the_gimbal_lock_is_passed_within_the_speed_limit(root: Path, tmp_path: Path) -> None:
-    done = run(root, "track_singularity", "--quick", "--speed-limit", "0.12", "--out", str(tmp_path))
+def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
+    done = script("track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
@@ -28,8 +21,8 @@ def test_the_gimbal_lock_is_passed_within_the_speed_limit(root: Path, tmp_path: 
     assert {"run.rrd", "track_singularity.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_the_servo_arm_does_all_three_experiments(root: Path, tmp_path: Path) -> None:
-    done = run(root, "servo_arm", "--quick", "--out", str(tmp_path))
+def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> None:
+    done = script("servo_arm", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -42,9 +35,9 @@ def test_the_servo_arm_does_all_three_experiments(root: Path, tmp_path: Path) ->
     assert {"single_solution.png", "motions.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_the_benchmark_writes_its_tables(root: Path, tmp_path: Path) -> None:
+def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
     options = ("--arms", "puma560", "--targets", "10", "--rates", "50", "--limits", "180", "--links", "6", "24", "48")
-    done = run(root, "bench_ik", *options, "--repeats", "1", "--no-peers", "--out", str(tmp_path))
+    done = script("bench_ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
     assert done.returncode in (0, 1), done.stdout + done.stderr  # 1: too few targets for the rate of jacobian_free
     assert done.stderr == ""
     results = json.loads((tmp_path / "bench_ik.json").read_text())
@@ -55,14 +48,14 @@ def test_the_benchmark_writes_its_tables(root: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("script", "options", "culprit"),
+    ("name", "options", "culprit"),
     [
         ("bench_ik", ("--arms", "puma"), "'puma'"),
         ("track_singularity", ("--speed", "0"), "--speed"),
     ],
 )
-def test_bad_input_ends_in_one_line(root: Path, script: str, options: tuple[str, ...], culprit: str) -> None:
-    done = run(root, script, *options)
+def test_bad_input_ends_in_one_line(script, name: str, options: tuple[str, ...], culprit: str) -> None:
+    done = script(name, *options)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert culprit in done.stderr

@@ -1,9 +1,6 @@
 """The insertion as a user runs it: one whole run that must feel its way in, its figures, and bad inputs in one line."""
 
 import json
-import subprocess
-import sys
-from pathlib import Path
 
 import jsonschema
 import pytest
@@ -16,20 +13,15 @@ open3d_loader.load()  # without its system libraries there is no identification:
 BOUNDS = InsertionBounds()
 
 
-def insert_sampler(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/insert_sampler.py", "--quick", "--no-record", "--out", str(out), *options]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _compiled() -> None:
     """The notice of a first start is said here, before the runs whose words are tested."""
     hydrodynamics.install()
 
 
-def test_a_sampler_goes_in_and_comes_out(root, tmp_path):
+def test_a_sampler_goes_in_and_comes_out(script, tmp_path):
     """Aimed 5 mm beside the hole as found, more than the clearance: it cannot go in without touching and giving way."""
-    done = insert_sampler(root, tmp_path, "--error", "5", "0")
+    done = script("insert_sampler", "--quick", "--no-record", "--out", tmp_path, "--error", 5, 0)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "accepted" in done.stdout
     metrics = json.loads((tmp_path / "metrics.json").read_text(encoding="utf-8"))
@@ -63,8 +55,8 @@ def test_figures_of_a_trial_that_broke_down_fit_the_schema():
         pytest.param(["--range", "40"], "not identified", id="camera sees nothing"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, said):
-    done = insert_sampler(root, tmp_path, *options)
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):
+    done = script("insert_sampler", "--quick", "--no-record", "--out", tmp_path, *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

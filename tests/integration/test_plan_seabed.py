@@ -1,18 +1,11 @@
 """Seabed work as a user has it: files in, a path out, and bad files in one line."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from models.seabed import seabed
-
-
-def run(root, script, *options):
-    command = [sys.executable, f"scripts/{script}.py", *map(str, options)]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -25,10 +18,10 @@ def files(tmp_path):
     return tmp_path, ground
 
 
-def test_a_path_from_files(root, files, within):
+def test_a_path_from_files(script, files, within):
     folder, ground = files
     given = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
-    done = run(root, "plan_seabed", *given, "--out", folder)
+    done = script("plan_seabed", *given, "--out", folder)
     assert done.returncode == 0, done.stderr
     T = np.loadtxt(folder / "profile.csv", delimiter=",", skiprows=1)
     path = np.loadtxt(folder / "path.csv", delimiter=",", skiprows=1)
@@ -38,17 +31,17 @@ def test_a_path_from_files(root, files, within):
     assert (folder / "plan.png").stat().st_size > 20_000
 
 
-def test_bad_files_end_in_one_line(root, files):
+def test_bad_files_end_in_one_line(script, files):
     folder, _ = files
     (folder / "empty.txt").touch()
-    done = run(root, "plan_seabed", "--cloud", folder / "empty.txt", "--targets", folder / "targets.txt")
+    done = script("plan_seabed", "--cloud", folder / "empty.txt", "--targets", folder / "targets.txt")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "the file is empty" in done.stderr
 
 
-def test_study_of_terrains(root, tmp_path):
-    done = run(root, "study_seabed", "--terrains", 2, "--beam", 2, "--out", tmp_path)
+def test_study_of_terrains(script, tmp_path):
+    done = script("study_seabed", "--terrains", 2, "--beam", 2, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     runs = json.loads((tmp_path / "study.json").read_text("utf-8"))["runs"]
     assert [run["kind"] for run in runs] == ["flat", "ripples"]

@@ -55,8 +55,8 @@ def test_two_runs_are_the_same_whoever_does_them(root, tmp_path):
         pytest.param(["--ablate", "luck"], "'luck': allowed compensation", id="unknown method"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, said):
-    done = study(root, tmp_path, *options)
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):
+    done = script("study_contact", "--out", tmp_path, *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

@@ -1,17 +1,11 @@
 """The study of identification: what it writes is what it measured."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 
-def test_one_scene_of_each_sensor(root: Path, tmp_path: Path):
-    run = subprocess.run(
-        [sys.executable, "scripts/study_identification.py", "--objects", "manifold", "--scenes", "1",
-         "--out", tmp_path],
-        cwd=root, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_one_scene_of_each_sensor(script, tmp_path: Path):
+    run = script("study_identification", "--objects", "manifold", "--scenes", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     rows = json.loads((tmp_path / "scenes.json").read_text())
     assert [row["sensor"] for row in rows] == ["stereo", "white"]
@@ -22,10 +16,7 @@ def test_one_scene_of_each_sensor(root: Path, tmp_path: Path):
     assert (tmp_path / "errors.png").stat().st_size > 10_000
 
 
-def test_unknown_object_is_refused(root: Path):
-    run = subprocess.run(
-        [sys.executable, "scripts/study_identification.py", "--objects", "teapot"],
-        cwd=root, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+def test_unknown_object_is_refused(script):
+    run = script("study_identification", "--objects", "teapot")
     assert run.returncode == 2
     assert "manifold" in run.stderr

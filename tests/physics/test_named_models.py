@@ -507,7 +507,7 @@ def test_it_hovers(name, within):
 # ------------------------------------------------------------------------------------------------- bring your own
 
 
-def test_vehicle_of_the_readme_floats_and_hovers(root, within, capsys):
+def test_vehicle_of_the_readme_floats_and_hovers(root, within, capfd):
     """The README's vehicle from scratch, as it stands there."""
     section = (root / "README.md").read_text().partition("## Bring your own")[2]
     code = next(
@@ -516,7 +516,7 @@ def test_vehicle_of_the_readme_floats_and_hovers(root, within, capsys):
     assert len(code.splitlines()) < 30
     names: dict[str, Any] = {}
     exec(compile(code, "README.md", "exec"), names)
-    assert "nan" not in capsys.readouterr().out
+    assert "nan" not in capfd.readouterr().out
     plant = next(value for value in names.values() if isinstance(value, Plant))
     net, arm = lever(plant.model, plant.data)
     within("README: net weight [N]", net, 1e-9)

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -27,14 +26,6 @@ def readme_commands() -> list[str]:
     lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
     commands = [line.strip().removeprefix("$ ") for line in lines]
     return [command for command in commands if command.startswith("./uvw ")]
-
-
-@cache
-def help_of(script: Path) -> str:
-    """What the script prints for --help."""
-    run = subprocess.run([sys.executable, script, "--help"], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    return run.stdout
 
 
 def modules_after(statement: str) -> set[str]:
@@ -97,8 +88,9 @@ def without_uv_options(words: list[str]) -> list[str]:
     return words
 
 
-def test_readme_commands_are_true():
+def test_readme_commands_are_true(script):
     commands = readme_commands()
+    helps: dict[str, str] = {}  # by script
     assert commands, "the README must tell a newcomer what to run"
     for command in commands:
         words = shlex.split(command, comments=True)
@@ -109,10 +101,14 @@ def test_readme_commands_are_true():
         if not program.endswith(".py"):
             assert shutil.which(program, path=str(Path(sys.executable).parent)), command
             continue
-        script = ROOT / program
-        assert script.is_file(), f"{command}: no such script"
+        file = ROOT / program
+        assert file.is_file(), f"{command}: no such script"
+        if program not in helps:
+            said = script(file.stem, "--help")
+            assert said.returncode == 0, said.stderr
+            helps[program] = said.stdout
         for option in (word.partition("=")[0] for word in options if re.match(r"--[a-z]", word)):
-            assert re.search(rf"(?<![\w-]){option}(?![\w-])", help_of(script)), f"{command}: {option} is not in --help"
+            assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), f"{command}: {option} is not in --help"
 
 
 def test_ci_runs_what_a_newcomer_is_told_to():

@@ -20,6 +20,16 @@ if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
     pytest.exit(f"{sim.__file__} hides the room {ROOT / 'sim'}; rename it or take it off PYTHONPATH", returncode=2)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """A process for each core, up to four (half a GB each), for all tests; those named are sooner done in this one.
+
+    What tests print is lost in other processes, so residuals are asked of one.
+    """
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    return min(os.cpu_count() or 1, 4) if whole and SCALE != 0.0 else 0
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup():
     return (yield from skipping())
@@ -52,6 +62,14 @@ def skipping():
 def root() -> Path:
     """The repository."""
     return ROOT
+
+
+@pytest.fixture(params=[1, 2, "fresh"])
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """Two fixed seeds and one that is new in every run; pytest shows it when the test fails."""
+    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
+    print(f"seed {seed}")
+    return np.random.default_rng(seed)
 
 
 @pytest.fixture

@@ -1,10 +1,9 @@
-"""Every physics test runs with the callback installed; random ones run with fixed seeds and a fresh one.
+"""Every physics test runs with the callback installed.
 
 `@pytest.mark.check(name, reference)` puts a test on the validation page: `scripts/validate_physics.py` runs those tests
 and shows one line for each name. What `within` was given travels there in the test's report.
 """
 
-import os
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -22,14 +21,6 @@ def installed() -> Iterator[None]:
     hydrodynamics.install()
     yield
     hydrodynamics.uninstall()
-
-
-@pytest.fixture(params=[1, 2, 3, "fresh"])
-def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """Three fixed seeds and one that is new in every run; pytest shows it when the test fails."""
-    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
-    print(f"seed {seed}")
-    return np.random.default_rng(seed)
 
 
 @pytest.fixture

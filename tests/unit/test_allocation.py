@@ -1,7 +1,6 @@
 """Allocation against the plant's thrusters, SciPy's bounded least squares, and the conditions of optimality."""
 
 import itertools
-import os
 from dataclasses import replace
 from typing import Any
 
@@ -24,13 +23,6 @@ W = np.array(GAP_WEIGHTS)
 @pytest.fixture(scope="module")
 def vehicle() -> Vehicle:
     return Vehicle.of(models.load("uuv_puma").compile())
-
-
-@pytest.fixture(params=[1, 2, "fresh"])
-def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
-    print(f"seed {seed}")
-    return np.random.default_rng(seed)
 
 
 def eight() -> Array:

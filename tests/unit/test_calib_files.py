@@ -1,6 +1,5 @@
 """Arms and touches from files, and back: what is read is the arm, what is written is the identified one."""
 
-import secrets
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
@@ -16,8 +15,6 @@ from calib.touch_files import read_touches, write_touches
 from models import arm_geometry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
-
-SEEDS = (0, 1, 2, secrets.randbits(32))
 
 
 def random_arm(rng: np.random.Generator, types: str = "rrprrr") -> Arm:
@@ -49,9 +46,7 @@ def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
     return np.array(out)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(seed, tmp_path, within):
-    rng = np.random.default_rng(seed)
+def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(rng, tmp_path, within):
     arm, tcp = random_arm(rng), rng.uniform(-0.2, 0.2, 3)
     limits, names = np.tile([-2.0, 2.0], (arm.n, 1)), tuple(f"j{k}" for k in range(arm.n))
     q = rng.uniform(-1, 1, (20, arm.n))
@@ -77,9 +72,7 @@ URDF = """<robot name="r"><link name="b"/><link name="l1"/><link name="f"/><link
 
 
 @pytest.mark.parametrize("tip", ["t", "l3"])
-@pytest.mark.parametrize("seed", SEEDS)
-def test_corrected_urdf_is_the_identified_arm(seed, tip, tmp_path, within):
-    rng = np.random.default_rng(seed)
+def test_corrected_urdf_is_the_identified_arm(rng, tip, tmp_path, within):
     (tmp_path / "a.urdf").write_text(URDF)
     source = read_arm(tmp_path / "a.urdf", tip=tip)
     assert source.arm.joint_types == "rrp"
@@ -92,9 +85,7 @@ def test_corrected_urdf_is_the_identified_arm(seed, tip, tmp_path, within):
     within("corrected URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_mjcf_patch_is_the_identified_arm(seed, tmp_path, within):
-    rng = np.random.default_rng(seed)
+def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):
     (tmp_path / "v.xml").write_text(models.load("uuv_puma").to_xml())
     source = read_arm(tmp_path / "v.xml")
     arm, tcp = off(source.arm, rng), rng.uniform(-0.01, 0.01, 3)
@@ -214,9 +205,7 @@ def test_degrees_beside_radians_are_refused(tmp_path):
     np.testing.assert_array_equal(turns.series[0], [[10, 20], [30, 40]])
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_arm_on_a_moving_base(seed, within):
-    rng = np.random.default_rng(seed)
+def test_arm_on_a_moving_base(rng, within):
     arm, X_BA = random_arm(rng, "rrrrrr"), pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))
     longer = moving_base.on_moving_base(arm, X_BA)
     q = rng.uniform(-1, 1, (10, 6))

@@ -1,6 +1,5 @@
 """The momentum observer against the plant's true external torque, its designed lag, and Newton-Euler."""
 
-import os
 from dataclasses import dataclass
 
 import mujoco
@@ -37,13 +36,6 @@ ODD_ARM = """
           </body></body></body></body></body></worldbody>
   <actuator><motor name="j1" joint="j1" ctrlrange="-9 9"/><motor name="j2" joint="j2" ctrlrange="-9 9"/>
     <motor name="j3" joint="j3" ctrlrange="-9 9"/></actuator></mujoco>"""
-
-
-@pytest.fixture(params=[1, 2, "fresh"])
-def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
-    print(f"seed {seed}")
-    return np.random.default_rng(seed)
 
 
 def odd_arm(rng: np.random.Generator) -> mujoco.MjSpec:

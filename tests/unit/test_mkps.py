@@ -79,13 +79,6 @@ def arm_case(
     return chain, q, [dh_forward(dh, types, values, tool) for values in q], home
 
 
-@pytest.fixture(params=[0, 1, "fresh"])
-def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    seed = np.random.SeedSequence().entropy if request.param == "fresh" else request.param
-    print(f"seed {seed}")  # pytest shows it when the test fails
-    return np.random.default_rng(seed)
-
-
 def hull_arm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(HULL_ARM)
 

@@ -1,21 +1,12 @@
 """Least squares by levels against SciPy's sequential programmes, Kuhn and Tucker's conditions, and what order means."""
 
 import itertools
-import os
 
 import numpy as np
-import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
 from controllers.priorities import prioritised
 from sim.interfaces.spatial import Array
-
-
-@pytest.fixture(params=[1, 2, "fresh"])
-def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
-    print(f"seed {seed}")
-    return np.random.default_rng(seed)
 
 
 def random_layout(rng: np.random.Generator) -> tuple[Array, Array, np.ndarray, Array, Array, Array]:

@@ -26,8 +26,8 @@ _MANY = 400_000  # points to judge at; a larger object is judged more coarsely
 def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) -> tuple[Array, ...]:
     """Corners (n, 3) [m] of convex parts whose union has the surface of the mesh, to within `tolerance` [m] outwards.
 
-    The triangles (T, 3) wind counter-clockwise seen from outside; they need not be closed. Raises ConfigurationError
-    for a tolerance that is not positive.
+    The triangles (T, 3) wind counter-clockwise seen from outside; they need not be closed, and those without area are
+    left out. Raises ConfigurationError for a tolerance that is not positive or a mesh that has no area at all.
     """
     if not tolerance > 0.0:
         raise ConfigurationError(f"convex parts: tolerance must be > 0 m, got {tolerance}")
@@ -41,6 +41,7 @@ def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) 
 @lru_cache(maxsize=8)  # a study builds the same scene many times
 def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, ...]:
     points, faces = welded(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3))
+    faces = _with_area(points, faces)
     judged = _Judged.of(points, faces)
     middles = points[faces].mean(axis=1)
     found: list[Array] = []
@@ -59,6 +60,16 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
     return tuple(found)
 
 
+def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
+    """Those of the triangles (T, 3) that have a normal."""
+    a, b, c = points[faces].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    faces = faces[area > 1e-12 * area.max(initial=0.0)]
+    if not len(faces):
+        raise ConfigurationError("convex parts: no triangle of the mesh has an area")
+    return faces
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
     """The mesh, and points spread over it at which parts are judged."""
@@ -74,9 +85,6 @@ class _Judged:
         a, b, c = points[faces].transpose(1, 0, 2)
         cross = np.cross(b - a, c - a)
         double_area = np.linalg.norm(cross, axis=1)
-        solid = double_area > 1e-12 * double_area.max()
-        faces, cross, double_area = faces[solid], cross[solid], double_area[solid]
-        a, b, c = points[faces].transpose(1, 0, 2)
         normals = cross / double_area[:, None]
         step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
         samples, owners = [points], [vertex_normals(points, faces)]

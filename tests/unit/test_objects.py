@@ -126,6 +126,19 @@ def test_convex_solid_is_one_part():
     assert len(convex_parts.parts(0.2 * vertices, triangles)) == 1
 
 
+def test_triangles_without_area_change_no_part():
+    """As in many users' files: three corners in a line, before and between the others."""
+    wedge = np.array([[0, 0, 0], [0.3, 0, 0], [0.3, 0.2, 0], [0.1, 0.1, 0], [0.1, 0.1, 0.1]]) - [0.1, 0.1, 0.0]
+    solid = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4], [0, 3, 1], [3, 2, 1]])
+    line = np.vstack([wedge, [[0.05, -0.1, 0.0]]])  # on the edge from corner 0 to 1
+    spoilt = np.vstack([[[0, 5, 1]], solid[:3], [[1, 5, 0]], solid[3:]])
+    clean, found = convex_parts.parts(wedge, solid), convex_parts.parts(line, spoilt)
+    assert len(found) == len(clean)
+    assert all(np.array_equal(a, b) for a, b in zip(found, clean, strict=True))
+    with pytest.raises(ConfigurationError, match="no triangle of the mesh has an area"):
+        convex_parts.parts(line, np.array([[0, 5, 1]]))
+
+
 def test_finer_tolerance_gives_a_truer_surface(within):
     bowl, triangles = sphere(3)
     bowl = np.where(bowl[:, 2:] > 0.2, bowl * [1.0, 1.0, -0.4], bowl) * 0.2  # the cap pushed in: hollow

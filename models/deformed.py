@@ -84,11 +84,11 @@ class Deformed:
     def offset_at(self, points_T: ArrayLike) -> Array:
         """Offset (N,) [m] from the clean surface at the points of the true one that are nearest to (N, 3) [m].
 
-        Growth is positive. Raises ConfigurationError for points of another shape.
+        Growth is positive. Raises ConfigurationError for points of another shape, or not finite.
         """
         points = np.asarray(points_T, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3:
-            raise ConfigurationError(f"offset_at: expected points (N, 3), got shape {points.shape}")
+        if points.ndim != 2 or points.shape[1] != 3 or not np.all(np.isfinite(points)):
+            raise ConfigurationError(f"offset_at: expected finite points (N, 3), got shape {points.shape}")
         scene = open3d_loader.ray_scene(self.target.vertices, self.target.triangles)
         nearest = scene.compute_closest_points(open3d_loader.load().core.Tensor(points.astype(np.float32)))
         faces = self.target.triangles[nearest["primitive_ids"].numpy()]
@@ -167,11 +167,21 @@ def _drawn(
             f"at most {widest / _STEEPEST:.3g} m"
         )
     places = None if near is None else np.asarray(near, dtype=np.float64)
-    if places is not None and (places.ndim != 2 or places.shape[1] != 3 or not np.isfinite(places).all()):
-        raise ConfigurationError(f"{kind}: near must be finite points (N, 3), got shape {places.shape}")
+    if places is not None and (places.ndim != 2 or places.shape[1:] != (3,) or not len(places)):
+        raise ConfigurationError(f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}")
+    if places is not None and not np.isfinite(places).all():
+        raise ConfigurationError(f"{kind}: every point of near must be finite")
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
+    if places is not None:
+        scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+        away = float(scene.compute_distance(places.astype(np.float32)).numpy().min())
+        close = 0.5 * min(4.5 * most, widest)
+        if away >= close:
+            raise ConfigurationError(
+                f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches reach, {close:.3g} m"
+            )
     drawn: list[Patch] = []
     while len(drawn) < count:
         tall = float(rng.uniform(least, min(most, widest / _STEEPEST)))

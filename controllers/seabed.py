@@ -103,7 +103,7 @@ def choose_height(
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
-    furthest, room, silt, hit = 0.0, -np.inf, False, False
+    furthest, room, silt, hit, known = 0.0, -np.inf, False, False, False
 
     for aside in search.asides:
         for i in range(search.directions if aside else 1):
@@ -112,6 +112,9 @@ def choose_height(
             X[:3, 3] += aside * (start[:3, :3] @ [np.cos(bearing), np.sin(bearing), 0.0])
             X[2, 3] = highest
             gap, over = _hull_gaps(X, hull_box, points, search.clearance)
+            if gap == np.inf:
+                continue  # nobody knows what it would come down on
+            known = True
             over += search.jets_above
             if min(gap - search.clearance, over - calm) > room:
                 room, silt = min(gap - search.clearance, over - calm), over - calm < gap - search.clearance
@@ -140,6 +143,8 @@ def choose_height(
                 gap, over = gap - search.step, over - search.step
         if best is not None:
             return best
+    if not known:
+        raise ReachError("no height to work at: of the ground under the hull, there and aside, no point is known")
     why = (
         f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N would stir it up"
         if silt

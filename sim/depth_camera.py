@@ -12,10 +12,10 @@ import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, checked, pose, readonly
+from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_quat_wxyz
 from sim.refraction import Calibration, FlatPort, in_water, read_depth
 from sim.stereo_noise import StereoNoise, add_noise
-from sim.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, rotation, site_on_body
+from sim.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, site_on_body
 
 NEAR = 0.02  # [m], nothing closer than this to the camera's plane is drawn
 NOISE = StereoNoise()
@@ -108,7 +108,7 @@ class DepthCamera:
             raise ConfigurationError(
                 f"depth camera: no camera {camera!r}; there are {names(model, 'camera', model.ncam)}"
             )
-        R_BC = rotation(model.cam_quat[index]) @ np.diag([1.0, -1.0, -1.0])
+        R_BC = rotation_from_quat_wxyz(model.cam_quat[index]) @ np.diag([1.0, -1.0, -1.0])
         return cls(model, model.body(model.cam_bodyid[index]).name, pose(R_BC, model.cam_pos[index]), **options)
 
     @property
@@ -144,6 +144,7 @@ class DepthCamera:
         X_WC = pose(R_W[self._hull], xpos[self._hull]) @ self._X_BC
         depth, cosine = self._world.cast(X_WC, self._rays, xpos, R_W)
         if self._port is not None and self._calibration is not None:
-            points = self._rays.origins + depth[..., None] * self._rays.directions
+            with np.errstate(invalid="ignore"):  # 0 times inf where nothing is hit
+                points = self._rays.origins + depth[..., None] * self._rays.directions
             depth = read_depth(points, self._tangent_x, self._port, self._calibration, self._focal, self._baseline)
         return depth, cosine

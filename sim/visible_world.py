@@ -14,8 +14,9 @@ import numba
 import numpy as np
 
 from models import open3d_loader
+from models.closed_shells import joined
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz
 from sim.tessellation import tessellate
 
 VISIBLE_GROUPS = (0, 1, 2)  # what MuJoCo's own renderer shows; models keep collision shapes in 3 and above
@@ -61,7 +62,7 @@ class Rays:
 
 
 class VisibleWorld:
-    """The surfaces of a model, for rays: static ones kept in W, those of moving bodies placed anew for each look."""
+    """The surfaces of a model, for rays: static ones kept as they are, those of moving bodies placed anew each time."""
 
     def __init__(
         self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
@@ -80,7 +81,7 @@ class VisibleWorld:
             body = int(model.geom_bodyid[geom])
             if body in exclude or int(model.geom_group[geom]) not in groups or _alpha(model, geom) == 0.0:
                 continue
-            X_BG = pose(rotation(model.geom_quat[geom]), model.geom_pos[geom])
+            X_BG = pose(rotation_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
             X_WB = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
                 # Kept in closed form: as triangles it would have to end somewhere.
@@ -95,9 +96,14 @@ class VisibleWorld:
                 static.append(part)
             else:
                 moving.setdefault(body, []).append(part)
-        self._static = open3d_loader.ray_scene(*_joined(static)) if static else None
-        self._static_clusters = _clusters(*_joined(static)) if static else np.zeros((0, 4))
-        self._moving = [_MovingBody.of(body, *_joined(parts)) for body, parts in moving.items()]
+        self._static, self._static_clusters, self._middle_W = None, np.zeros((0, 4)), np.zeros(3)
+        if static:
+            vertices, faces = joined(static)
+            # Open3D counts in single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
+            self._middle_W = vertices.mean(axis=0)
+            self._static = open3d_loader.ray_scene(vertices - self._middle_W, faces)
+            self._static_clusters = _clusters(vertices, faces)
+        self._moving = [_MovingBody.of(body, *joined(parts)) for body, parts in moving.items()]
         open3d_loader.load()
 
     def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +119,7 @@ class VisibleWorld:
         if self._static is not None:
             centers = (self._static_clusters[:, :3] - p_WS) @ R_WS
             tiles, _ = _meetings(rays.cone, _spheres(centers, self._static_clusters[:, 3]))
-            self._cast_chosen(self._static, X_WS, rays, tiles, distance, cosine)
+            self._cast_chosen(self._static, pose(R_WS, p_WS - self._middle_W), rays, tiles, distance, cosine)
         for X_WG, size in self._planes:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
             _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
@@ -176,13 +182,6 @@ class _MovingBody:
         return cls(body, vertices, faces, np.arange(len(faces)) // _cluster_size(faces), _clusters(vertices, faces))
 
 
-def rotation(quat_wxyz: Array) -> Array:
-    """Rotation matrix (3, 3) of MuJoCo's quaternion."""
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, quat_wxyz)
-    return R.reshape(3, 3)
-
-
 def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
     """Number of the body `name`; ConfigurationError in the name of `sensor` if there is none."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
@@ -196,7 +195,7 @@ def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Ar
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
     if index < 0:
         raise ConfigurationError(f"{sensor}: no site {site!r}; there are {names(model, 'site', model.nsite)}")
-    X_BS = pose(rotation(model.site_quat[index]), model.site_pos[index])
+    X_BS = pose(rotation_from_quat_wxyz(model.site_quat[index]), model.site_pos[index])
     return model.body(model.site_bodyid[index]).name, X_BS
 
 
@@ -208,14 +207,6 @@ def names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
 def _alpha(model: mujoco.MjModel, geom: int) -> float:
     material = model.geom_matid[geom]
     return float(model.mat_rgba[material, 3] if material >= 0 else model.geom_rgba[geom, 3])
-
-
-def _joined(parts: list[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _ in parts[:-1]])
-    return (
-        np.concatenate([vertices for vertices, _ in parts]),
-        np.concatenate([faces + offset for (_, faces), offset in zip(parts, offsets, strict=True)]),
-    )
 
 
 def _cluster_size(faces: np.ndarray) -> int:

@@ -124,6 +124,26 @@ def test_agrees_with_mujocos_rays(scene: mujoco.MjModel, within):
     within("99th percentile [m]", np.percentile(np.abs(gap), 99), 1.5e-3)  # 0.8 mm
 
 
+@pytest.mark.parametrize("p", [(0.0, 0.0, -2999.9), (12345.6, -7654.3, -20.3)])
+def test_a_look_is_the_same_anywhere_in_the_world(p: tuple[float, ...], within):
+    """Single precision, in which rays are cast, has steps of 0.2 mm at 3 km and 1 mm at 12 km."""
+
+    def look(p_W: Array) -> Array:
+        spec = mujoco.MjSpec()
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.4, 0, 0], pos=p_W + np.array([0.0, 0.1, 1.5])
+        )
+        model = spec.compile()
+        camera = DepthCamera(model, "world", pose(exp_so3([0.05, 0.03, 0.0]), p_W), width=64, height=48, focal=60.0)
+        poses = Poses.of(model)
+        return camera.render(poses.xpos, poses.xmat)[0]
+
+    here, there = look(np.zeros(3)), look(np.array(p))
+    seen = np.isfinite(here)
+    assert 200 < seen.sum() == np.isfinite(there).sum()
+    within("depth [m]", there[seen] - here[seen], 3e-6)  # 2.4e-7
+
+
 def test_camera_moves_with_its_hull_and_sees_the_arm_move(scene: mujoco.MjModel):
     camera = DepthCamera.at_site(scene, "mount", noise=None)
     assert isinstance(camera, Sensor)

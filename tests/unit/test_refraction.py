@@ -115,6 +115,13 @@ def test_better_calibrations_read_better():
     assert np.sqrt(np.nanmean(error(default, 2.0) ** 2)) == pytest.approx(rms[2])
 
 
+def test_behind_a_port_nothing_is_seen_where_nothing_is():
+    """Of an odd number of pixels the middle one looks straight ahead, where 0 times inf is no number."""
+    model = mujoco.MjSpec().compile()
+    camera = DepthCamera(model, "world", np.eye(4), width=65, height=49, focal=FOCAL, port=FlatPort())
+    assert np.isinf(camera.render(*(getattr(Poses.of(model), name) for name in ("xpos", "xmat")))[0]).all()
+
+
 def test_impossible_ports_are_refused():
     spec = mujoco.MjSpec()
     for make, words in (

@@ -15,18 +15,19 @@ from scipy import ndimage
 
 from models.targets import TargetModel
 from perception.check import Check, Decision, check
+from perception.initialiser import initial_poses
 from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly, rotation_from_z, transform_points
+from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly, transform_points
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
-_TRIED = 8  # starts that are worth a whole coarse fit
 _REFINED = 3  # starts that are worth a full fit
 _CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
 _POOR = 1.3  # score below which the attitude itself is in doubt
 _LEAN = np.deg2rad(25.0)  # [rad] by which the start is then leant
 _MOSTLY_SEEN = 0.3  # share of the model that may lie outside the picture before it counts as seen in part
+_AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
 _HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
 
 
@@ -98,7 +99,7 @@ def identify(
     `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
     `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as Open3D's).
     `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
-    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to some 30 deg; None: any, 24 starts are tried.
+    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to some 30 deg; None: any.
     `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
 
     An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
@@ -119,13 +120,21 @@ def identify(
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
         mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
+        starts: list[Array] = []
+        if R_prior is None:
+            starts = initial_poses(scan, mask, surface, sensor)
+            mask &= _around(starts, surface, scan)
+            _need(mask, "lie where the object could be")
         evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
         if len(evidence.points) < MIN_POINTS:
             raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
     except PerceptionError as error:
         return _refused(surface, X_prior, str(error), started)
 
-    found = _best(evidence, surface, _starts(evidence, surface, p_approach, R_prior))
+    rough = [_Rough(score(evidence, surface, X), X, X) for X in starts]
+    if R_prior is not None:
+        rough = _approached(evidence, surface, p_approach, R_prior)
+    found = _refined(evidence, surface, _slid(evidence, surface, rough))
     X_ST = found.fit.X_ST.copy()
     reference = X_prior[:3, :3] if R_prior is not None else found.X_start[:3, :3]
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
@@ -203,89 +212,83 @@ class _Found:
         return self.score - self.others[0].score if self.others else np.inf
 
 
-def _starts(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array | None) -> list[Array]:
-    """Poses (4, 4) to start from: the prior orientation, over the cloud and at the approach, or 24 over the cloud."""
-    turns = [R_prior] if R_prior is not None else _distinct_turns(surface.target)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rough:
+    """Where a coarse fit came to rest."""
+
+    score: float
+    X_ST: Array
+    X_start: Array
+
+    @classmethod
+    def of(cls, evidence: Evidence, surface: ModelSurface, X_start: Array, iterations: int = 18) -> "_Rough":
+        X_ST = coarse_fit(evidence, surface, X_start, iterations)
+        return cls(score(evidence, surface, X_ST), X_ST, X_start)
+
+
+def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
+    """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
+    near = np.zeros(scan.depth.shape, dtype=bool)
+    for X in starts:
+        with np.errstate(invalid="ignore"):
+            apart = np.linalg.norm(scan.points - transform_points(X, surface.center), axis=-1)
+            near |= apart < _AROUND * surface.radius
+    return near
+
+
+def _approached(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array) -> list[_Rough]:
+    """Coarse fits from the prior attitude, over the cloud and at the approach."""
     centroid = evidence.points.mean(axis=0)
-    starts = []
-    for R in turns:
-        # Pre-approach: centre of the visible model onto the centre of the cloud.
-        X = pose(R, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
-        visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
-        if visible.sum() >= 10:
-            X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
-        starts.append(X)
-    if approach is not None and R_prior is not None:
+    # Pre-approach: centre of the visible model onto the centre of the cloud.
+    X = pose(R_prior, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
+    visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
+    if visible.sum() >= 10:
+        X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
+    starts = [X]
+    if approach is not None:
         starts.append(pose(R_prior, approach - R_prior @ surface.center))
-    return starts
-
-
-def _distinct_turns(target: TargetModel) -> list[Array]:
-    """Of the 24 rotations of a cube those that show the target in different attitudes."""
-    turns: list[Array] = []
-    for z in np.vstack([np.eye(3), -np.eye(3)]):
-        for x in np.vstack([np.eye(3), -np.eye(3)]):
-            if abs(z @ x) > 0.5:
-                continue
-            X = pose(rotation_from_z(z, x))
-            if all(target.symmetry.error(X, pose(R))[1] > np.deg2rad(5.0) for R in turns):
-                turns.append(X[:3, :3])
-    return turns
-
-
-def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
-    """Coarse fits from all starts, full fits from the best of them, the best of those."""
-    first = [(X, X) for X in starts]
-    if len(starts) > _TRIED:
-        # Many attitudes: a short fit from each tells which are worth a whole one.
-        first = [(coarse_fit(evidence, surface, X, iterations=7), X) for X in starts]
-        first = sorted(first, key=lambda pair: -score(evidence, surface, pair[0]))[:_TRIED]
-    one_attitude = all(np.array_equal(X[:3, :3], starts[0][:3, :3]) for X in starts)
-    rough: list[tuple[float, Array, Array]] = []
-
-    def attempt(X_near: Array, X_start: Array, iterations: int = 18) -> None:
-        X = coarse_fit(evidence, surface, X_near, iterations)
-        rough.append((score(evidence, surface, X), X, X_start))
-
-    def highest() -> float:
-        return max(item[0] for item in rough)
-
-    for X_near, X_start in first:
-        attempt(X_near, X_start)
-        if one_attitude and highest() > _CONVINCING:
-            break  # the same attitude from another place would end in the same place
-    if one_attitude and highest() < _POOR:
+    rough: list[_Rough] = []
+    for X_start in starts:
+        rough.append(_Rough.of(evidence, surface, X_start))
+        if rough[-1].score > _CONVINCING:
+            return rough  # the same attitude from another place would end in the same place
+    if max(item.score for item in rough) < _POOR:
         # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
-        R, center = starts[0][:3, :3], transform_points(starts[0], surface.center)
+        center = transform_points(starts[0], surface.center)
         for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
-            R_leaning = exp_so3(lean) @ R
-            X_start = pose(R_leaning, center - R_leaning @ surface.center)
-            attempt(X_start, X_start)
-            if highest() > _CONVINCING:
+            R = exp_so3(lean) @ R_prior
+            rough.append(_Rough.of(evidence, surface, pose(R, center - R @ surface.center)))
+            if rough[-1].score > _CONVINCING:
                 break
-    # Only now that the attitude is as right as it gets: what can still be wrong is a slide along the object.
-    best = max(rough, key=lambda item: item[0])[1]
+    return rough
+
+
+def _slid(evidence: Evidence, surface: ModelSurface, rough: list[_Rough]) -> list[_Rough]:
+    """`rough`, and what comes of the best of them when it is moved along the object: the attitude is then right."""
+    best = max(rough, key=lambda item: item.score)
     size = np.ptp(surface.points, axis=0)
     along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
     slides: list[float] = []
-    if highest() < _CONVINCING:
+    if best.score < _CONVINCING:
         slides = [-0.7, -0.35, 0.35, 0.7]
-    if _cut_off(evidence, surface, best) > _MOSTLY_SEEN:
+    if _cut_off(evidence, surface, best.X_ST) > _MOSTLY_SEEN:
         # Of an object that goes on beyond the picture the part that tells where it ends may have slid out of it.
         slides += [-0.2, -0.1, 0.1, 0.2]
-    for share in slides:
-        X_start = best @ pose(p=share * along)
-        attempt(X_start, X_start, iterations=10)
-    rough.sort(key=lambda item: -item[0])
+    return rough + [_Rough.of(evidence, surface, best.X_ST @ pose(p=share * along), iterations=10) for share in slides]
+
+
+def _refined(evidence: Evidence, surface: ModelSurface, rough: list[_Rough]) -> _Found:
+    """Full fits from the best of `rough` that differ, the best of those."""
+    rough = sorted(rough, key=lambda item: -item.score)
     symmetry = surface.target.symmetry
-    distinct: list[tuple[Array, Array]] = []
-    for rough_score, X, X_start in rough:
-        apart = [symmetry.error(X, Y) for Y, _ in distinct]
-        if rough_score > rough[0][0] - _HOPELESS and all(
+    distinct: list[_Rough] = []
+    for item in rough:
+        apart = [symmetry.error(item.X_ST, other.X_ST) for other in distinct]
+        if item.score > rough[0].score - _HOPELESS and all(
             p > 0.2 * surface.radius or a > np.deg2rad(20.0) for p, a in apart
         ):
-            distinct.append((X, X_start))
-    fits = [(fine_fit(evidence, surface, X), X_start) for X, X_start in distinct[:_REFINED]]
+            distinct.append(item)
+    fits = [(fine_fit(evidence, surface, item.X_ST), item.X_start) for item in distinct[:_REFINED]]
     ranked = sorted(
         ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
     )

@@ -76,12 +76,22 @@ class ModelSurface:
 
         `step`: of every so many points only (the mask is of those).
         """
+        in_view = scan.pixels(transform_points(X_ST, self.points[::step]))[2]
+        return self.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
+
+    def exposed(
+        self, origin: Array, max_incidence: float, step: int = 1, among: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Mask (M,) of the points that can be seen from `origin` (3,) [m] in T: unhidden, not grazing.
+
+        `step` as in `visible`; `among`: mask of the points that are asked about.
+        """
         points, normals = self.points[::step], self.normals[::step]
-        origin = inverse(X_ST)[:3, 3]
         rays = points - origin
         distance = np.linalg.norm(rays, axis=1)
-        cosine = np.abs(np.einsum("ij,ij->i", rays, normals)) / np.maximum(distance, 1e-9)
-        seen = scan.pixels(transform_points(X_ST, points))[2] & (cosine > np.cos(max_incidence))
+        seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
+        if among is not None:
+            seen &= among
         first = open3d_loader.cast_rays(self.scene, origin, rays[seen])["t"] * distance[seen]
         seen[seen] = first > distance[seen] - 0.002
         return seen

@@ -3,16 +3,17 @@
 import mujoco
 import numpy as np
 
-from models.closed_shells import revolve
+from models.closed_shells import joined, revolve
 from models.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import pose, rotation_from_z
+from sim.interfaces.spatial import exp_so3, pose, rotation_from_z, transform_points
 
 BARREL_DIAMETER = 0.6  # [m]
 BARREL_LENGTH = 0.9  # [m]
 RIM_WIDTH = 0.03  # [m], along the axis, at each end
 RIM_MARGIN = 0.05  # [m], from a rim to the end of a path along the axis: half a pad, and what identification may err
 RIM_HEIGHT = 0.01  # [m], above the shell
+BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
 BARREL_SIDES = 256  # sagitta of a side 0.02 mm: far below what contact (an exact cylinder) or a camera can tell
 
 
@@ -62,12 +63,15 @@ def barrel(
     arc: float = np.pi,
     arc_azimuth: float = 0.0,
     stand_height: float = 0.45,
+    bung_azimuth: float | None = None,
 ) -> TargetModel:
     """The barrel of paper 002, fig. 3 (its size is ours): 0.6 m across, 0.9 m long, with a rim at each end.
 
     x_T is its axis and the origin its centre. Paths: "longitudinal" (`line_length` [m], `line_azimuth` [rad]) and
     "transverse" (`arc`, `arc_azimuth` [rad]). `stand_height` [m] from the axis down (-z_T) to the stand's feet.
-    Raises ConfigurationError for paths off the shell or a stand inside it.
+    `bung_azimuth` [rad], about x_T from the top (+z_T), is that of a bung in the shell; None: there is none. The
+    symmetry stays declared: it is that of the body. Raises ConfigurationError for paths off the shell or a stand
+    inside it.
     """
     r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
     rim = r + RIM_HEIGHT
@@ -83,6 +87,17 @@ def barrel(
         Solid(name="target_rim_aft", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [-x_rim, 0, 0])),
         Solid(name="target_rim_fore", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [x_rim, 0, 0])),
     )
+    if bung_azimuth is not None:
+        radius, height, x = BUNG
+        X_bung = pose(exp_so3([bung_azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])  # z out of the shell, origin on it
+        inside = -0.5 * RIM_HEIGHT
+        disc, faces = revolve(np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64)
+        disc = transform_points(X_bung, disc[:, [1, 2, 0]])
+        vertices, triangles = joined([(vertices, triangles), (disc, faces)])
+        solids += (
+            Solid(name="target_bung", kind=cylinder, size=(radius, 0.5 * (height - inside)),
+                  X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)])),
+        )  # fmt: skip
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:

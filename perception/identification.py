@@ -18,6 +18,7 @@ from perception.check import Check, Decision, check
 from perception.initialiser import initial_poses
 from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
+from perception.told_turn import told_turn
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly, transform_points
 
@@ -38,12 +39,8 @@ class FreeMotion:
     axis: Array | None  # (3,) unit, in T: turns about it look the same (declared by the target)
     turns: int  # number of discrete rotations that look the same, 1 for none
     twists: Array  # (k, 6) (linear; angular x radius) in S about the model's centre, that this view does not hold
+    angle_known: bool  # whether the turn about the axis was measured; where it was not it is chosen
     policy: str  # how the free part was chosen
-
-    @property
-    def angle_known(self) -> bool:
-        """Whether the turn about the axis was measured: never, where a target declares one. It is then chosen."""
-        return self.axis is None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -138,6 +135,9 @@ def identify(
     X_ST = found.fit.X_ST.copy()
     reference = X_prior[:3, :3] if R_prior is not None else found.X_start[:3, :3]
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
+    X_told = told_turn(evidence, surface, X_ST)
+    if X_told is not None:
+        X_ST = X_told
     verdict = check(evidence, surface, X_ST, found.fit)
     reason = verdict.reason
     if not reason and p_approach is not None:
@@ -150,7 +150,7 @@ def identify(
         accepted=not reason,
         reason=reason,
         check=verdict,
-        symmetry=_free_motion(surface.target, found.fit.free, R_prior is not None),
+        symmetry=_free_motion(surface.target, found.fit.free, X_told is not None, R_prior is not None),
         X_sensor_start=readonly(found.X_start),
         cloud=readonly(evidence.points),
         model_before=readonly(transform_points(found.X_start, surface.points)),
@@ -307,15 +307,20 @@ def _cut_off(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     return 1.0 - float(evidence.scan.pixels(transform_points(X_ST, surface.points))[2].mean())
 
 
-def _free_motion(target: TargetModel, twists: Array, with_prior: bool) -> FreeMotion:
+def _free_motion(target: TargetModel, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
     symmetry = target.symmetry
-    known = symmetry.axis is not None or len(symmetry.rotations) > 1
-    origin = "the coarse orientation" if with_prior else "the start that fitted best"
+    policy = "none needed"
+    if told:
+        policy = "told by parts in view that do not share the symmetry"
+    elif symmetry.axis is not None or len(symmetry.rotations) > 1:
+        origin = "the coarse orientation" if with_prior else "the start that fitted best"
+        policy = f"of all attitudes that look the same, the one nearest to {origin}"
     return FreeMotion(
         axis=symmetry.axis,
         turns=len(symmetry.rotations),
         twists=readonly(twists),
-        policy=f"of all attitudes that look the same, the one nearest to {origin}" if known else "none needed",
+        angle_known=told or symmetry.axis is None,
+        policy=policy,
     )
 
 
@@ -326,7 +331,7 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
         accepted=False,
         reason=reason,
         check=None,
-        symmetry=_free_motion(surface.target, np.zeros((0, 6)), True),
+        symmetry=_free_motion(surface.target, np.zeros((0, 6)), False, True),
         X_sensor_start=readonly(X_prior),
         cloud=nothing,
         model_before=readonly(transform_points(X_prior, surface.points)),

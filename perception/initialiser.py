@@ -294,7 +294,7 @@ def _add(
 
 
 @njit(cache=True)
-def _move(X_ST: Array, step: Array, center: Array, radius: float) -> None:
+def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     """Move the model by `step` (6,) (linear [m]; angular x radius [m]), in T about its centre."""
     x, y, z = step[3] / radius, step[4] / radius, step[5] / radius
     angle = np.sqrt(x * x + y * y + z * z)

@@ -1,0 +1,41 @@
+"""The turn about a declared axis: told by a part in view that breaks the symmetry, else said to be unknown."""
+
+import numpy as np
+import pytest
+
+from models.barrel import barrel
+from perception.identification import identify
+from perception.registration import ModelSurface
+from perception.scan import Scan
+from perception.told_turn import parts_that_stand_out
+from sim.interfaces.spatial import exp_so3
+from tests.unit.depth_scenes import look, seen_from
+
+VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
+SEEN, HIDDEN = np.deg2rad(40.0), np.deg2rad(200.0)  # towards the camera, and away from it
+
+
+@pytest.mark.parametrize(("azimuth", "off"), [(SEEN, 0.3), (SEEN - 0.4, -2.0), (HIDDEN, 0.3), (None, 0.3)])
+def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | None, off: float, within):
+    target = barrel(bung_azimuth=azimuth)
+    scan = Scan.from_depth(look(target, VIEW, np.random.default_rng(3)))
+    prior = VIEW[:3, :3] @ exp_so3([off, 0.1, 0.1])
+    found = identify(scan, target, VIEW[:3, 3] + 0.1, prior)
+    assert found.accepted, found.reason
+    R_error = VIEW[:3, :3].T @ found.X_sensor_target[:3, :3]
+    if azimuth in (None, HIDDEN):
+        assert not found.symmetry.angle_known
+        assert "nearest to the coarse orientation" in found.symmetry.policy
+        within("turn from the prior [rad]", np.arccos(0.5 * (np.trace(R_error) - 1.0)) - abs(off), 0.2)
+    else:
+        assert found.symmetry.angle_known
+        assert "told" in found.symmetry.policy
+        within("turn [deg]", np.rad2deg(np.arccos(0.5 * (np.trace(R_error) - 1.0))), 2.0)  # 0.4
+
+
+def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():
+    assert not len(parts_that_stand_out(ModelSurface.of(barrel())))
+    parts = parts_that_stand_out(ModelSurface.of(barrel(bung_azimuth=0.5 * np.pi)))
+    assert len(parts) > 50
+    assert np.all(parts[:, 1] < -0.29)
+    assert np.all(np.hypot(parts[:, 0] - 0.15, parts[:, 2]) < 0.036)

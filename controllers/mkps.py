@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers import mkps_kinematics as kernels
-from controllers.mkps_chain import Chain, not_a_pose
+from controllers.mkps_chain import Chain
 from controllers.mkps_descent import SETTLE_STEPS
 from controllers.mkps_entries import entry
 from controllers.mkps_tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, log_so3, readonly
+from sim.interfaces.spatial import Array, checked, log_so3, not_a_pose, readonly
 
 __all__ = [
     "Branch", "Chain", "IkBatch", "IkResult", "Method", "Precision", "Track", "TrackState", "TrackStep", "Tracker",

@@ -18,7 +18,7 @@ from controllers import mkps_kinematics as kernels
 from controllers.mkps_entries import entry
 from controllers.mkps_urdf import TIP_SITE, model_from_urdf
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, readonly
+from sim.interfaces.spatial import Array, checked, checked_pose, exp_so3, inverse, pose, readonly
 
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
@@ -82,7 +82,7 @@ class Chain:
             axes=readonly(axes),
             points=readonly(points),
             links=readonly(links),
-            X_base_tip0=readonly(X @ _checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            X_base_tip0=readonly(X @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
             limits=_checked_limits(limits, len(rows)),
             names=tuple(f"joint{i + 1}" for i in range(len(rows))),
         )
@@ -129,7 +129,7 @@ class Chain:
             axes=readonly(axes),
             points=readonly(points[:-1]),
             links=readonly(np.where(kinds[:, None] == 2.0, vectors, 0.0)),
-            X_base_tip0=readonly(X_base_tip0 @ _checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            X_base_tip0=readonly(X_base_tip0 @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
             limits=_checked_limits(limits, n),
             names=tuple(f"joint{i + 1}" for i in range(n)),
         )
@@ -348,20 +348,6 @@ def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
                 f"limits: row {i} must not have its lower limit {lower} above its upper one {upper}"
             )
     return bounds
-
-
-def _checked_pose(values: ArrayLike, name: str) -> Array:
-    X = checked(values, (4, 4), name)
-    R = X[:3, :3]
-    if not (np.allclose(R.T @ R, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0.0 and np.allclose(X[3], [0, 0, 0, 1])):
-        raise not_a_pose(name, X)
-    return X
-
-
-def not_a_pose(name: str, X: Array) -> ConfigurationError:
-    return ConfigurationError(
-        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {X.tolist()}"
-    )
 
 
 def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:

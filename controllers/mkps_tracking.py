@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from controllers import mkps_kinematics as kernels
-from controllers.mkps_chain import Chain, memory_of, not_a_pose, set_limits
+from controllers.mkps_chain import Chain, memory_of, set_limits
 from controllers.mkps_entries import entry
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly
+from sim.interfaces.spatial import Array, checked, not_a_pose, readonly
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from models import convex_parts, open3d_loader
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, exp_so3, quat_wxyz_from_rotation, readonly
+from sim.interfaces.spatial import Array, checked, checked_pose, exp_so3, quat_wxyz_from_rotation, readonly
 
 LARGEST = 20.0  # [m] that a mesh is believed to be across
 PATH_STEP = 0.005  # [m], between points of a model path
@@ -31,8 +31,10 @@ class Symmetry:
         rotations = np.asarray(self.rotations, dtype=np.float64)
         if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
             raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
-        if np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6:
+        if not np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
+        if not np.all(np.linalg.det(rotations) > 0.0):
+            raise ConfigurationError("symmetry rotations: a reflection is none")
         object.__setattr__(self, "rotations", readonly(rotations))
         if self.axis is not None:
             axis = checked(self.axis, (3,), "symmetry axis")
@@ -117,6 +119,9 @@ class TargetModel:
             raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {triangles.shape}")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
+        a, b, c = vertices[triangles].transpose(1, 0, 2)
+        if not np.cross(b - a, c - a).any():
+            raise ConfigurationError(f"target {self.name!r}: none of its {len(triangles)} triangles has an area")
         triangles.setflags(write=False)
         for hull in self.hulls:
             if hull.ndim != 2 or hull.shape[1] != 3 or len(hull) < 4 or not np.all(np.isfinite(hull)):
@@ -157,7 +162,7 @@ class TargetModel:
         Returns the body, for the caller to set friction or colour.
         Raises ConfigurationError for a bad pose.
         """
-        X = checked(X_WT, (4, 4), "X_WT")
+        X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
         hulls = self.hulls
         if felt and not (self.solids or hulls):

@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, checked, pose, readonly, rotation_from_quat_wxyz
+from sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
 from sim.refraction import Calibration, FlatPort, in_water, read_depth
 from sim.stereo_noise import StereoNoise, add_noise
 from sim.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, site_on_body
@@ -62,15 +62,16 @@ class DepthCamera:
         place that they claim for the camera are those of the calibration, right or wrong.
         Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without Open3D.
         """
-        if not (width > 0 and height > 0 and focal > 0.0):
+        whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
+        if not (whole and 0.0 < focal < np.inf):
             raise ConfigurationError(f"depth camera: {width} x {height} px with focal {focal} px is no camera")
-        if not 0.0 < range_limits[0] < range_limits[1]:
+        if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1]):
             raise ConfigurationError(f"depth camera: range_limits must be 0 < near < far, got {range_limits}")
         if not delay >= 0.0:
             raise ConfigurationError(f"depth camera: delay must not be negative, got {delay}")
         self.delay = delay
         self._hull = body_id(model, hull, "depth camera")
-        self._X_BC = checked(X_BC, (4, 4), "X_BC")
+        self._X_BC = checked_pose(X_BC, "X_BC")
         self._range = range_limits
         self._noise = noise
         if calibration is not None and port is None:

@@ -9,7 +9,7 @@ from sim import hydrodynamics
 from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
-from sim.interfaces.spatial import Array, checked, fitting, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
 from sim.plant_kernel import COLLISION, CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.reaction import Reaction
 from sim.thrusters import Thrusters
@@ -124,7 +124,7 @@ class Plant:
                 f"current: its timestep is {current.timestep} s, but the model's, at which it gusts, {self.timestep} s"
             )
         if X_WB is not None:
-            X_WB = _checked_pose(X_WB)
+            X_WB = checked_pose(X_WB, "X_WB")
         data, truth = self.data, self.truth
         key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
         if key >= 0:
@@ -230,17 +230,6 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
     dry = np.asarray(model.dof_frictionloss) > 0.0
     rows = np.where(dry, np.cumsum(dry) - 1, -1)[vehicle.dof]
     return rows if np.any(rows >= 0) else np.zeros(0, dtype=np.int64)
-
-
-def _checked_pose(X_WB: Array) -> Array:
-    """A copy of the hull's first pose (4, 4); ConfigurationError if it is none."""
-    X = checked(X_WB, (4, 4), "X_WB")
-    R = X[:3, :3]
-    if not (np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0):
-        raise ConfigurationError(f"X_WB: its rotation must be orthonormal and right-handed, got {R.tolist()}")
-    if not np.array_equal(X[3], [0.0, 0.0, 0.0, 1.0]):
-        raise ConfigurationError(f"X_WB: its last row must be 0, 0, 0, 1, got {X[3].tolist()}")
-    return X
 
 
 def _view(array: Array, addresses: np.ndarray) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SonarScan
-from sim.interfaces.spatial import Array, checked, pose, readonly
+from sim.interfaces.spatial import Array, checked_pose, pose, readonly
 from sim.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, site_on_body
 
 NEAR = 0.02  # [m], nothing closer than this to the sonar is seen
@@ -40,8 +40,8 @@ class SonarBeams:
     width: float = np.deg2rad(1.2)  # [rad] of a beam, where its power has fallen to one half; footprint 21 mm at 1 m
 
     def __post_init__(self) -> None:
-        if not (self.rows >= 1 and self.columns >= 1):
-            raise ConfigurationError(f"sonar: needs at least one beam, got {self.rows} rows and {self.columns} columns")
+        if not all(isinstance(count, int | np.integer) and count >= 1 for count in (self.rows, self.columns)):
+            raise ConfigurationError(f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}")
         for name in ("elevation", "azimuth"):
             if not 0.0 <= getattr(self, name) < np.deg2rad(175.0):
                 raise ConfigurationError(f"sonar: {name} must lie in [0, 175) deg, got {getattr(self, name)} rad")
@@ -50,9 +50,9 @@ class SonarBeams:
 
     def axes(self) -> Array:
         """Unit axes (rows, columns, 3) of the beams in S."""
-        up = np.linspace(-0.5, 0.5, self.rows) * self.elevation if self.rows > 1 else np.zeros(1)
+        down = np.linspace(-0.5, 0.5, self.rows) * self.elevation if self.rows > 1 else np.zeros(1)
         right = np.linspace(-0.5, 0.5, self.columns) * self.azimuth if self.columns > 1 else np.zeros(1)
-        elevation, azimuth = np.meshgrid(up, right, indexing="ij")
+        elevation, azimuth = np.meshgrid(down, right, indexing="ij")
         return np.stack(
             [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)], axis=-1
         )
@@ -127,7 +127,7 @@ class Sonar:
             raise ConfigurationError(f"sonar: echo must be 'first' or 'strongest', got {echo!r}")
         self.delay = delay
         self._body = body_id(model, body, "sonar")
-        self._X_BS = checked(X_BS, (4, 4), "X_BS")
+        self._X_BS = checked_pose(X_BS, "X_BS")
         self._beams, self._noise, self._echo, self._range = beams, noise, echo, range_limits
         self._world = VisibleWorld(model, exclude={body_id(model, name, "sonar") for name in exclude}, groups=groups)
         self._axes = beams.axes()
@@ -172,7 +172,7 @@ class Sonar:
                 "sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first"
             )
         mounted = pose(R_W[self._body], xpos[self._body]) @ self._X_BS
-        X = mounted if X_WS is None else checked(X_WS, (4, 4), "X_WS")
+        X = mounted if X_WS is None else checked_pose(X_WS, "X_WS")
         distance, cosine = self._world.cast(X, Rays.of(self._directions(rng), NEAR), xpos, R_W)
         least = np.cos(self._noise.max_incidence) if self._noise is not None else 0.0
         distance[cosine < least] = np.inf

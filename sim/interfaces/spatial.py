@@ -46,6 +46,23 @@ def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     return array
 
 
+def checked_pose(values: ArrayLike, name: str) -> Array:
+    """A read-only copy of the pose `values` (4, 4); ConfigurationError if it is none."""
+    X = checked(values, (4, 4), name)
+    R = X[:3, :3]
+    rigid = np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
+    if not (rigid and np.allclose(X[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=1e-9)):
+        raise not_a_pose(name, X)
+    return X
+
+
+def not_a_pose(name: str, X: Array) -> ConfigurationError:
+    """The error for a matrix `X` (4, 4) that is no pose."""
+    return ConfigurationError(
+        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {X.tolist()}"
+    )
+
+
 def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
     """`values` itself where it is what `checked` would return, else a copy of that: a check for loops, about 1 us.
 

@@ -11,7 +11,7 @@ import pytest
 from models import hydrodynamics as water
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import checked, fitting
+from sim.interfaces.spatial import checked, checked_pose, exp_so3, fitting, pose
 
 SPOILT: list[Any] = [
     [1.0, 2.0],
@@ -43,6 +43,16 @@ def test_only_what_fits_goes_through_as_it_is():
         got = fitting(other, (2,), "wind")  # pyright: ignore[reportArgumentType]
         assert got.dtype is np.dtype(np.float64)
         assert np.array_equal(got, small)
+
+
+@pytest.mark.parametrize(
+    "X", [np.diag([1.0, 1.0, -1.0, 1.0]), 2.0 * np.eye(4), np.eye(4) + np.eye(4, k=-3), np.zeros((4, 4))]
+)
+def test_what_is_no_pose(X):
+    with pytest.raises(ConfigurationError, match=r"^X_WB: expected a pose"):
+        checked_pose(X, "X_WB")
+    turned = pose(exp_so3([0.3, -2.0, 1.0]), [1e6, 0.0, -4e3])
+    assert np.array_equal(checked_pose(turned.tolist(), "X_WB"), turned)
 
 
 def wet_ball() -> mujoco.MjSpec:

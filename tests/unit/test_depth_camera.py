@@ -270,7 +270,10 @@ def test_impossible_cameras_are_refused(scene: mujoco.MjModel):
         (lambda: DepthCamera.at_camera(scene, "nose"), "eye"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), exclude=["leg"]), "arm"),
         (lambda: DepthCamera(scene, "hull", np.eye(3)), "X_BC"),
+        (lambda: DepthCamera(scene, "hull", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BC: expected a pose"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), focal=-1.0), "focal"),
+        (lambda: DepthCamera(scene, "hull", np.eye(4), focal=np.inf), "focal"),
+        (lambda: DepthCamera(scene, "hull", np.eye(4), width=64.5), "64.5"),  # pyright: ignore[reportArgumentType]
         (lambda: DepthCamera(scene, "hull", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), delay=-1.0), "delay"),
         (lambda: StereoNoise(baseline=0.0), "baseline"),

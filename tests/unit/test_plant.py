@@ -79,9 +79,9 @@ def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
         ({"model": mujoco.MjSpec()}, "expected a compiled mujoco.MjModel, got <mujoco"),
         ({"current": [0.0, 0.0, 0.0]}, r"current: expected a sim.current.Current, got \[0.0, 0.0, 0.0\]"),
         ({"X_WB": np.eye(3)}, r"X_WB: expected shape \(4, 4\), got \(3, 3\)"),
-        ({"X_WB": 2.0 * np.eye(4)}, "X_WB: its rotation must be orthonormal"),
-        ({"X_WB": pose(np.diag([1.0, 1.0, -1.0]))}, "X_WB: its rotation must be orthonormal and right-handed"),
-        ({"X_WB": np.eye(4) + np.eye(4, k=-3)}, r"X_WB: its last row must be 0, 0, 0, 1, got \[1.0"),
+        ({"X_WB": 2.0 * np.eye(4)}, "X_WB: expected a pose"),
+        ({"X_WB": pose(np.diag([1.0, 1.0, -1.0]))}, "X_WB: expected a pose"),
+        ({"X_WB": np.eye(4) + np.eye(4, k=-3)}, "X_WB: expected a pose .*last row 0 0 0 1"),
         ({"X_WB": pose(p=[0.0, np.nan, 0.0])}, "X_WB: every number must be finite"),
     ],
 )

@@ -242,7 +242,9 @@ def test_impossible_sonars_are_refused():
         (lambda: Sonar(model, "world", np.eye(4), delay=-1.0), "delay"),
         (lambda: Sonar(model, "world", np.eye(4), echo="last"), "echo"),  # pyright: ignore[reportArgumentType]
         (lambda: Sonar(model, "world", np.eye(4), exclude=["leg"]), "leg"),
+        (lambda: Sonar(model, "world", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BS: expected a pose"),
         (lambda: SonarBeams(rows=0), "beam"),
+        (lambda: SonarBeams(columns=1.5), "1.5"),  # pyright: ignore[reportArgumentType]
         (lambda: SonarBeams(azimuth=4.0), "azimuth"),
         (lambda: SonarBeams(width=np.nan), "width"),
         (lambda: without_lone_echoes(np.zeros((5, 3))), "organised|H, W"),

@@ -145,6 +145,13 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
         (lambda: ModelPath(p=np.eye(3), a=np.eye(3), b=np.eye(3)), "at least 4"),
         (lambda: Symmetry(axis=np.zeros(3)), "zero"),
         (lambda: Symmetry(rotations=2.0 * np.eye(3)[None]), "orthonormal"),
+        (lambda: Symmetry(rotations=np.full((1, 3, 3), np.nan)), "orthonormal"),
+        (lambda: Symmetry(rotations=np.diag([1.0, 1.0, -1.0])[None]), "reflection"),
+        (
+            lambda: TargetModel(name="x", vertices=np.outer([0, 1, 2], np.ones(3)), triangles=np.array([[0, 1, 2]])),
+            "an area",
+        ),
+        (lambda: BARREL.add_to(mujoco.MjSpec(), np.diag([1.0, 1.0, -1.0, 1.0])), "X_WT: expected a pose"),
         (lambda: revolve([[0, 1], [1, 0]], 8), "must be 0"),
     ],
 )

@@ -65,7 +65,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said):
-            return tyro.cli(kind, args=args)
+            options = tyro.cli(kind, args=args)
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
             raise  # --help
@@ -74,6 +74,10 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options)") from None
+    for name, value in vars(options).items():
+        if name.endswith("seed") and value < 0:
+            raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
+    return options
 
 
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:

@@ -21,6 +21,8 @@ class Options:
     """Which path."""
     force: float = 60.0
     """Set force [N]."""
+    first_seed: int = 0
+    """Of the noise."""
 
 
 @pytest.mark.parametrize(
@@ -30,6 +32,7 @@ class Options:
         (["--force", "much"], "'much'"),
         (["--forse", "3"], "--forse"),
         (["--force"], "--force"),
+        (["--first-seed", "-1"], "--first-seed: must not be negative, got -1"),
     ],
 )
 def test_bad_option_gives_one_line_and_code_2(args: list[str], culprit: str, capsys: pytest.CaptureFixture[str]):

@@ -103,13 +103,17 @@ def identify(
     reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without Open3D.
     """
     started = perf_counter()
-    surface = _surface(target, seed)
     p_approach = None if approach is None else checked(approach, (3,), "approach")
     R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
-    if R_prior is not None and np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3:
+    if R_prior is not None and (
+        np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3 or not np.linalg.det(R_prior) > 0.0
+    ):
         raise ConfigurationError(f"orientation: expected a rotation matrix, got {R_prior.tolist()}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ConfigurationError(f"seed: must be a whole number >= 0, got {seed!r}")
     if not approach_error > 0.0:
         raise ConfigurationError(f"approach_error: must be positive [m], got {approach_error}")
+    surface = _surface(target, seed)
     sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
     if p_approach is not None:

@@ -19,6 +19,7 @@ from sim.interfaces.spatial import Array, readonly
 
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
+_ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
 _EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
 
@@ -117,8 +118,8 @@ class Scan:
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
         """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad rows are left out.
 
-        Points behind the sensor (z <= 0) count as bad. Raises ConfigurationError if it is no cloud at all,
-        PerceptionError if too few points are left or they span no surface.
+        Points behind the sensor (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no
+        cloud at all, PerceptionError if too few points are left or they span no surface.
         """
         try:
             values = np.asarray(cloud, dtype=np.float64)
@@ -129,7 +130,7 @@ class Scan:
         if values.ndim not in (2, 3) or values.shape[-1] != 3:
             raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
         points = values.reshape(-1, 3)
-        points = points[np.isfinite(points).all(axis=1)]
+        points = points[(np.abs(points) < _ENDLESS).all(axis=1)]  # nor is NaN
         points = points[points[:, 2] > 1e-3]
         if len(points) < MIN_POINTS:
             raise PerceptionError(f"only {len(points)} usable points of {values.size // 3}; need {MIN_POINTS}")
@@ -283,7 +284,7 @@ def voxel_means(points: Array, size: float) -> Array:
 
 def facing_normals(points: Array, neighbours: int = 20) -> Array:
     """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
-    near = cKDTree(points).query(points, k=min(neighbours, len(points)))[1]
+    near = cKDTree(points).query(points, k=range(1, min(neighbours, len(points)) + 1))[1]
     normals = _least_axes(points, near)
     normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
     return normals

@@ -247,6 +247,8 @@ NOTHING = {
     "a line": np.linspace(0, 1, 500)[:, None] * np.array([0, 0.1, 1.0]) + np.array([0, 0, 1.0]),
     "one point many times": np.tile([0.0, 0.0, 1.0], (500, 1)),
     "a wall": np.column_stack([RNG.uniform(-1, 1, (20_000, 2)), np.full(20_000, 1.5)]),
+    "beyond single precision": 1e300 * RNG.uniform([-1, -1, 0.5], [1, 1, 2.5], (1000, 3)),
+    "a grain": 1e-3 * RNG.uniform([-0.2, -0.2, 1.4], [0.2, 0.2, 1.6], (2000, 3)),
     "dust": RNG.uniform([-1, -1, 0.5], [1, 1, 2.5], (3000, 3)),
 }
 
@@ -269,11 +271,14 @@ def test_nothing_there_is_said_not_raised(surface: ModelSurface, name: str, prio
         ((np.ones((100, 3)), "no such file.stl"), "no file"),
         ((np.ones((100, 3)), BARREL, [0, 0]), "approach"),
         ((np.ones((100, 3)), BARREL, [0, 0, 1], 2 * np.eye(3)), "rotation"),
+        ((np.ones((100, 3)), BARREL, [0, 0, 1], np.diag([1, 1, -1])), "rotation"),
     ],
 )
 def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
     with pytest.raises(ConfigurationError, match=words):
         identify(*arguments)
+    with pytest.raises(ConfigurationError, match="seed: must be a whole number"):
+        identify(np.ones((100, 3)), BARREL, seed=-1)
     with pytest.raises(ConfigurationError):
         SensorModel(baseline=0.0)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from controllers.advance import felt_by_tool, next_speed
 from controllers.mkps import Chain
 from controllers.placement import Search, tool_pose
 from controllers.supervisor import Job, SupervisorState, SurfaceWork
@@ -167,7 +168,7 @@ class HoleInsertion:
         elif state.arrival.path is None:
             state.arrival, reference = self._arrival.step(state.arrival, estimate, target, last)
             return state, reference
-        axial, aside = self._felt(state, last)
+        axial, aside = felt_by_tool(last, self._pose(state)[:3, 2])
         self._watch(state, estimate, axial, aside)
         match state.state:
             case WorkState.APPROACH:
@@ -271,15 +272,11 @@ class HoleInsertion:
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _advance(self, state: InsertionState, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period: at the speed `wanted` [m/s], less as the motion is resisted.
-
-        `resisted` is the axial force against the motion, as a share of that at which it stands still; beyond, the tool
-        gives way, no faster than it came.
-        """
+        """Move the depth by one period, as `controllers.advance` says."""
         job = self._job
-        wanted *= min(max(1.0 - resisted, -1.0), 1.0)
-        most = (job.yielding if resisted > 0.0 else job.acceleration) * self.period
-        state.speed += min(max(wanted - state.speed, -most), most)
+        state.speed = next_speed(
+            state.speed, wanted, resisted, acceleration=job.acceleration, yielding=job.yielding, period=self.period
+        )
         state.depth += state.speed * self.period
 
     def _touched(self, state: InsertionState, axial: float) -> bool:
@@ -287,16 +284,6 @@ class HoleInsertion:
         return state.felt_for >= self._job.touch_time
 
     # -- what is felt ----------------------------------------------------------------------------------------------
-
-    def _felt(self, state: InsertionState, last: Command | None) -> tuple[float, float]:
-        """Force [N] against the advance, and across it. Raises ConfigurationError if the controller does not say."""
-        if last is None or not math.isfinite(last.felt_normal) or "f_tip_W" not in last.believed:
-            raise ConfigurationError(
-                "the controller must say what it feels: Command.felt_normal [N] and believed['f_tip_W'] (3,) [N]"
-            )
-        z = self._pose(state)[:3, 2]
-        f_tip_W = last.believed["f_tip_W"]
-        return last.felt_normal, float(np.linalg.norm(f_tip_W - (f_tip_W @ z) * z))
 
     def _watch(self, state: InsertionState, estimate: StateEstimate, axial: float, aside: float) -> None:
         """Draw the tool out when the hull is carried away, the force is too large, or it takes too long."""

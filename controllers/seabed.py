@@ -186,15 +186,3 @@ def _arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, grou
         if len(places):
             gap = min(gap, float(ground.query(places @ X_WA[:3, :3].T + X_WA[:3, 3])[0].min()))
     return gap
-
-
-def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
-    """A core sampler's way from the surface at `A` (3,) [m] by `depth` [m] along its axis `a` (3,); x is `n` (3,)."""
-    if not depth > 0.0:
-        raise ConfigurationError(f"core depth: must be > 0 m, got {depth}")
-    s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
-    ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
-    scanned.setflags(write=False)
-    return ToolPath(
-        s=readonly(s), p=readonly(A + s[:, None] * a), z=readonly(ones * a), x=readonly(ones * n), on_scan=scanned
-    )

@@ -6,8 +6,9 @@ Work without contact (paper 004) goes from approach to work: there is nothing to
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +29,9 @@ _SHORTER = 0.04  # of a path that is left out, step by step, where it is too lon
 _HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
+
+# Where to stand for a path on a target, the part of it that is worked from there, and its share; raises ReachError.
+Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,7 +140,7 @@ class SurfaceWork:
         self,
         vehicle: Vehicle,
         chain: Chain,
-        target: TargetModel,
+        target: TargetModel | Standing,
         job: Job,
         *,
         X_WB_scan: Array,
@@ -146,13 +150,14 @@ class SurfaceWork:
         period: float = 0.01,
         search: Search | None = None,
     ) -> None:
-        """Take the vehicle and its arm, the object's model, the job, and the hull pose (4, 4) to scan from.
+        """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
 
-        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the
-        height `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
+        `X_WB_scan` (4, 4) is in W; `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and
+        of the seabed at the height `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
         """
         self.period = period
-        self._vehicle, self._chain, self._model, self._job = vehicle, chain, target, job
+        self._vehicle, self._chain, self._job = vehicle, chain, job
+        self._stand = partial(self._beside, target) if isinstance(target, TargetModel) else target
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
         self._floor = floor
         ahead = checked(view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
@@ -242,25 +247,10 @@ class SurfaceWork:
 
     def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
         job = self._job
-        obstacle = transform_points(target.X_WT, self._model.vertices)
-        placement, whole, worked, failure = None, path, 1.0, ""
-        for share, travel in self._ways_to_stand():
-            shorter = middle_part(whole, share)
-            try:
-                found = place(
-                    self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
-                    force=max(job.forces), standoff=job.standoff, floor=self._floor, travel=travel,
-                    search=self._search,
-                )  # fmt: skip
-            except ReachError as error:
-                failure = failure or str(error)
-                continue
-            if placement is None or found.margin > placement.margin:
-                placement, path, worked = found, shorter, share
-            if placement.margin >= job.roomy:
-                break
-        if placement is None:
-            self._give_up(state, time, failure)
+        try:
+            placement, path, worked = self._stand(target, path)
+        except ReachError as error:
+            self._give_up(state, time, str(error))
             return
         if worked < 1.0:
             state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
@@ -271,6 +261,31 @@ class SurfaceWork:
         before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
         self._move_hull(state, time, before)
         self._enter(state, WorkState.CLOSE_IN, time)
+
+    def _beside(self, model: TargetModel, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
+        """Where to stand beside a known object, for as much of the path as is within reach (a `Standing`)."""
+        job = self._job
+        obstacle = transform_points(target.X_WT, model.vertices)
+        best: tuple[Placement, ToolPath, float] | None = None
+        failure: ReachError | None = None
+        for share, travel in self._ways_to_stand():
+            shorter = middle_part(whole, share)
+            try:
+                found = place(
+                    self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
+                    force=max(job.forces), standoff=job.standoff, floor=self._floor, travel=travel,
+                    search=self._search,
+                )  # fmt: skip
+            except ReachError as error:
+                failure = failure or error
+                continue
+            if best is None or found.margin > best[0].margin:
+                best = found, shorter, share
+            if best[0].margin >= job.roomy:
+                break
+        if best is None:
+            raise failure or ReachError("there is no way to stand")
+        return best
 
     def _ways_to_stand(self) -> Iterator[tuple[float, float]]:
         """Shares of the path to work, and of its length for the hull to travel meanwhile, the most wanted first."""

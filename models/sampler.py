@@ -1,8 +1,10 @@
-"""A sampler on the arm in place of the pad: a round tube with a domed nose, in a mount that gives way.
+"""A tube on the arm in place of the pad, in a mount that gives way: a sampler with a domed nose, or a corer, open.
 
 The mount is three slides, each with a spring and a damper in N/m and N s/m, so the stiffness of a contact is known
 along the tool and across it: MuJoCo's own contact softness is no stiffness (its `solref` is scaled by the masses).
 """
+
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -11,9 +13,20 @@ from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.vehicle import TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 
-RADIUS = 0.018  # [m]
-LENGTH = 0.14  # [m] from the mount to the tip, of which the last `RADIUS` is the dome
-MASS = 0.6  # [kg] a steel tube of 2 mm wall, half full of water
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tube:
+    """A round steel tube, half full of water."""
+
+    radius: float  # [m] outside
+    length: float  # [m] from the mount to the tip
+    mass: float  # [kg]
+    domed: bool  # its tip, by `radius`
+    wall: float = 0.002  # [m]
+
+
+SAMPLER = Tube(radius=0.018, length=0.14, mass=0.6, domed=True)
+CORER = Tube(radius=0.03, length=0.25, mass=1.0, domed=False)
 STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
 DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
 GIVE = 0.02  # [m] that the mount can be pushed in, and
@@ -23,10 +36,10 @@ _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 _TOOL = "pad"  # the plant tells contacts of the geom of this name from collisions
 
 
-def fit(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
-    """Take the pad off the arm of `spec` and put the sampler there; what the water does to it, by body.
+def fit(spec: mujoco.MjSpec, tube: Tube = SAMPLER) -> dict[str, BodyHydrodynamics]:
+    """Take the pad off the arm of `spec` and put the tube there; what the water does to it, by body.
 
-    The tube stands on the pad's body, along its slide; the tip site moves to the end of the dome, and the keyframes
+    The tube stands on the pad's body, along its slide; the tip site moves to its end, and the keyframes
     gain the mount's joints, at rest. Raises ConfigurationError if `spec` has no pad that slides, or no tip.
     """
     pad = next((body for body in spec.bodies if body.name == _TOOL), None)
@@ -40,7 +53,7 @@ def fit(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
     spec.delete(pad)
-    tip.pos = place + R.reshape(3, 3) @ along * LENGTH
+    tip.pos = place + R.reshape(3, 3) @ along * tube.length
     side = np.eye(3)[int(np.argmin(np.abs(along)))]
     side -= (side @ along) * along
     side /= np.linalg.norm(side)
@@ -50,22 +63,25 @@ def fit(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
         _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
-    middle = 0.5 * LENGTH
-    tube = parent.add_body(
-        name=_TOOL, mass=MASS, ipos=middle * along, inertia=[MASS * LENGTH**2 / 12.0] * 3, explicitinertial=True
-    )
-    _slide(tube, _TOOL, along, (-GIVE, 0.25 * GIVE))
-    tube.add_geom(
-        name=_TOOL, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, 0, 0], mass=0.0, contype=1, conaffinity=2,
-        fromto=np.concatenate([RADIUS * along, (LENGTH - RADIUS) * along]), priority=1,
+    middle = 0.5 * tube.length
+    held = parent.add_body(
+        name=_TOOL, mass=tube.mass, ipos=middle * along, inertia=[tube.mass * tube.length**2 / 12.0] * 3,
+        explicitinertial=True,
+    )  # fmt: skip
+    _slide(held, _TOOL, along, (-GIVE, 0.25 * GIVE))
+    dome = tube.radius if tube.domed else 0.0
+    held.add_geom(
+        name=_TOOL, type=mujoco.mjtGeom.mjGEOM_CAPSULE if tube.domed else mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[tube.radius, 0, 0], mass=0.0, contype=1, conaffinity=2,
+        fromto=np.concatenate([dome * along, (tube.length - dome) * along]), priority=1,
         friction=[FRICTION, 0.005, 0.0001], solref=[0.006, 1.0], solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
         rgba=[0.75, 0.78, 0.82, 1.0],
     )  # fmt: skip
-    tube.add_site(name="pad_face", pos=LENGTH * along, quat=tip.quat, group=4)
+    held.add_site(name="pad_face", pos=tube.length * along, quat=tip.quat, group=4)
     for key in spec.keys:
         if len(at_keys[key.name]) == nq:
             key.qpos = np.concatenate([at_keys[key.name][: nq - 1], np.zeros(3)])
-    return {_TOOL: cylinder(RADIUS, RADIUS * along, LENGTH * along)}
+    return {_TOOL: cylinder(tube.radius, dome * along, tube.length * along)}
 
 
 def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:

@@ -6,10 +6,12 @@ import mujoco
 
 import models
 from models import hydrodynamics
+from models.seabed import Seabed
 from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, transform_points
 
+TOOL_GEOM = "pad"
 SEABED_DEPTH = 0.75  # [m] below the middle of the object
 
 
@@ -49,6 +51,17 @@ def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoc
     seabed.pos = [X_WT[0, 3], X_WT[1, 3], seabed_height(target, X_WT)]
     seabed.rgba = [0.55, 0.5, 0.4, 1.0]
     return spec
+
+
+def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
+    """`vehicle` itself over `ground`, into which its tool, the geom "pad", goes without collision: the soil is a force
+    on it (`models.soil`). Raises ConfigurationError for a vehicle without that tool."""
+    tool = next((geom for geom in vehicle.geoms if geom.name == TOOL_GEOM), None)
+    if tool is None:
+        raise ConfigurationError(f"to dig the vehicle needs a tool, a geom named {TOOL_GEOM!r}")
+    tool.contype = tool.conaffinity = 0
+    ground.add_to(vehicle)
+    return vehicle
 
 
 def seabed_height(target: TargetModel, X_WT: Array) -> float:

@@ -75,7 +75,7 @@ def build_side() -> mujoco.MjSpec:
     return build(arm="side")
 
 
-def build(tool: Literal["pad", "sampler"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
+def build(tool: Literal["pad", "sampler", "corer"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
     """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm.
 
     The `arm` is under the hull, or on the port side with the camera beside it.
@@ -98,8 +98,8 @@ def build(tool: Literal["pad", "sampler"] = "pad", arm: Literal["under", "side"]
         "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
         "pad": cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
-    if tool == "sampler":
-        bodies |= sampler.fit(spec)
+    if tool != "pad":
+        bodies |= sampler.fit(spec, sampler.SAMPLER if tool == "sampler" else sampler.CORER)
     hydrodynamics.attach(spec, bodies)
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)

@@ -148,6 +148,18 @@ def _spline(u: Array, values: Array, weight: Array) -> BSpline:
     return make_lsq_spline(u, values, np.concatenate([[0.0] * 4, inner, [u[-1]] * 4]), k=3, w=weight)
 
 
+def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
+    """A core sampler's way from the surface at `A` (3,) [m] by `depth` [m] along its axis `a` (3,); x is `n` (3,)."""
+    if not depth > 0.0:
+        raise ConfigurationError(f"core depth: must be > 0 m, got {depth}")
+    s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
+    ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
+    scanned.setflags(write=False)
+    return ToolPath(
+        s=readonly(s), p=readonly(A + s[:, None] * a), z=readonly(ones * a), x=readonly(ones * n), on_scan=scanned
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpeedLaw:
     """When the tool is where on its path: from rest to rest."""

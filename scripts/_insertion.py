@@ -1,9 +1,7 @@
 """Wires the parts of an insertion together, runs it, and says what came of it."""
 
 import os
-import sys
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -12,11 +10,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _job import NOT_ACCEPTED, REACTION_TICKS, REHEARSAL, Clouds, Teller
+from _job import LONGEST, NOT_ACCEPTED, REACTION_TICKS
 from _job_parts import controller, hull_box, scan_pose, undriven
 from _variation import NOMINAL
+from _whole_run import Ran, Ready, progress, run, run_shown, write
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from controllers.insertion import HoleInsertion, InsertionJob
@@ -29,17 +27,16 @@ from perception.target_finder import KnownObjectFinder
 from sim import hydrodynamics, sensors
 from sim.current import Current
 from sim.depth_camera import DepthCamera
+from sim.insertion_figures import insertion_figures
 from sim.insertion_metrics import TrueHole, assess_insertion, crashed
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment
 from sim.plant import PAD_GEOM, Plant
-from sim.recording import Recorder, Recording
-from sim.results_table import results_table
-from sim.rollout import Observer, Parts, rollout
+from sim.recording import Recorder
+from sim.rollout import Parts
 from sim.startup import ScenarioOptions
 
-LONGEST = 400.0  # [s] simulated, whatever happens
 TILT = float(np.radians(5.0))  # largest lean of the manifold on the seabed, about x and about y
 BOTTOM = 0.02  # [m] of hole below the depth asked for
 WANTED = 0.95  # share of the trials
@@ -66,22 +63,9 @@ class Setting:
 class Insertion:
     """One insertion, ready to run; the truth about the object is for the plant and the judge alone."""
 
-    seed: int
-    plant: Plant
-    parts: Parts
+    ready: Ready
     truth: TrueHole
     X_TH: Array  # (4, 4) the hole in the manifold's frame
-    loop: np.random.Generator
-    restart: Callable[[], None]  # the plant at its start again, the gusts undrawn
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outcome:
-    """What one insertion came to."""
-
-    assessment: Assessment
-    recording: Recording
-    note: str
 
 
 def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
@@ -137,10 +121,11 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
         ),
     )  # fmt: skip
     truth = TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=tool_radius, depth=setting.depth)
-    return Insertion(
-        seed=seed, plant=plant, parts=parts, truth=truth, X_TH=bore.pose(np.eye(4)), loop=loop,
+    ready = Ready(
+        seed=seed, plant=plant, parts=parts, loop=loop,
         restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
     )  # fmt: skip
+    return Insertion(ready=ready, truth=truth, X_TH=bore.pose(np.eye(4)))
 
 
 def with_sampler(vehicle: str) -> mujoco.MjSpec:
@@ -148,23 +133,14 @@ def with_sampler(vehicle: str) -> mujoco.MjSpec:
     return uuv_puma.build("sampler") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
-def run(insertion: Insertion, recorder: Recorder, observers: Sequence[Observer] = ()) -> Outcome:
-    """Run to the end and judge."""
-    # A rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once.
-    rollout(insertion.plant, insertion.parts, duration=REHEARSAL, rng=np.random.default_rng(insertion.seed))
-    insertion.restart()
-    began = time.perf_counter()
-    last = rollout(
-        insertion.plant, insertion.parts, duration=LONGEST, rng=insertion.loop, observers=[recorder, *observers]
-    )
-    wall_s = time.perf_counter() - began
-    recording = recorder.recording()
+def judge(insertion: Insertion, ran: Ran) -> Assessment:
+    """The figures of an insertion that was run."""
+    recording = ran.recording
     found = next((target for target in reversed(recording.targets) if target.accepted), None)
-    assessment = assess_insertion(
+    return assess_insertion(
         recording, insertion.truth, found_X_WH=None if found is None else found.X_WT @ insertion.X_TH,
-        seed=insertion.seed, wall_s=wall_s,
+        seed=insertion.ready.seed, wall_s=ran.wall_s,
     )  # fmt: skip
-    return Outcome(assessment=assessment, recording=recording, note=last.reference.note)
 
 
 def run_and_write(
@@ -173,47 +149,16 @@ def run_and_write(
     """One insertion with its log, table and report. Returns the exit code."""
     insertion = prepare(setting, options.seed, record=options.record)
     title = f"A sampler into hole {setting.hole}, seed {options.seed}"
-    recorder = Recorder(insertion.plant.model, full=options.record)
-    observers: list[Observer] = []
-    log: Any = None
-    if options.record or options.view:
-        from sim.rerun_log import RerunLog
-
-        log = RerunLog(folder / "run.rrd", insertion.plant.model, title=title, view=options.view)
-        observers.append(log)
-    progress = _progress(console)
-    observers += [Clouds(recorder, log), Teller(progress, console)]
-    console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
-    try:
-        with progress:
-            outcome = run(insertion, recorder, observers)
-    finally:
-        if log is not None:
-            log.close()
-    assessment = outcome.assessment
-    assessment.write(folder / "metrics.json")
-    console.print(results_table(assessment))
-    figures = assessment.metrics["run"]
-    console.print(
-        f"{figures['simulated_s']:.0f} s simulated in {figures['wall_s']:.1f} s, {figures['real_time_factor']:.1f} "
-        "times real time",
-        highlight=False,
-    )
-    console.print(
-        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
-    )
-    if options.record:
-        from sim.insertion_figures import insertion_figures
-        from sim.report import write_report
-
-        write_report(
-            folder / "report.html", outcome.recording, None, assessment, title=title, options=said,
-            pictures=insertion_figures(outcome.recording, insertion.truth),
-        )  # fmt: skip
-    console.print(f"written to {folder}/", highlight=False)
+    ran = run_shown(insertion.ready, title, options, folder, console, started)
+    assessment = judge(insertion, ran)
+    code = write(
+        assessment, ran.recording, title, options, said, folder, console,
+        lambda: insertion_figures(ran.recording, insertion.truth),
+    )  # fmt: skip
     if assessment.metrics["insertion"]["time_s"] == 0.0:
-        raise ConfigurationError(f"the work could not begin: {outcome.note or f'not within {LONGEST:.0f} s'}")
-    return 0 if assessment.accepted else NOT_ACCEPTED
+        note = ran.last.reference.note or f"not within {LONGEST:.0f} s"
+        raise ConfigurationError(f"the work could not begin: {note}")
+    return code
 
 
 def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Console) -> list[dict[str, Any]]:
@@ -223,24 +168,25 @@ def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Co
     found: dict[int, dict[str, Any]] = {}
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # read by the workers when they load
     with (
-        _progress(console) as progress,
+        progress(console) as shown,
         ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool,
     ):
-        bar = progress.add_task("trials", total=len(seeds), note="")
+        bar = shown.add_task("trials", total=len(seeds), note="")
         waiting = {pool.submit(_trial, setting, seed): seed for seed in seeds}
         for done in as_completed(waiting):
             found[waiting[done]] = one = done.result()
             if not one["accepted"]:
-                progress.console.print(f"seed {waiting[done]}: {'; '.join(one['failed'])}", highlight=False)
+                shown.console.print(f"seed {waiting[done]}: {'; '.join(one['failed'])}", highlight=False)
             good = sum(bool(each["accepted"]) for each in found.values())
-            progress.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
+            shown.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
     return [found[seed] for seed in seeds]
 
 
 def _trial(setting: Setting, seed: int) -> dict[str, Any]:
     try:
         insertion = prepare(setting, seed)
-        return dict(run(insertion, Recorder(insertion.plant.model, full=False)).assessment.metrics)
+        ran = run(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
+        return dict(judge(insertion, ran).metrics)
     except UuvError as error:  # one trial that blows up is a failure, not the end of the others
         return crashed(seed, str(error))
 
@@ -277,10 +223,3 @@ def say_trials(figures: dict[str, Any], console: Console) -> int:
         kinds = ", ".join(f"{kind} {count}" for kind, count in figures["failures"].items())
         console.print(f"failures: {kinds} (seeds {figures['failed_seeds']})", highlight=False)
     return 0 if figures["share"] >= WANTED else NOT_ACCEPTED
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
-        console=console, disable=not sys.stdout.isatty(),
-    )  # fmt: skip

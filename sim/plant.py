@@ -12,6 +12,7 @@ from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
 from sim.plant_kernel import COLLISION, CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.reaction import Reaction
+from sim.soil import SoilForce
 from sim.thrusters import Thrusters
 
 PAD_GEOM = "pad"
@@ -65,11 +66,13 @@ class Plant:
     """A vehicle and its world, advanced one physics step at a time by commands."""
 
     def __init__(
-        self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None, reaction_ticks: int = 0
-    ) -> None:
+        self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None, reaction_ticks: int = 0,
+        soil: SoilForce | None = None,
+    ) -> None:  # fmt: skip
         """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
 
-        Every `reaction_ticks` steps the wrench of the arm on the hull is measured (`sim.reaction`); 0: never.
+        `soil` acts on the body of the pad, and counts as contact. Every `reaction_ticks` steps the wrench of the arm on
+        the hull is measured (`sim.reaction`); 0: never.
 
         Raises ConfigurationError for arguments that cannot be and if the model has no vehicle (`models.vehicle`),
         HydrodynamicsError if its water cannot act as it should (what `sim.hydrodynamics.check` refuses, and contact
@@ -108,6 +111,10 @@ class Plant:
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
+        self._soil, self._soil_W = soil, np.zeros(3)
+        if soil is not None and self._pad_geom < 0:
+            raise ConfigurationError(f"soil acts on the geom {PAD_GEOM!r}, which this vehicle does not have")
+        self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
         self.truth = self._bind(pad_site)
         self.reset(current=current, X_WB=X_WB)
 
@@ -137,6 +144,9 @@ class Plant:
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._current = current
         self._thrusters.reset()
+        self._soil_W[:] = 0.0
+        if self._soil is not None:
+            self._soil.reset()
         self._flow()  # over what the last step left in the model
         truth.time = float(data.time)
         truth.saturated = False
@@ -196,6 +206,8 @@ class Plant:
         )
         self._ctrl[self._thruster_ctrl] = self._thrusters.thrust
         self._ctrl[self._joint_ctrl] = joint_torque
+        if self._soil is not None:
+            self._dig(self._soil)
         if self._reaction is not None and self._tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
             mujoco.mj_step2(self.model, data)
@@ -213,7 +225,18 @@ class Plant:
             self._places, self._gears, self.vehicle.dof, self._friction, truth.qd, self._own_geom, truth.tau_friction,
             self._frictionloss, contacts,
         )  # fmt: skip
+        if self._soil is not None:
+            contacts[FORCE : FORCE + 3] += self._soil_W
+            contacts[NORMAL] -= self._soil_W @ truth.R_WG[:, 2]
         truth.contact_normal, truth.collision = float(contacts[NORMAL]), bool(contacts[COLLISION])
+
+    def _dig(self, soil: SoilForce) -> None:
+        """Let the soil act on the tool for the step that comes."""
+        data, truth = self.data, self.truth
+        self._soil_W[:] = f_W = soil.step(truth.p_pad, truth.R_WG[:, 2])
+        wrench = data.xfrc_applied[self._tool]
+        lever = truth.p_pad - data.xipos[self._tool]
+        wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)
 
     def _flow(self) -> None:
         """Let the water of the next step into the model, before `observe` computes what it does."""

@@ -138,6 +138,22 @@ class RerunLog:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
         self._log(f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time)
 
+    def log_mesh(self, name: str, vertices_W: ArrayLike, triangles: ArrayLike, time: float = 0.0) -> None:
+        """Show a surface as it was found, vertices (V, 3) [m] in W and triangles (T, 3), under "world/found/<name>"."""
+        vertices = np.asarray(vertices_W, dtype=np.float32) + np.array([0.0, 0.0, LIFT], dtype=np.float32)
+        mesh = self._rr.Mesh3D(
+            vertex_positions=vertices, triangle_indices=np.asarray(triangles, dtype=np.uint32), albedo_factor=SKY
+        )
+        self._log(f"world/found/{name}", mesh, time)
+
+    def log_arrows(self, name: str, origins_W: ArrayLike, vectors_W: ArrayLike, time: float = 0.0) -> None:
+        """Show arrows (N, 3) [m] from points (N, 3) [m], both in W, under "world/found/<name>"."""
+        color = self._cloud_colors.setdefault(name, _LINES[len(self._cloud_colors) % len(_LINES)])
+        arrows = self._rr.Arrows3D(
+            origins=np.asarray(origins_W), vectors=np.asarray(vectors_W), colors=color, radii=0.002
+        )
+        self._log(f"world/found/{name}", arrows, time)
+
     def flush(self) -> None:
         """Bring everything seen so far into the file."""
         self._send_series()
@@ -170,7 +186,7 @@ class RerunLog:
         rr = self._rr
         self._target = target
         verdict = "accepted" if target.accepted else f"refused: {target.reason}"
-        text = f"object at {target.range_m:.2f} m, check {target.check_m * 1e3:.1f} mm: {verdict}"
+        text = f"target at {target.range_m:.2f} m, check {target.check_m * 1e3:.1f} mm: {verdict}"
         self._log("state/log", rr.TextLog(text, level="INFO" if target.accepted else "WARN"), time)
         if target.path is not None:
             lifted = target.path.p - LIFT * target.path.z

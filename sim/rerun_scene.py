@@ -36,10 +36,12 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
 
 
 def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Array:
-    """Where to look (3,) [m] in W: between the vehicle and the objects that stand in the world."""
+    """Where to look (3,) [m] in W: between the vehicle and the objects or height fields that stand in the world."""
     fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
-    places = data.xpos[[vehicle.hull, *fixed]]
-    return 0.5 * (places[0] + places[1:].mean(axis=0)) if fixed else places[0]
+    fields = np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_HFIELD
+    stands = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
+    hull = data.xpos[vehicle.hull]
+    return 0.5 * (hull + stands.mean(axis=0)) if len(stands) else hull
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:

@@ -183,15 +183,16 @@ class ToolPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
-    """A known object, found: its pose and the tool path on it, in W."""
+    """A known object or a place on the seabed, found: its pose and the tool path on it, in W."""
 
     time: float  # [s] of the frame that it was found in
-    X_WT: Array  # (4, 4) pose of the model frame
+    X_WT: Array  # (4, 4) pose of the model frame; of a place on the seabed, level
     accepted: bool  # the check held
     check_m: float  # [m] the check's figure; inf if it could not be made
     range_m: float  # [m] camera to the target's centre
     reason: str  # why it was not accepted; empty if it was
     path: ToolPath | None  # in W; None if not accepted
+    ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not looked at
 
 
 class FaultKind(StrEnum):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers import insertion, supervisor
+from controllers import supervisor
+from controllers.advance import felt_by_tool
 from controllers.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.mkps import Chain
 from controllers.placement import Placement
@@ -255,14 +256,10 @@ def test_a_hole_that_is_too_shallow_is_refused():
         Script(job=InsertionJob(depth=0.09)).run()
 
 
-def test_a_controller_that_feels_nothing_is_refused(monkeypatch):
-    monkeypatch.setattr(insertion, "Command", Command)
-    planner = HoleInsertion(
-        Vehicle.of(OWN), CHAIN, BLOCK.target, HOLE, InsertionJob(), X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3))
-    )
+def test_a_controller_that_feels_nothing_is_refused():
     dumb = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
     with pytest.raises(ConfigurationError, match="must say what it feels"):
-        planner._felt(None, dumb)  # pyright: ignore[reportArgumentType]
+        felt_by_tool(dumb, np.array([0.0, 0.0, 1.0]))
 
 
 # ------------------------------------------------------------------------------------------------------------ figures

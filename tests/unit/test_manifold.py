@@ -7,7 +7,7 @@ import pytest
 import models
 from models import hydrodynamics, sampler, uuv_puma
 from models.manifold import SIDES, SIZE, manifold
-from models.sampler import LENGTH, RADIUS, STIFFNESS
+from models.sampler import SAMPLER, STIFFNESS
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -109,7 +109,7 @@ def test_the_sampler_gives_way_by_its_springs(within):
     tip, axis = data.site("tip").xpos.copy(), data.site("tip").xmat.reshape(3, 3)[:, 2].copy()
     within("tip at the dome's end [m]", data.site("pad_face").xpos - tip, 1e-12)
     mount = data.xpos[tube]
-    within("length [m]", (tip - mount) @ axis - LENGTH, 1e-12)
+    within("length [m]", (tip - mount) @ axis - SAMPLER.length, 1e-12)
     force = rng.normal(size=3)
     force *= 40.0 / np.linalg.norm(force)
     if force @ axis > 0.0:
@@ -120,7 +120,7 @@ def test_the_sampler_gives_way_by_its_springs(within):
         data.qfrc_applied[:] = 0.0
     moved = data.site("pad_face").xpos - data.site("tip").xpos
     within("deflection, relative", (moved - force / STIFFNESS) * STIFFNESS / 40.0, 1e-3)
-    assert float(model.geom_size[model.geom("pad").id][0]) == RADIUS
+    assert float(model.geom_size[model.geom("pad").id][0]) == SAMPLER.radius
     assert vehicle.joint_names == ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
 
 

@@ -6,9 +6,10 @@ import pytest
 import models
 from controllers.mkps import Chain, solve
 from controllers.placement import tool_pose
-from controllers.seabed import HeightSearch, choose_height, core_path, jet_shear, silt_height
+from controllers.seabed import HeightSearch, choose_height, jet_shear, silt_height
 from models.seabed import seabed
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from perception.terrain_path import core_path
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly

@@ -1,0 +1,175 @@
+"""Wires the parts of work in the seabed together: the terrain, the soil, the sonar, the planner, the judge."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from _job import REACTION_TICKS
+from _job_parts import controller, hull_box, undriven
+from _variation import NOMINAL
+from _whole_run import Ready
+
+from controllers.mkps import Chain
+from controllers.seabed import HeightSearch
+from controllers.seabed_work import SeabedJob, SeabedWork
+from models import sampler, scenes, uuv_puma
+from models.seabed import Kind, seabed
+from models.soil import SOILS, Soil, SoilTool, core_tube
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, find
+from perception.navigation import Navigation
+from perception.point_files import read_cloud, read_targets
+from perception.seabed_finder import SeabedFinder, SeabedFinderState
+from sim import hydrodynamics, sensors
+from sim.current import Current
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from sim.plant import PAD_GEOM, Plant
+from sim.recording import Recorder
+from sim.rollout import Moment, Parts
+from sim.seabed_metrics import TrueGround
+from sim.soil import SoilForce
+from sim.sonar import Sonar, SonarBeams
+
+ALTITUDE = 2.5  # [m] of the hull over the middle of the terrain, from which it is scanned
+ABOVE = np.array([0.0, 0.0, ALTITUDE])
+AHEAD = 0.5  # [m] of the hull's middle, where the targets are where no file says otherwise,
+APART = 0.3  # [m] and between those that a tool is dragged between
+HALF = 3.0  # [m] of the terrain
+BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
+AXES = 0.06  # [m] at which unit axes are drawn in the log
+OWN_ARM = 0.8  # [m] from the sonar, within which an echo is the vehicle's own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What is asked for."""
+
+    kind: Kind
+    soil: str  # a name of models.soil.SOILS
+    job: SeabedJob
+    cloud: Path | None  # believed in place of the scan; hull axes where it scans
+    targets: Path | None  # B_i and z; hull axes where it scans
+    current: tuple[float, float, float]  # [m/s]
+    gust: float  # [m/s]
+    without: frozenset[str]  # methods of the controller left out
+    vehicle: str
+    controller: str  # MODULE:CLASS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeabedRun:
+    """Work in the seabed, ready to run; the truth about the ground is for the plant and the judge alone."""
+
+    ready: Ready
+    truth: TrueGround
+
+
+def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
+    """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
+    job, rng = setting.job, np.random.default_rng(seed)
+    soil = soil_named(setting.soil)
+    ground = seabed(setting.kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
+    yaw = rng.uniform(-np.pi, np.pi)
+    gusts, loop, start = rng.spawn(3)
+    own = with_corer(setting.vehicle).compile()
+    arm = Vehicle.of(own)
+    box = hull_box(own, arm)
+    X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
+    B_B, up_B = _targets(setting)
+    B_W, up_W = transform_points(X_WB, B_B), X_WB[:3, :3] @ up_B
+    cloud_W = None if setting.cloud is None else transform_points(X_WB, read_cloud(setting.cloud))
+
+    model = hydrodynamics.compile(scenes.dig_site(with_corer(setting.vehicle), ground))
+    offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
+    plant = Plant(
+        model, current=Current(setting.current), X_WB=X_WB @ offset, reaction_ticks=REACTION_TICKS if record else 0,
+        soil=SoilForce(ground, soil, tool_of(own)),
+    )  # fmt: skip
+    flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
+    parts = Parts(
+        sensors=[
+            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            Sonar(model, HULL_BODY, sonar_on_hull(box), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
+        ],
+        estimator=Navigation(),
+        finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W),
+        planner=SeabedWork(
+            arm, chain, job, X_WB_scan=X_WB, hull_box=box, search=HeightSearch(jets_above=-float(box[0, 2]))
+        ),
+        controller=controller(setting.controller, own, without=setting.without, water_error=NOMINAL.water_error),
+    )  # fmt: skip
+    ready = Ready(
+        seed=seed, plant=plant, parts=parts, loop=loop,
+        restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
+    )  # fmt: skip
+    truth = TrueGround(ground=ground, B_W=B_W, hull_box=box, push=None if job.drag else job.push, depth=job.depth)
+    return SeabedRun(ready=ready, truth=truth)
+
+
+def soil_named(name: str) -> Soil:
+    """One of models.soil.SOILS; ConfigurationError that lists them otherwise."""
+    if name not in SOILS:
+        raise ConfigurationError(f"--soil {name!r}: there are {', '.join(SOILS)}")
+    return SOILS[name]
+
+
+def with_corer(vehicle: str) -> mujoco.MjSpec:
+    """uuv_puma with the corer in place of its pad; any other vehicle as it is."""
+    return uuv_puma.build("corer") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
+
+
+def tool_of(own: mujoco.MjModel) -> SoilTool:
+    """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is no tube."""
+    geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+    kinds = mujoco.mjtGeom
+    if kinds(int(own.geom_type[geom])) not in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        raise ConfigurationError(f"--vehicle: its geom {PAD_GEOM!r} must be a cylinder or a capsule, the core tube")
+    return core_tube(float(own.geom_size[geom, 0]), sampler.CORER.wall)
+
+
+def _targets(setting: Setting) -> tuple[Array, Array]:
+    """Points B (s, 3) [m] and their direction z (3,), in hull axes where it scans."""
+    drag = setting.job.drag
+    if setting.targets is None:
+        sides = (-0.5 * APART, 0.5 * APART) if drag else (0.0,)
+        return np.array([[AHEAD, side, 0.0] for side in sides]), np.array([0.0, 0.0, 1.0])
+    B, up = read_targets(setting.targets)
+    if drag and len(B) < 2:
+        raise ConfigurationError(f"--targets {setting.targets}: to drag between needs two points or more, got {len(B)}")
+    return (B, up) if drag else (B[:1], up)
+
+
+def sonar_on_hull(box: Array) -> Array:
+    """Place (4, 4) of the sonar in B: under the hull's bow, looking down, x to starboard and y aft."""
+    R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
+
+
+class Story:
+    """Puts the seabed as it was found, the targets and the profile into the recording and the log."""
+
+    def __init__(self, recorder: Recorder, log: Any) -> None:
+        self._recorder, self._log = recorder, log
+
+    def observe(self, moment: Moment) -> None:
+        found = moment.found
+        if moment.frame is None or not isinstance(found, SeabedFinderState) or found.cloud_W is None:
+            return
+        time, plan = moment.truth.time, found.plan
+        self._recorder.add_cloud("scan", found.cloud_W)
+        if plan is not None:
+            self._recorder.add_cloud("targets", plan.targets.A)
+        if self._log is None:
+            return
+        self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
+        if plan is None:
+            return
+        self._log.log_mesh("seabed", plan.terrain.vertices, plan.terrain.triangles, time)
+        self._log.log_cloud("targets", plan.targets.A, time, radius=0.03)
+        if plan.profile is not None:
+            T = plan.profile.T
+            for name, vectors in (("a", plan.profile.a), ("n", plan.profile.n)):
+                self._log.log_arrows(f"profile_{name}", T, AXES * vectors, time)

@@ -1,0 +1,95 @@
+"""Take a sample of an unknown seabed: hover over it, scan it, choose the height, and go into the soil by feel.
+
+The vehicle builds the ground from its sonar's scan, lets the targets down on it, judges the relief and chooses where to
+hover. It pushes a core tube into the soil with a set force, or drags the tool along the profile between two targets at
+a set depth, and draws it out. A cloud that is no ground, or ground that is not fit for it: it stays where it is, one
+line says why, exit code 2.
+"""
+
+from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from _job import LONGEST
+from _seabed_job import Setting, Story, prepare
+from _whole_run import run_shown, write
+from rich.console import Console
+
+from controllers.seabed_work import SeabedJob
+from controllers.work_controller import Method
+from models.seabed import Kind
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.seabed_figures import seabed_figures
+from sim.seabed_metrics import assess_seabed_work
+
+
+@dataclass(kw_only=True)
+class Options(ScenarioOptions):
+    """Take a sample of the seabed."""
+
+    terrain: Kind = "ripples"
+    """Of the seabed, drawn from the seed."""
+    soil: Literal["sand", "mud"] = "sand"
+    """That it is of (models/soil.py)."""
+    work: Literal["core", "drag"] = "core"
+    """Push a tube in and draw it out, or drag it along the profile between the targets."""
+    push: float = 50.0
+    """Of the core [N]; --quick asks for 40 at most."""
+    depth: float | None = None
+    """Dragged at [mm], default 30; of a core: at which the tube is full, default 180."""
+    targets: Path | None = None
+    """Text: points B_i over the seabed, a line `z X Y Z`, in hull axes where it scans; default: ahead of the hull."""
+    cloud: Path | None = None
+    """Text, PLY or PCD, in the same axes: believed in place of the scan."""
+    without: tuple[Method, ...] = ()
+    """Methods to leave out, e.g. compensation (ablation)."""
+    vehicle: str = "uuv_puma"
+    """It carries a core tube in place of its pad; or an MJCF file with the named parts (README)."""
+    controller: str = "controllers.work_controller:WorkController"
+    """MODULE:CLASS of the controller."""
+
+
+def main() -> int:
+    started = time.perf_counter()
+    options = parse(Options)
+    drag = options.work == "drag"
+    depth = options.depth if options.depth is not None else 30.0 if drag else 180.0
+    push = min(options.push, 40.0) if options.quick else options.push
+    scans = 3 if options.cloud is None else 1
+    setting = Setting(
+        kind=options.terrain,
+        soil=options.soil,
+        job=SeabedJob(push=push, depth=1e-3 * depth, drag=drag, scans=scans),
+        cloud=options.cloud,
+        targets=options.targets,
+        current=options.current,
+        gust=options.gust,
+        without=frozenset(options.without),
+        vehicle=options.vehicle,
+        controller=options.controller,
+    )
+    console = Console()
+    folder = options.folder("sample_seabed")
+    work = prepare(setting, options.seed, record=options.record)
+    title = (
+        f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"
+    )
+    ran = run_shown(work.ready, title, options, folder, console, started, Story)
+    assessment = assess_seabed_work(ran.recording, work.truth, seed=options.seed, wall_s=ran.wall_s)
+    code = write(
+        assessment, ran.recording, title, options, asdict(options), folder, console,
+        lambda: seabed_figures(ran.recording, work.truth),
+    )  # fmt: skip
+    if not ran.recording.within(WorkState.APPROACH).any():
+        raise ConfigurationError(
+            f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"
+        )
+    return code
+
+
+if __name__ == "__main__":
+    run_scenario(main)

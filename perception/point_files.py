@@ -76,7 +76,7 @@ def _existing(file: str | Path, what: str) -> Path:
 
 def _text(path: Path, what: str) -> str:
     try:
-        text = path.read_text("utf-8")
+        text = path.read_text("utf-8-sig")  # a byte order mark is no number
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{what} {path}: it cannot be read as text ({error})") from error
     if not any(True for _ in _lines(text)):

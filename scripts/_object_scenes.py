@@ -102,8 +102,12 @@ def object_scene(
     The coarse start is off by up to `start_error` ([m], [rad]), evenly. The seabed lies `gap` [m] below the lowest
     part of object and stand (0: it lies on it; None: no seabed, no stones). `there`: what really stands in the place
     of `target`; `absent`: nothing does. The camera stands at `azimuth` [rad] about z_T from x_T, `climb` [rad] above
-    the horizon of T. Raises ConfigurationError for an unknown name of an object or sensor.
+    the horizon of T. Raises ConfigurationError for an unknown name of an object or sensor, or bad numbers.
     """
+    if not 0.0 < ranges[0] <= ranges[1] < np.inf:
+        raise ConfigurationError(f"ranges: must be 0 < near <= far [m], got {ranges}")
+    if not np.all(np.isfinite(start_error)) or min(start_error) < 0.0:
+        raise ConfigurationError(f"start error: must not be negative [m], [rad], got {start_error}")
     target = target_of(target) if isinstance(target, str) else target
     if sensor not in SENSORS:
         raise ConfigurationError(f"no sensor {sensor!r}; there are {sorted(SENSORS)}")

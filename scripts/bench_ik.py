@@ -26,7 +26,7 @@ import numpy as np
 from _ik_baseline import arguments, baseline, solve_all
 from _ik_peers import Solver, Task, peers, present
 from _ik_report import draw, tables
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -34,6 +34,7 @@ from controllers.mkps import Chain, Method, solve, solve_many
 from controllers.mkps_entries import HYBRID, entry
 from models import arms
 from models.arms import Arm
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad]
@@ -319,8 +320,14 @@ def main() -> int:
     if options.quick:
         options.arms, options.targets, options.rates = options.arms[:3], 25, 250
         options.limits, options.links, options.repeats = options.limits[:1], (6, 24, 60), 1
+    for name in ("rates", "targets", "repeats"):
+        if getattr(options, name) < 1:
+            raise ConfigurationError(f"--{name}: must be at least 1, got {getattr(options, name)}")
+    if not options.links or min(options.links) < 1:
+        raise ConfigurationError(f"--links: every chain needs at least one, got {options.links}")
     for name in options.arms:
         arms.load(name)
+    made_folder(options.out)
     console = Console(width=None if sys.stdout.isatty() else 160)
     results = Results(machine())
     columns = TextColumn("{task.description:<8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
@@ -337,7 +344,6 @@ def main() -> int:
                 if case.bar == "A" and case.degrees == options.limits[0]:
                     results.kernel.append(kernel(case, 5 * options.repeats))
         results.growth = growth(options, progress)
-    options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "bench_ik.json").write_text(json.dumps(vars_of(results), indent=1))
     missing = [] if not options.peers else [name for name, here in present().items() if not here]
     shown = tables(vars_of(results), options.limits[0])

@@ -4,7 +4,7 @@ The cloud is a text file (x y z a line), PLY or PCD; the targets are a text file
 (paper 004). A cloud that is no surface, a hole under a target, a relief that is too rough: one line and exit code 2.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,7 +76,7 @@ def main() -> int:
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     plan = plan_seabed_work(cloud, B, z, width=options.width)
-    options.out.mkdir(parents=True, exist_ok=True)
+    made_folder(options.out)
     console = Console()
     terrain, relief = plan.terrain, plan.relief
     console.print(

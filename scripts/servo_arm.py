@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from rich.console import Console
@@ -167,7 +167,7 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
 def main() -> int:
     options = parse(Options)
     count = max(2, options.poses // 8 if options.quick else options.poses)
-    folder = options.out or Path("runs/servo_arm")
+    folder = made_folder(options.out or Path("runs/servo_arm"))
     arm = arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)
     console = Console(width=None if sys.stdout.isatty() else 120)
@@ -211,7 +211,6 @@ def main() -> int:
     accepted = all(result.converged for result in single.values()) and all(
         by_method["hybrid"]["reached"] == 1.0 for by_method in told.values()
     )
-    folder.mkdir(parents=True, exist_ok=True)
     metrics = {
         "scenario": "servo_arm", "poses": count, "accepted": accepted,
         "single": {

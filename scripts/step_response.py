@@ -4,7 +4,7 @@ Each run steps the set force up and down several times; the mean of the response
 sensors and sea does not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 import multiprocessing
@@ -67,7 +67,7 @@ def main() -> int:
     if not (options.rate > 0.0 and 1 <= options.steps <= 6 and options.runs >= 1 and options.workers >= 0):
         raise ConfigurationError("--rate must be > 0 N/s, --steps from 1 to 6, --runs at least 1, --workers at least 0")
     console = Console()
-    options.out.mkdir(parents=True, exist_ok=True)
+    made_folder(options.out)
     tasks = [
         StepTask(
             stiffness=stiffness, seed=options.seed + run, low=options.low, high=options.high, steps=options.steps,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from _object_scenes import SENSORS, ObjectScene, object_scene
 from _pool import run_all
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -114,6 +114,7 @@ def main() -> None:
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
+    made_folder(options.out)
     tasks = [Task(sensor, options.first_seed + k) for sensor in options.sensors for k in range(options.scenes)]
     rows = [row for _, row in run_all(tasks, options.workers, run, died)]
     rows.sort(key=lambda row: (row["sensor"], row["bung"], row["seed"]))
@@ -122,7 +123,6 @@ def main() -> None:
     for row in rows:
         if row["told"] and row["turn_deg"] > WRONG:
             console.print("told wrong:", row, highlight=False)
-    options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "scenes.json").write_text(json.dumps(rows, indent=1))
 
 

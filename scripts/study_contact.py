@@ -8,7 +8,7 @@ What is drawn for a run depends on --seed and its number alone. Exit code 0: at 
 stay within 3 mm and 8 N after transients, and none damages or diverges.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 import os
@@ -72,7 +72,7 @@ def main() -> int:
     settings = {
         "seed": options.seed, "paths": list(options.paths), "quick": options.quick, "ranges": asdict(options.ranges)
     }  # fmt: skip
-    _folder(options.out)
+    made_folder(options.out)
     log = Log(options.out, json.loads(json.dumps(settings)), anew=options.anew)
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [_task(options, run) for run in range(runs)]
@@ -149,13 +149,6 @@ def _check(options: Options) -> None:
             raise ConfigurationError(f"method {method!r}: allowed {', '.join(METHODS)}")
     if options.without and options.only is None:
         raise ConfigurationError("--without goes with --only; --ablate leaves methods out of many runs")
-
-
-def _folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
 
 
 if __name__ == "__main__":

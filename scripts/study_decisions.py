@@ -19,7 +19,7 @@ import numpy as np
 from _decision_scenes import KINDS, NAMES, draw, forced, object_of
 from _object_scenes import SENSORS
 from _pool import run_all
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
@@ -152,7 +152,7 @@ def main() -> None:
         Task(name, kind, sensor, options.first_seed + i)
         for i, (kind, name, sensor) in enumerate(islice(cycle(combined), options.scenes))
     ]
-    options.out.mkdir(parents=True, exist_ok=True)
+    made_folder(options.out)
     rows: list[dict[str, Any]] = []
     for _, part in run_all(tasks, options.workers, run, died):
         rows += part

@@ -4,7 +4,7 @@ Each run pushes with 90 N when the fault begins. A case does damage if the true 
 set force, or anything but the tool touches it.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 from dataclasses import dataclass
@@ -84,10 +84,7 @@ def figures(trace: Trace, path: str, seed: int) -> Figures:
 
 def main() -> int:
     options = parse(Options)
-    try:
-        options.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"--out {options.out}: cannot be made a folder ({error.strerror})") from error
+    made_folder(options.out)
     console = Console(width=max(Console().width, 160))
     found: list[Figures] = []
     drawn = False

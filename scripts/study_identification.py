@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from _object_scenes import SENSORS, object_scene, target_of
 from _pool import run_all
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -185,6 +185,7 @@ def main() -> int:
         raise ConfigurationError("--scenes and --workers must be at least 1")
     for name in options.objects:
         target_of(name)
+    made_folder(options.out)
     console = Console(width=150)
     tasks = [
         Task(name, sensor, options.first_seed + k, options)
@@ -215,7 +216,6 @@ def main() -> int:
     }[options.start]
     low, high = options.ranges
     console.print(table_of(figures, f"{low} to {high} m, {known}"))
-    options.out.mkdir(parents=True, exist_ok=True)
     settings = {name: value for name, value in asdict(options).items() if name not in ("out", "workers")}
     (options.out / "scenes.json").write_text(json.dumps(rows, indent=1))
     (options.out / "figures.json").write_text(json.dumps({"options": settings, "figures": figures}, indent=1))

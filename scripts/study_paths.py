@@ -43,7 +43,7 @@ from perception.registration import ModelSurface
 from perception.scan import Scan
 from perception.toolpath import carry, densified, plan_path
 from sim.depth_camera import DepthCamera
-from sim.interfaces.errors import PerceptionError
+from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 
@@ -245,6 +245,8 @@ def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:
 
 def main() -> int:
     options = parse(Options)
+    if options.trials < 1:
+        raise ConfigurationError(f"--trials: must be at least 1, got {options.trials}")
     folder, console = options.folder("study_paths"), Console()
     console.width = max(console.width, 110)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials

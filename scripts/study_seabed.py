@@ -5,7 +5,7 @@ projected, the profile between them is cut, and the height to work at is chosen;
 With --speed, the time from cloud to path over the size of the cloud instead, and other ways to triangulate beside it.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 import time
@@ -227,7 +227,7 @@ def main() -> int:
         raise ConfigurationError(
             f"--terrains >= 1, --beam > 0, --noise >= 0: got {options.terrains}, {options.beam}, {options.noise}"
         )
-    options.out.mkdir(parents=True, exist_ok=True)
+    made_folder(options.out)
     console = Console()
     figures = speed(options, console) if options.speed else study(options, console)
     file = options.out / ("speed.json" if options.speed else "study.json")

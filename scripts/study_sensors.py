@@ -4,7 +4,7 @@ Each scene is seen by all: the error of the depth, and of the identification fro
 errs.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 from collections.abc import Mapping
@@ -159,8 +159,8 @@ def main() -> int:
     options = parse(Options)
     if options.runs < 1 or not 0.3 < options.ranges[0] <= options.ranges[1] < 10.0:
         raise ConfigurationError(f"--runs must be positive and --ranges lie within 0.3 and 10 m, got {options}")
+    made_folder(options.out)
     results = study(options)
-    options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "sensors.json").write_text(json.dumps(results, indent=1))
     picture(options.out / "sensors.png", options.seed, options.ranges)
     table = Table(title=f"Barrel, {options.runs} scenes at {options.ranges[0]} to {options.ranges[1]} m")

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from _arm_log import ArmLog
-from _start import parse, run_scenario
+from _start import made_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
@@ -185,7 +185,7 @@ def main() -> int:
         raise ConfigurationError("--passing: one run passes the lock; allowed auto, limit, hold, got 'off'")
     if options.quick:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
-    folder = options.out or Path("runs/track_singularity")
+    folder = made_folder(options.out or Path("runs/track_singularity"))
     arm = arms.load("era")
     chain = Chain.from_dh(arm.dh, limits=arm.limits)
     q_lock = lock(arm)
@@ -231,7 +231,6 @@ def main() -> int:
         and with_passing["largest_joint_speed"] <= options.speed_limit * (1.0 + 1e-9)
         and with_passing["position_error_at_the_end_m"] <= 1e-5
     )
-    folder.mkdir(parents=True, exist_ok=True)
     options_told = {name: str(value) if isinstance(value, Path) else value for name, value in vars(options).items()}
     metrics = {"scenario": "track_singularity", "options": options_told, "runs": told, "accepted": accepted}
     (folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")

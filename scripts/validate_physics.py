@@ -4,7 +4,7 @@ The checks are the tests in tests/physics that carry `@pytest.mark.check(name, r
 of one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 import re
@@ -112,11 +112,7 @@ def put_into_readme(lines: list[str]) -> None:
 
 def main() -> int:
     options = parse(Options)
-    out = options.out.resolve()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigurationError(f"--out {out}: cannot be made a folder ({error.strerror})") from error
+    out = made_folder(options.out.resolve())
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,

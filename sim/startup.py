@@ -40,12 +40,16 @@ class ScenarioOptions:
 
     def folder(self, scenario: str) -> Path:
         """The folder for results, made if need be. Raises ConfigurationError where it cannot be."""
-        folder = self.out if self.out is not None else Path("runs") / scenario
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
-        return folder
+        return made_folder(self.out if self.out is not None else Path("runs") / scenario)
+
+
+def made_folder(folder: Path) -> Path:
+    """`folder` itself, there from now on. Raises ConfigurationError where it cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+    return folder
 
 
 def check() -> None:

@@ -17,7 +17,8 @@ def test_text_ply_and_pcd_hold_the_same_points(tmp_path, within):
     for name, tolerance in (("c.ply", 1e-12), ("d.pcd", 1e-6)):
         o3d.io.write_point_cloud(str(tmp_path / name), cloud)
         within(name, read_cloud(tmp_path / name) - points, tolerance)
-    for name in ("a.txt", "b.csv"):
+    (tmp_path / "e.txt").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "b.csv").read_bytes().replace(b"\n", b"\r\n"))
+    for name in ("a.txt", "b.csv", "e.txt"):
         within(name, read_cloud(tmp_path / name) - points, 1e-12)
 
 

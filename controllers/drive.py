@@ -15,24 +15,26 @@ from sim.interfaces.kernels import keyed_by_imports
 @keyed_by_imports
 def feel(
     layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, current_W, q, qd, tau_measured, bias, noise, floor, dt,
-    filters, qd_slow, qdd, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
+    filters, qd_slow, w_slow_B, qdd, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
 ):  # fmt: skip
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
     `bias` (n,) [N m] is not the contact's; `noise`, a share of the reading, and `floor` (n,) [N m] say how far each
-    torque is trusted. Writes the hull's motion to `hull` for `newton_euler`; its angular acceleration is not known, and
-    taken as zero. Updates `qd_slow` (n,), the filtered joint speed whose lag gives the acceleration `qdd` (n,), and the
-    filtered force `f_tip_B` (3,) [N]; `filters` holds the time constants of both [s]. Leaves the external torques
-    `tau_e` (n,) before `bias` is taken off, the arm's wrench on the hull without contact `wrench_B` (6,), the tip's
-    pose and Jacobian in the hull's frame, and the force in tool axes and in world axes.
+    torque is trusted. Writes the hull's motion to `hull` for `newton_euler`. Updates the filtered rates of the joints
+    `qd_slow` (n,) and of the hull `w_slow_B` (3,), whose lags give the accelerations `qdd` (n,) and the hull's angular
+    one, and the filtered force `f_tip_B` (3,) [N]; `filters` holds the time constants of rates and force [s]. Leaves
+    the external torques `tau_e` (n,) before `bias` is taken off, the arm's wrench on the hull without contact
+    `wrench_B` (6,), the tip's pose and Jacobian in the hull's frame, and the force in tool axes and in world axes.
     """
+    lag = min(1.0, dt / filters[0])
     for i in range(3):
         for j in range(3):
             hull[3 * i + j] = X_WB[i, j]
-        hull[9 + i], hull[12 + i], hull[18 + i], hull[21 + i] = v_B[i], w_B[i], 0.0, current_W[i]
+        hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # rate of the components of v_B
-    lag = min(1.0, dt / filters[0])
+        hull[18 + i] = (w_B[i] - w_slow_B[i]) / filters[0]
+        w_slow_B[i] += lag * (w_B[i] - w_slow_B[i])
     for j in range(q.shape[0]):
         qdd[j] = (qd[j] - qd_slow[j]) / filters[0]
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
@@ -133,15 +135,15 @@ def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, sha
 @numba.njit(cache=True)
 @keyed_by_imports
 def drive(
-    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, since, integral, dt, gains, armature, damping,
-    friction, limits, borne_G, yielding, qdd, tau, wrench_B,
+    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, qdd_wanted, since, integral, dt, gains, armature,
+    damping, friction, limits, borne_G, yielding, qdd, tau, wrench_B,
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
-    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`. `gains`: stiffness [1/s^2], damping [1/s],
-    integral [1/s^3], limit of the integral [rad s]. `friction` (n,) [N m] is lost in the gears beside the viscous one
-    of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a drive is at its torque limit its
-    integral stands still.
+    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`, whose rate should be `qdd_wanted`. `gains`:
+    stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `friction` (n,) [N m] is lost in
+    the gears beside the viscous one of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a
+    drive is at its torque limit its integral stands still.
 
     `yielding` (3, n): rows are how the joints move the tip along its axis, how they would be moved to do only that, and
     at the beginning of the last the shares of stiffness that the tip loses along its axis and of damping that it gains.
@@ -157,7 +159,8 @@ def drive(
     soft, braked = yielding[2, 0], yielding[2, 1]
     for j in range(n):
         qdd[j] = (
-            stiffness * (error[j] - soft * along * yielding[1, j])
+            qdd_wanted[j]
+            + stiffness * (error[j] - soft * along * yielding[1, j])
             + damper * (qd_wanted[j] - qd[j] + braked * rate * yielding[1, j])
             + integrator * integral[j]
         )
@@ -174,35 +177,36 @@ def drive(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, qd, yielding):
+def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, qd, qdd, yielding):
     """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
 
-    With `drift` the hull's own velocity `nu_B` (6,) is taken off, so that the tool stands still on the object. The
-    speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The first two rows of
+    With `drift` the hull's own motion, as `feel` left it in `hull`, is taken off, so that the tool stands still on the
+    object: its velocity, and its acceleration, which makes the joint accelerations `qdd`. Without these the drives
+    would carry the arm along with a hull that the contact pushes, and what they push meanwhile goes into the contact.
+    The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The first two rows of
     `yielding` (3, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
     """
     X_BW = np.eye(4)
-    twist = np.empty(6)
+    wanted = np.zeros((3, 6))  # velocity and acceleration of the tool against the hull, and a metre along its axis
     for i in range(3):
-        twist[i] = twist[3 + i] = 0.0
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
             X_BW[i, 3] -= X_WB[j, i] * X_WB[j, 3]
-            twist[i] += X_WB[j, i] * v_WG_W[j]
-            twist[3 + i] += X_WB[j, i] * w_WG_W[j]
+            wanted[0, i] += X_WB[j, i] * v_WG_W[j]
+            wanted[0, 3 + i] += X_WB[j, i] * w_WG_W[j]
     X_BG = X_BW @ X_WG
     X_AG[:, :] = X_AB @ X_BG
     if drift:
-        p, w = X_BG[:3, 3], nu_B[3:]
-        twist[0] -= nu_B[0] + w[1] * p[2] - w[2] * p[1]
-        twist[1] -= nu_B[1] + w[2] * p[0] - w[0] * p[2]
-        twist[2] -= nu_B[2] + w[0] * p[1] - w[1] * p[0]
+        p, v, w, a, b = X_BG[:3, 3], hull[9:12], hull[12:15], hull[15:18], hull[18:21]
         for i in range(3):
-            twist[3 + i] -= w[i]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            wanted[0, i] -= v[i] + w[j] * p[k] - w[k] * p[j]
+            wanted[0, 3 + i] -= w[i]
+            wanted[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
+            wanted[1, 3 + i] = -b[i]
+    wanted[2, :3] = X_BG[:3, 2]
     # J^T (J J^T + damping)^-1 by Cholesky in place: LAPACK's call costs more than these sums.
     A = J_B @ J_B.T.copy()
-    axis = np.zeros(6)
-    axis[:3] = X_BG[:3, 2]
     for i in range(6):
         A[i, i] += 1e-6
         for j in range(i + 1):
@@ -210,22 +214,21 @@ def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, nu_B, J_B, drift, speed_limit, X_AG, q
             for k in range(j):
                 total -= A[i, k] * A[j, k]
             A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
-        for k in range(i):
-            twist[i] -= A[i, k] * twist[k]
-            axis[i] -= A[i, k] * axis[k]
-        twist[i] /= A[i, i]
-        axis[i] /= A[i, i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            twist[i] -= A[k, i] * twist[k]
-            axis[i] -= A[k, i] * axis[k]
-        twist[i] /= A[i, i]
-        axis[i] /= A[i, i]
-    for j in range(qd.shape[0]):
-        qd[j] = yielding[0, j] = yielding[1, j] = 0.0
+    for row in wanted:
         for i in range(6):
-            qd[j] += J_B[i, j] * twist[i]
-            yielding[1, j] += J_B[i, j] * axis[i]
+            for k in range(i):
+                row[i] -= A[i, k] * row[k]
+            row[i] /= A[i, i]
+        for i in range(5, -1, -1):
+            for k in range(i + 1, 6):
+                row[i] -= A[k, i] * row[k]
+            row[i] /= A[i, i]
+    for j in range(qd.shape[0]):
+        qd[j] = qdd[j] = yielding[0, j] = yielding[1, j] = 0.0
+        for i in range(6):
+            qd[j] += J_B[i, j] * wanted[0, i]
+            qdd[j] += J_B[i, j] * wanted[1, i]
+            yielding[1, j] += J_B[i, j] * wanted[2, i]
         for i in range(3):
             yielding[0, j] += J_B[i, j] * X_BG[i, 2]
         qd[j] = min(max(qd[j], -speed_limit), speed_limit)

@@ -249,6 +249,7 @@ class CompliantState:
     tick: int
     integral: Array  # (n,) [rad s]
     qd_slow: Array  # (n,) [rad/s]
+    w_slow_B: Array  # (3,) [rad/s]
     f_tip_B: Array  # (3,) [N]
     thrusters: Array  # (m,)
     p_WG_held: Array | None  # (3,) [m] the spring's end, once it was let go
@@ -279,7 +280,7 @@ class CompliantTouch:
         self._hull, self._none_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
         self._unyielding = np.zeros((3, n))
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
-        self._X_BG, self._J_B, self._no_bias = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
+        self._X_BG, self._J_B, self._zeros = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
         self._hover_ticks = max(1, round(0.02 / period))
         self._floor = np.full(n, 0.1)
         self._most_friction = 1.5 * vehicle.dry_friction.stiction
@@ -288,7 +289,8 @@ class CompliantTouch:
         n = len(estimate.q)
         return CompliantState(
             hover=self._hover.init(), propellers=self._lead.init(), tick=0, integral=np.zeros(n),
-            qd_slow=np.array(estimate.qd), f_tip_B=np.zeros(3), p_WG_held=None, push=0.0,
+            qd_slow=np.array(estimate.qd), w_slow_B=np.array(estimate.w_WB_B), f_tip_B=np.zeros(3), p_WG_held=None,
+            push=0.0,
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
             tau=np.zeros(n), friction=np.zeros(n),
         )  # fmt: skip
@@ -299,9 +301,9 @@ class CompliantTouch:
         arm, vehicle, dt = self._arm, self._vehicle, self.period
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
-            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._no_bias, 0.01,
-            self._floor, dt, (0.015, 0.012), state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B, self._X_BG,
-            self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
+            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._zeros, 0.01,
+            self._floor, dt, (0.015, 0.012), state.qd_slow, state.w_slow_B, self._qdd, self._tau_e,
+            self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
         )  # fmt: skip
         lost_in_gears(
             state.tau, estimate.tau, estimate.qd, self._qdd, vehicle.armature, vehicle.joint_damping,
@@ -311,9 +313,9 @@ class CompliantTouch:
             tau = np.empty(len(estimate.q))
             drive(
                 arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.q, estimate.qd, reference.q,
-                reference.qd, estimate.time - reference.time, state.integral, dt, self._gains, vehicle.armature,
-                vehicle.joint_damping, state.friction, vehicle.torque_limits, self._none_G, self._unyielding, self._qdd,
-                tau, self._wrench_B,
+                reference.qd, self._zeros, estimate.time - reference.time, state.integral, dt, self._gains,
+                vehicle.armature, vehicle.joint_damping, state.friction, vehicle.torque_limits, self._none_G,
+                self._unyielding, self._qdd, tau, self._wrench_B,
             )  # fmt: skip
             state.p_WG_held, state.push = None, 0.0
         else:

@@ -84,6 +84,7 @@ class WorkControllerState:
     tick: int
     q_wanted: Array  # (n,) [rad] at the last task step
     qd_wanted: Array  # (n,) [rad/s]
+    qdd_wanted: Array  # (n,) [rad/s^2] by which the arm does not go with the hull
     holding: bool  # joint angles were held at the last task step, no tool pose followed
     current_W: Array  # (3,) [m/s] of the water
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
@@ -91,6 +92,7 @@ class WorkControllerState:
     yielding: Array  # (3, n) how the servo yields along the tool axis, as `controllers.drive.drive` wants it
     servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
+    w_slow_B: Array  # (3,) [rad/s] filtered turn of the hull, alike
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
     tau: Array  # (n,) [N m] last asked of the motors
@@ -177,6 +179,7 @@ class WorkController:
             tick=0,
             q_wanted=np.array(estimate.q),
             qd_wanted=np.zeros(n),
+            qdd_wanted=np.zeros(n),
             holding=True,
             current_W=np.zeros(3),
             offset=np.zeros(n),
@@ -184,6 +187,7 @@ class WorkController:
             yielding=np.zeros((3, n)),
             servo_compliance=0.0,
             qd_slow=np.array(estimate.qd),
+            w_slow_B=np.array(estimate.w_WB_B),
             integral=np.zeros(n),
             load=self._observer.init(),
             tau=np.zeros(n),
@@ -205,8 +209,8 @@ class WorkController:
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            floor, dt, self._filters, state.qd_slow, self._qdd, self._tau_e, self._wrench_free_B,
-            self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
+            floor, dt, self._filters, state.qd_slow, state.w_slow_B, self._qdd, self._tau_e,
+            self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
         )  # fmt: skip
         if tuning.torque_source == "observer":
             self._tau_e[:] = self._observer.step(
@@ -249,8 +253,9 @@ class WorkController:
         tau = np.empty(len(vehicle.joints))
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
-            state.qd_wanted, since * dt, state.integral, dt, self._gains, self._armature, self._joint_damping,
-            state.friction, self._torque_limits, self._borne_G, state.yielding, self._qdd, tau, self._wrench_borne_B,
+            state.qd_wanted, state.qdd_wanted, since * dt, state.integral, dt, self._gains, self._armature,
+            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, self._qdd, tau,
+            self._wrench_borne_B,
         )  # fmt: skip
 
         state.tau = tau
@@ -298,6 +303,7 @@ class WorkController:
             self._displacement.release(state.displacement, dt)
             self._compliance.release(state.compliance, dt)
             state.q_wanted, state.qd_wanted = reference.q + since * reference.qd, reference.qd
+            state.qdd_wanted[:] = 0.0
             state.holding = True
             return
         if not reference.force_control:
@@ -318,8 +324,8 @@ class WorkController:
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
         aim(
-            self._X_AB, X_WB, X_WG, reference.v_WG_W, reference.w_WG_W, self._hull[9:15], self._J_B, correct_drift,
-            tuning.joint_speed_limit, X_AG, qd, state.yielding,
+            self._X_AB, X_WB, X_WG, reference.v_WG_W, reference.w_WG_W, self._hull, self._J_B, correct_drift,
+            tuning.joint_speed_limit, X_AG, qd, state.qdd_wanted, state.yielding,
         )  # fmt: skip
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for

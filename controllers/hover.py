@@ -65,9 +65,8 @@ class Hover:
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
-        # The arm's inertia is in its wrench where the hull's acceleration is known, which the angular one is not.
         self._observer = HullObserver(
-            own, self.inertia[3:, 3:], (1.0 + water_error) * water.linear_damping.diagonal(),
+            own, (1.0 + water_error) * water.linear_damping.diagonal(),
             (1.0 + water_error) * water.quadratic_damping, beliefs,
         )  # fmt: skip
         net = gravity * (density * water.volume - mass)  # [N] up

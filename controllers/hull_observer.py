@@ -56,17 +56,15 @@ class HullObserverState:
 class HullObserver:
     """Observer of one hull."""
 
-    def __init__(
-        self, inertia: Array, turning: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None
-    ) -> None:
-        """Take the hull's inertia (6, 6), added mass included, and that which turns (3, 3), the arm's included; its
-        linear and quadratic drag (6,), hull axes at its origin."""
+    def __init__(self, inertia: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None) -> None:
+        """Take the hull's inertia (6, 6), added mass included, and its linear and quadratic drag (6,), hull axes at its
+        origin."""
         self._beliefs = beliefs or Beliefs()
         self._mass = inertia[:3, :3].copy()
         self._inverse_mass = np.linalg.inv(self._mass)
         self._lever = inertia[:3, 3:].copy()
-        self._turning = turning.copy()
-        self._inverse_turning = np.linalg.inv(turning)
+        self._turning = inertia[3:, 3:].copy()
+        self._inverse_turning = np.linalg.inv(self._turning)
         self._linear, self._quadratic = np.array(linear), np.array(quadratic)
         b = self._beliefs
         self._numbers = np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk])

@@ -105,7 +105,7 @@ class Keeper:
         self._lead = ThrusterLead(vehicle, response=min(case.response, 1e6), lag_error=case.lag_error)
         self._bias = FELT_BIAS * rng.standard_normal(3)
         self._home = self._at_rest(np.array(vehicle.q_home))
-        self.felt_W = np.zeros(3)
+        self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
 
     def _at_rest(self, q: Array) -> Array:
         rest = np.zeros(len(q))
@@ -125,10 +125,12 @@ class Keeper:
         self.felt_W += share * (self._plant.force_W - self.felt_W)
         noise = FELT_NOISE * np.abs(self.felt_W) * self._rng.standard_normal(3)
         current_W = self.hover.current(self.hover_state)
+        turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
+        self._w_last_B = np.array(estimate.w_WB_B)
         arm_B = self._arm.inverse(
             estimate.q, estimate.qd, np.zeros(len(estimate.q)), R_WB=R_WB,
             nu_B=np.concatenate([estimate.v_WB_B, estimate.w_WB_B]),
-            a_B=np.concatenate([estimate.a_WB_B, np.zeros(3)]), v_current_W=current_W, wrench_tip_G=np.zeros(6),
+            a_B=np.concatenate([estimate.a_WB_B, turning]), v_current_W=current_W, wrench_tip_G=np.zeros(6),
         )[1]  # fmt: skip
         tip_B = truth.R_WB.T @ (np.array(truth.p_WG) - truth.p_WB)
         f_B = R_WB.T @ (self.felt_W + noise + (self._bias if self.felt_W.any() else 0.0))

@@ -136,7 +136,7 @@ def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, sha
 @keyed_by_imports
 def drive(
     layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, qdd_wanted, since, integral, dt, gains, armature,
-    damping, friction, limits, borne_G, yielding, qdd, tau, wrench_B,
+    damping, friction, limits, borne_G, yielding, softness, qdd, tau, wrench_B,
 ):  # fmt: skip
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
@@ -145,23 +145,21 @@ def drive(
     the gears beside the viscous one of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a
     drive is at its torque limit its integral stands still.
 
-    `yielding` (3, n): rows are how the joints move the tip along its axis, how they would be moved to do only that, and
-    at the beginning of the last the shares of stiffness that the tip loses along its axis and of damping that it gains.
+    `yielding` (2, n): rows are how the joints move the tip along its axis, and how they would be moved to do only that;
+    `softness` is the share of its stiffness that the tip loses along that axis.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
     error = np.empty(n)
-    along, rate = 0.0, 0.0
+    along = 0.0
     for j in range(n):
         error[j] = q_wanted[j] + since * qd_wanted[j] - q[j]
         along += yielding[0, j] * error[j]
-        rate += yielding[0, j] * (qd_wanted[j] - qd[j])
-    soft, braked = yielding[2, 0], yielding[2, 1]
     for j in range(n):
         qdd[j] = (
             qdd_wanted[j]
-            + stiffness * (error[j] - soft * along * yielding[1, j])
-            + damper * (qd_wanted[j] - qd[j] + braked * rate * yielding[1, j])
+            + stiffness * (error[j] - softness * along * yielding[1, j])
+            + damper * (qd_wanted[j] - qd[j])
             + integrator * integral[j]
         )
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
@@ -171,7 +169,7 @@ def drive(
             tau[j] = np.sign(tau[j]) * limits[j]
         else:
             # Along the tool axis the force loop is the integral.
-            grown = integral[j] + dt * (error[j] - (along * yielding[1, j] if soft > 0.0 else 0.0))
+            grown = integral[j] + dt * (error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0))
             integral[j] = min(max(grown, -most), most)
 
 
@@ -183,8 +181,8 @@ def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, q
     With `drift` the hull's own motion, as `feel` left it in `hull`, is taken off, so that the tool stands still on the
     object: its velocity, and its acceleration, which makes the joint accelerations `qdd`. Without these the drives
     would carry the arm along with a hull that the contact pushes, and what they push meanwhile goes into the contact.
-    The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The first two rows of
-    `yielding` (3, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
+    The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The rows of
+    `yielding` (2, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
     """
     X_BW = np.eye(4)
     wanted = np.zeros((3, 6))  # velocity and acceleration of the tool against the hull, and a metre along its axis

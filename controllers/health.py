@@ -203,13 +203,13 @@ class Health:
             limits.thruster_leftover,
         )  # fmt: skip
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_speed * speed
-        if size < 0.7 * bound or not warm:
+        low, high = limits.thruster_loss
+        suspect = best >= 0 and low < share < high
+        # What no loss explains is a drift of the model's error, however large, and the usual from now on.
+        if not warm or size < 0.7 * bound or not suspect:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
             state.missing_usual += learn * (state.missing - state.missing_usual)
-        low, high = limits.thruster_loss
-        lost_for = 0.0
-        if warm and size > bound and best >= 0 and low < share < high:
-            lost_for = float(state.lost_for[best]) + dt
+        lost_for = float(state.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
         state.lost_for[:] = 0.0
         if lost_for > 0.0:
             state.lost_for[best] = lost_for

@@ -278,7 +278,7 @@ class CompliantTouch:
         n, w = vehicle.joints.size, self._tuning.joint_frequency
         self._gains = np.array([w**2, 2.0 * w, w**2 / 0.3, 0.01])
         self._hull, self._none_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
-        self._unyielding = np.zeros((3, n))
+        self._unyielding = np.zeros((2, n))
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B, self._zeros = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
         self._hover_ticks = max(1, round(0.02 / period))
@@ -315,7 +315,7 @@ class CompliantTouch:
                 arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.q, estimate.qd, reference.q,
                 reference.qd, self._zeros, estimate.time - reference.time, state.integral, dt, self._gains,
                 vehicle.armature, vehicle.joint_damping, state.friction, vehicle.torque_limits, self._none_G,
-                self._unyielding, self._qdd, tau, self._wrench_B,
+                self._unyielding, 0.0, self._qdd, tau, self._wrench_B,
             )  # fmt: skip
             state.p_WG_held, state.push = None, 0.0
         else:

@@ -44,15 +44,13 @@ class Tuning:
     """Gains of the arm's side; the hover has its own (`controllers.hover`)."""
 
     joint_frequency: float = 60.0  # [rad/s] of the joint servo
-    joint_damping: float = 1.4
+    joint_damping: float = 2.0  # less, and the tip chatters on a stiff surface, through what is lost in the gears
     joint_integral_time: float = 0.2  # [s]; takes up friction at the tool and what the model lacks
     force_filter: float = 0.012  # [s] first-order filter of the felt force
     torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
     normal_softness: float = 0.8  # share of the servo's stiffness that is given up along the tool axis in force control
-    hard: float = 1e5  # [N/m] of a surface above which the tip is damped more along the tool axis,
-    hard_damping: float = 1.5  # by up to this share on a rigid one
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
@@ -89,7 +87,7 @@ class WorkControllerState:
     current_W: Array  # (3,) [m/s] of the water
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
-    yielding: Array  # (3, n) how the servo yields along the tool axis, as `controllers.drive.drive` wants it
+    yielding: Array  # (2, n) how the joints move the tip along its axis, see `controllers.drive.aim`
     servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     w_slow_B: Array  # (3,) [rad/s] filtered turn of the hull, alike
@@ -184,7 +182,7 @@ class WorkController:
             current_W=np.zeros(3),
             offset=np.zeros(n),
             offset_rate=np.zeros(n),
-            yielding=np.zeros((3, n)),
+            yielding=np.zeros((2, n)),
             servo_compliance=0.0,
             qd_slow=np.array(estimate.qd),
             w_slow_B=np.array(estimate.w_WB_B),
@@ -242,11 +240,7 @@ class WorkController:
             self._task(state, estimate, reference, felt, f_tip_W)
 
         # 3. Drives.
-        if self._presses(reference):
-            hard = max(0.0, 1.0 - state.displacement.compliance * tuning.hard)
-            state.yielding[2, 0], state.yielding[2, 1] = tuning.normal_softness, tuning.hard_damping * hard
-        else:
-            state.yielding[2, :2] = 0.0
+        softness = tuning.normal_softness if self._presses(reference) else 0.0
         in_contact = reference.force > 0.0 or reference.force_control
         self._borne_G[:3] = tuning.friction_feedforward * self._f_tip_G if in_contact else 0.0
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
@@ -254,8 +248,8 @@ class WorkController:
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
             state.qd_wanted, state.qdd_wanted, since * dt, state.integral, dt, self._gains, self._armature,
-            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, self._qdd, tau,
-            self._wrench_borne_B,
+            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, softness,
+            self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
 
         state.tau = tau

@@ -368,7 +368,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         hull = np.zeros(24)
         hull[9:15] = change if moving_hull else 0.0
         hull[15:21] = 0.0 if moving_hull else change
-        qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((3, n))
+        qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((2, n))
         drive.aim(
             np.eye(4), X_WB, X_WG, np.zeros(3), np.zeros(3), hull, np.ascontiguousarray(J_B), True, np.inf,
             np.empty((4, 4)), qd, qdd, yielding,

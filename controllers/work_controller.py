@@ -50,7 +50,7 @@ class Tuning:
     torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
-    normal_softness: float = 0.8  # share of the servo's stiffness that is given up along the tool axis in force control
+    normal_softness: float = 0.7  # share of the servo's stiffness that is given up along the tool axis in force control
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]

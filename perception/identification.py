@@ -15,21 +15,17 @@ from scipy import ndimage
 
 from models.targets import TargetModel
 from perception.check import Check, Decision, check
-from perception.initialiser import initial_poses
-from perception.registration import Evidence, Fit, ModelSurface, coarse_fit, fine_fit, score
+from perception.initialiser import Expected, initial_poses
+from perception.registration import Evidence, Fit, ModelSurface, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from perception.told_turn import told_turn
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly, transform_points
+from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _REFINED = 3  # starts that are worth a full fit
-_CONVINCING = 1.7  # score of a coarse fit that needs no second attempt
-_POOR = 1.3  # score below which the attitude itself is in doubt
-_LEAN = np.deg2rad(25.0)  # [rad] by which the start is then leant
-_MOSTLY_SEEN = 0.3  # share of the model that may lie outside the picture before it counts as seen in part
 _AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
-_HOPELESS = 0.4  # a coarse fit that scores this much below the best is not refined
+_HOPELESS = 0.4  # a start that scores this much below the best is not refined
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,7 +56,7 @@ class Identification:
     reason: str  # why not; empty if accepted
     check: Check | None  # None if there was nothing to check
     symmetry: FreeMotion
-    X_sensor_start: Array  # (4, 4) pose that the winning fit started from
+    X_sensor_start: Array  # (4, 4) coarse pose that was given, else the one that the search came upon
     cloud: Array  # (N, 3) [m] points that took part, thinned, in S
     model_before: Array  # (M, 3) [m] all model points at the start, in S
     model_after: Array  # (K, 3) [m] visible model points at the fitted pose, in S
@@ -96,7 +92,7 @@ def identify(
     `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
     `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as Open3D's).
     `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
-    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to some 30 deg; None: any.
+    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
     `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
 
     An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
@@ -121,33 +117,27 @@ def identify(
     try:
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
         mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
-        starts: list[Array] = []
-        if R_prior is None:
-            starts = initial_poses(scan, mask, surface, sensor)
-            mask &= _around(starts, surface, scan)
-            _need(mask, "lie where the object could be")
+        expected = Expected(p=p_approach, error=1.5 * approach_error, R=R_prior)
+        starts = initial_poses(scan, mask, surface, sensor, expected)
+        mask &= _around(starts, surface, scan)
+        _need(mask, "lie where the object could be")
         evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
         if len(evidence.points) < MIN_POINTS:
             raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
     except PerceptionError as error:
         return _refused(surface, X_prior, str(error), started)
 
-    rough = [_Rough(score(evidence, surface, X), X, X) for X in starts]
-    if R_prior is not None:
-        rough = _approached(evidence, surface, p_approach, R_prior)
-    found = _refined(evidence, surface, _slid(evidence, surface, rough))
+    found = _best(evidence, surface, starts)
     X_ST = found.fit.X_ST.copy()
-    reference = X_prior[:3, :3] if R_prior is not None else found.X_start[:3, :3]
-    X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], reference)
+    X_start = found.X_start if R_prior is None or p_approach is None else X_prior
+    X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], X_start[:3, :3] if R_prior is None else R_prior)
     X_told = told_turn(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
     verdict = check(evidence, surface, X_ST, found.fit)
     reason = verdict.reason
-    if not reason and p_approach is not None:
-        astray = float(np.linalg.norm(transform_points(X_ST, surface.center) - p_approach))
-        if astray > 1.5 * approach_error:
-            reason = f"found {astray:.2f} m from where it was expected, limit {1.5 * approach_error:.2f} m"
+    if not reason and not expected.admits(X_ST[None], surface)[0]:
+        reason = "what was found lies, or is turned, too far from what was expected"
     visible = surface.visible(X_ST, scan, sensor.max_incidence)
     return Identification(
         X_sensor_target=readonly(X_ST),
@@ -155,9 +145,9 @@ def identify(
         reason=reason,
         check=verdict,
         symmetry=_free_motion(surface.target, found.fit.free, X_told is not None, R_prior is not None),
-        X_sensor_start=readonly(found.X_start),
+        X_sensor_start=readonly(X_start),
         cloud=readonly(evidence.points),
-        model_before=readonly(transform_points(found.X_start, surface.points)),
+        model_before=readonly(transform_points(X_start, surface.points)),
         model_after=readonly(transform_points(X_ST, surface.points[visible])),
         evidence=evidence,
         surface=surface,
@@ -216,20 +206,6 @@ class _Found:
         return self.score - self.others[0].score if self.others else np.inf
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rough:
-    """Where a coarse fit came to rest."""
-
-    score: float
-    X_ST: Array
-    X_start: Array
-
-    @classmethod
-    def of(cls, evidence: Evidence, surface: ModelSurface, X_start: Array, iterations: int = 18) -> "_Rough":
-        X_ST = coarse_fit(evidence, surface, X_start, iterations)
-        return cls(score(evidence, surface, X_ST), X_ST, X_start)
-
-
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
     """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
     near = np.zeros(scan.depth.shape, dtype=bool)
@@ -240,75 +216,21 @@ def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarra
     return near
 
 
-def _approached(evidence: Evidence, surface: ModelSurface, approach: Array | None, R_prior: Array) -> list[_Rough]:
-    """Coarse fits from the prior attitude, over the cloud and at the approach."""
-    centroid = evidence.points.mean(axis=0)
-    # Pre-approach: centre of the visible model onto the centre of the cloud.
-    X = pose(R_prior, centroid * (1.0 + 0.5 * surface.radius / np.linalg.norm(centroid)))
-    visible = surface.visible(X, evidence.scan, evidence.sensor.max_incidence)
-    if visible.sum() >= 10:
-        X[:3, 3] += centroid - transform_points(X, surface.points[visible]).mean(axis=0)
-    starts = [X]
-    if approach is not None:
-        starts.append(pose(R_prior, approach - R_prior @ surface.center))
-    rough: list[_Rough] = []
-    for X_start in starts:
-        rough.append(_Rough.of(evidence, surface, X_start))
-        if rough[-1].score > _CONVINCING:
-            return rough  # the same attitude from another place would end in the same place
-    if max(item.score for item in rough) < _POOR:
-        # Seen from its end a long object can fall into a wrong attitude: lean the start to all sides.
-        center = transform_points(starts[0], surface.center)
-        for lean in _LEAN * np.vstack([np.eye(3), -np.eye(3)]):
-            R = exp_so3(lean) @ R_prior
-            rough.append(_Rough.of(evidence, surface, pose(R, center - R @ surface.center)))
-            if rough[-1].score > _CONVINCING:
-                break
-    return rough
-
-
-def _slid(evidence: Evidence, surface: ModelSurface, rough: list[_Rough]) -> list[_Rough]:
-    """`rough`, and what comes of the best of them when it is moved along the object: the attitude is then right."""
-    best = max(rough, key=lambda item: item.score)
-    size = np.ptp(surface.points, axis=0)
-    along = np.eye(3)[int(size.argmax())] * 0.5 * float(size.max())
-    slides: list[float] = []
-    if best.score < _CONVINCING:
-        slides = [-0.7, -0.35, 0.35, 0.7]
-    if _cut_off(evidence, surface, best.X_ST) > _MOSTLY_SEEN:
-        # Of an object that goes on beyond the picture the part that tells where it ends may have slid out of it.
-        slides += [-0.2, -0.1, 0.1, 0.2]
-    return rough + [_Rough.of(evidence, surface, best.X_ST @ pose(p=share * along), iterations=10) for share in slides]
-
-
-def _refined(evidence: Evidence, surface: ModelSurface, rough: list[_Rough]) -> _Found:
-    """Full fits from the best of `rough` that differ, the best of those."""
-    rough = sorted(rough, key=lambda item: -item.score)
-    symmetry = surface.target.symmetry
-    distinct: list[_Rough] = []
-    for item in rough:
-        apart = [symmetry.error(item.X_ST, other.X_ST) for other in distinct]
-        if item.score > rough[0].score - _HOPELESS and all(
-            p > 0.2 * surface.radius or a > np.deg2rad(20.0) for p, a in apart
-        ):
-            distinct.append(item)
-    fits = [(fine_fit(evidence, surface, item.X_ST), item.X_start) for item in distinct[:_REFINED]]
+def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+    """Full fits from those of `starts` that score highest, and the best of the fits."""
+    rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
+    fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
     ranked = sorted(
         ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
     )
     best_score, fit, X_start = ranked[0]
     poses, others = [fit.X_ST], []
     for other_score, other, _ in ranked[1:]:
-        apart = [symmetry.error(other.X_ST, X) for X in poses]
+        apart = [surface.target.symmetry.error(other.X_ST, X) for X in poses]
         if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
             poses.append(other.X_ST)
             others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), score=other_score))
     return _Found(fit, X_start, best_score, tuple(others))
-
-
-def _cut_off(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share of the model at `X_ST` that lies outside the picture."""
-    return 1.0 - float(evidence.scan.pixels(transform_points(X_ST, surface.points))[2].mean())
 
 
 def _free_motion(target: TargetModel, twists: Array, told: bool, with_prior: bool) -> FreeMotion:

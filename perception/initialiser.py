@@ -1,4 +1,4 @@
-"""Where could the object be, and how turned, when nothing is known beforehand? Poses to start a fit from.
+"""Where could the object be, and how is it turned? Poses to start a fit from, whether or not something is expected.
 
 The model is looked at once from all sides. Each patch of the scan is then taken for the object, seen from each of these
 sides and turned about the line of sight. A quick fit on few points, which reads the nearest model point in view from a
@@ -37,9 +37,41 @@ _TRIED = 120  # poses of a patch that are worth the close fit
 _FACING = 0.4  # cosine between normals of points that are paired
 _PULL = 0.3  # weight of distances along the surface against those across it
 _DAMPING = 1e-3  # share of the normal equations' trace
+_ASTRAY = np.deg2rad(70.0)  # from the attitude that is expected: 45 it may be wrong by, and the grid of views is coarse
 _KEPT = 6
 _SHORT_OF = 0.35  # score below the best from which on a pose is not worth a start
 _APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] between poses that are worth a start each
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expected:
+    """What is known beforehand."""
+
+    p: Array | None = None  # (3,) [m] of the model's centre, in S
+    error: float = np.inf  # [m] of `p`
+    R: Array | None = None  # (3, 3) of T in S
+
+    def admits(self, X_ST: Array, surface: ModelSurface) -> np.ndarray:
+        """Mask (H,) of the poses (H, 4, 4) that are not too far from this."""
+        mask = self.admits_turn(X_ST[:, :3, :3], surface)
+        if self.p is not None:
+            mask &= np.linalg.norm(X_ST[:, :3, :3] @ surface.center + X_ST[:, :3, 3] - self.p, axis=1) < self.error
+        return mask
+
+    def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
+        """Mask (H,) of the attitudes (H, 3, 3) within 70 deg of `R`, modulo declared symmetry."""
+        if self.R is None:
+            return np.ones(len(R_ST), dtype=bool)
+        axis, trace = surface.target.symmetry.axis, np.full(len(R_ST), -np.inf)
+        for G in surface.target.symmetry.rotations:
+            M = self.R.T @ R_ST @ G
+            of_G = np.trace(M, axis1=1, axis2=2)
+            if axis is not None:  # the largest that a turn about it gives, in closed form as in `Symmetry.nearest`
+                along = np.einsum("i,hij,j->h", axis, M, axis)
+                aside = (M[:, [2, 0, 1], [1, 2, 0]] - M[:, [1, 2, 0], [2, 0, 1]]) @ axis
+                of_G = along + np.hypot(of_G - along, aside)
+            trace = np.maximum(trace, of_G)
+        return 0.5 * (trace - 1.0) > np.cos(_ASTRAY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +128,13 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     )
 
 
-def initial_poses(scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel) -> list[Array]:
-    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best and up to 5 others, best first."""
+def initial_poses(
+    scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
+) -> list[Array]:
+    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best and up to 5 others, best first.
+
+    None if nothing in the scan looks like the model where and as it is expected.
+    """
     views = _views(surface, sensor.max_incidence)
     if not len(views.ways):
         return []
@@ -107,6 +144,7 @@ def initial_poses(scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: S
     for patch in _patches(points, surface.radius):
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
         X = _turned(views, points[patch].mean(axis=0))
+        X = X[expected.admits_turn(X[:, :3, :3], surface)]
         score = np.zeros(len(X))
         for count, gates in (_ROUGH, _CLOSE):
             X = X[np.argsort(-score, kind="stable")[:_TRIED]] if score.any() else X
@@ -119,7 +157,8 @@ def initial_poses(scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: S
                 X, views.points, views.ways, views.shown, views.center, scan.depth, scan.tangent_x[0],
                 scan.tangent_y[0], scan.pitch, 2.0 * views.spacing + 3.0 * sigma,
             )  # fmt: skip
-        found += zip(score.tolist(), X, strict=True)
+        admitted = expected.admits(X, surface)
+        found += zip(score[admitted].tolist(), X[admitted], strict=True)
     found.sort(key=lambda item: -item[0])
     kept: list[Array] = []
     for score, X in found:

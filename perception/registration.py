@@ -22,10 +22,6 @@ SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends w
 _WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
 _RASTER = 32  # [px]
 _MAX_SCAN_POINTS = 4000
-_COARSE_POINTS = 600
-_COARSE_MODEL = 5000  # of the model's points, of which a third or so is in view
-_PULL = 0.3  # weight of distances along the surface against those across it, while far off
-_REACH = 3.0  # [spacings] within which scan and model count as lying on each other
 _AT_REST = 0.01  # [spacings] a step below which another one with the same pairs is not worth its time
 _FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
 
@@ -123,7 +119,6 @@ class Evidence:
     normals: Array  # (N, 3) towards the sensor
     sigma: Array  # (N,) [m]
     sensor: SensorModel
-    tree: cKDTree  # of the points
 
     @classmethod
     def of(cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel) -> "Evidence":
@@ -132,7 +127,7 @@ class Evidence:
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
         points, normals = points[::step], normals[::step]
-        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor, cKDTree(points))
+        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,27 +148,6 @@ class Fit:
     X_ST: Array  # (4, 4)
     free: Array  # (k, 6) unit twists (linear; angular x radius) in S, about the model's centre, that nothing holds
     residual: float  # [m] robust rms of the point-to-plane distance
-
-
-def coarse_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, iterations: int = 18) -> Array:
-    """A quick fit from far off, on few points, with a gate that narrows from the model's size to a few spacings."""
-    step = max(1, len(evidence.points) // _COARSE_POINTS)
-    points, normals, sigma = evidence.points[::step], evidence.normals[::step], evidence.sigma[::step]
-    gates = np.geomspace(0.7 * surface.radius, 6.0 * surface.spacing, iterations)
-    every = max(1, len(surface.points) // _COARSE_MODEL)
-    for stage in np.array_split(gates, 5):
-        thin = every * np.nonzero(surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, every))[0]
-        if len(thin) < 10:
-            break
-        model_points, model_normals = surface.points[thin], surface.normals[thin]
-        tree = cKDTree(model_points)
-        for gate in stage:
-            H, g, _ = _plane_terms(
-                points, normals, sigma, model_points, model_normals, tree, X_ST, gate, _PULL, surface
-            )
-            H_over, g_over = _overhang_terms(evidence, model_points[:: len(thin) // 500 + 1], X_ST, gate, surface)
-            X_ST, _ = _moved(X_ST, H + H_over, g + g_over, surface)
-    return X_ST
 
 
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> Fit:
@@ -230,7 +204,6 @@ class _Pairing:
             self.tree,
             X_ST,
             gate + 3.0 * float(np.median(evidence.sigma)),
-            0.0,
             surface,
         )
         if self.edges is not None:
@@ -301,13 +274,9 @@ def _plane_terms(
     tree: cKDTree,
     X_ST: Array,
     gate: float,
-    tangential: float,
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
-    """Normal equations (6, 6), (6,) of the scan-to-model distances, and their robust rms [m].
-
-    `tangential` is the weight of the distance along the surface: from far off it pulls, near by it only adds noise.
-    """
+    """Normal equations (6, 6), (6,) of the scan-to-model distances, and their robust rms [m]."""
     distance, index = tree.query(transform_points(inverse(X_ST), points), distance_upper_bound=gate)
     paired = np.isfinite(distance)
     R_ST = X_ST[:3, :3]
@@ -317,53 +286,17 @@ def _plane_terms(
     paired &= np.einsum("ij,ij->i", n, normals) > 0.5
     offset = points - q
     along = np.einsum("ij,ij->i", n, offset)
-    if tangential == 0.0:
-        # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
-        paired &= distance**2 - along**2 < (1.5 * surface.spacing) ** 2
+    # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
+    paired &= distance**2 - along**2 < (1.5 * surface.spacing) ** 2
     if paired.sum() < 6:
         return np.zeros((6, 6)), np.zeros(6), np.inf
-    offset, along, n, q, sigma = offset[paired], along[paired], n[paired], q[paired], sigma[paired]
+    along, n, q, sigma = along[paired], n[paired], q[paired], sigma[paired]
     scale = np.maximum(2.0 * sigma, 0.25 * gate)
     weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
     J = _rows(n, q, X_ST, surface)
     H = J.T @ (weight[:, None] * J)
     g = J.T @ (weight * along)
-    if tangential > 0.0:
-        # Only where the model does not reach: elsewhere neighbours slide along with it and would hold it where it is.
-        length = np.linalg.norm(offset, axis=1)
-        pull = tangential * (length > _REACH * surface.spacing) / (1.0 + (length / gate) ** 2)
-        H_pull, g_pull = _point_terms(weight * pull, offset, q, X_ST, surface)
-        H, g = H + H_pull, g + g_pull
     return H, g, float(np.sqrt(np.average(along**2, weights=weight)))
-
-
-def _overhang_terms(
-    evidence: Evidence, model_points: Array, X_ST: Array, gate: float, surface: ModelSurface
-) -> tuple[Array, Array]:
-    """Normal equations (6, 6), (6,) of visible model points that stick out of the scan, drawn to its nearest points.
-
-    Without them a model slides unpunished along itself, beyond the end of what was scanned.
-    """
-    q = transform_points(X_ST, model_points)
-    q = q[evidence.scan.pixels(q)[2]]
-    distance, index = evidence.tree.query(q, distance_upper_bound=gate)
-    out = np.isfinite(distance) & (distance > _REACH * surface.spacing)
-    if not out.any():
-        return np.zeros((6, 6)), np.zeros(6)
-    p, q, distance = evidence.points[index[out]], q[out], distance[out]
-    weight = _PULL / (1.0 + (distance / gate) ** 2) ** 2 / (evidence.sensor.sigma(q[:, 2]) ** 2 + 1e-6)
-    return _point_terms(weight, p - q, q, X_ST, surface)
-
-
-def _point_terms(weight: Array, offset: Array, at: Array, X_ST: Array, surface: ModelSurface) -> tuple[Array, Array]:
-    """Normal equations (6, 6), (6,) of `offset` (N, 3) [m] from the model's points `at` (N, 3) [m] in S."""
-    arm = (at - transform_points(X_ST, surface.center)) / surface.radius
-    J = np.zeros((len(at), 3, 6))
-    J[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    J[:, [0, 1, 2], [4, 5, 3]] = arm[:, [2, 0, 1]]
-    J[:, [0, 1, 2], [5, 3, 4]] = -arm[:, [1, 2, 0]]
-    weighted = (J * weight[:, None, None]).reshape(-1, 6)
-    return J.reshape(-1, 6).T @ weighted, weighted.T @ offset.ravel()
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:

@@ -8,7 +8,7 @@ import pytest
 from models import targets
 from models.target_model import TargetModel
 from perception.identification import identify
-from perception.initialiser import initial_poses
+from perception.initialiser import Expected, initial_poses
 from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel
 from sim.interfaces.spatial import exp_so3, pose, transform_points
@@ -24,7 +24,7 @@ def test_an_exact_look_is_explained_best_by_the_true_pose(within):
         G = pose(exp_so3(turn), [0.1, -0.2, 0.3])  # the same valve, drawn in another frame
         target = TargetModel(name="v", vertices=transform_points(G, VALVE.vertices), triangles=VALVE.triangles)
         surface = ModelSurface.of(target)
-        first, *others = initial_poses(scan, scan.depth > 0.0, surface, SensorModel())
+        first, *others = initial_poses(scan, scan.depth > 0.0, surface, SensorModel(), Expected())
         apart = first @ G
         within("position [m]", np.linalg.norm((apart - VIEW)[:3, 3]), 0.04)  # 3 mm: a start, not a fit
         within("attitude", np.linalg.norm((apart - VIEW)[:3, :3]), 0.3)  # 0.02
@@ -52,6 +52,6 @@ def test_a_plate_without_thickness_is_seen_from_no_edge():
     corners = np.array([[-0.2, -0.1, 0], [0.2, -0.1, 0], [0.2, 0.1, 0], [-0.2, 0.1, 0], [0.3, 0.0, 0.1]])
     plate = TargetModel(name="plate", vertices=corners, triangles=np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]]))
     scan = Scan.from_depth(look(plate, VIEW, np.random.default_rng(0), floor=False))
-    starts = initial_poses(scan, scan.depth > 0.0, ModelSurface.of(plate), SensorModel())
+    starts = initial_poses(scan, scan.depth > 0.0, ModelSurface.of(plate), SensorModel(), Expected())
     assert starts
     assert np.all(np.isfinite(starts))

@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from models import open3d_loader
 from perception.look_alikes import best_look_alike
-from perception.projection import ACROSS_EDGES, clear_of_edges, curves, direction, paper_q
+from perception.projection import ACROSS_EDGES, clear_of_edges, curves, direction
 from perception.registration import Evidence, Fit, ModelSurface, edge_offsets, fine_fit
 from perception.scan import triangulate
 from sim.interfaces.spatial import Array, inverse, transform_points
@@ -75,7 +75,6 @@ class Check:
     move_m: float  # [m] rms by which a further fit moves the visible model
     move_threshold_m: float  # [m]
     margin: float  # score above the best attitude that looks alike; inf if none does
-    q_m: float  # [m] paper 002's Q of one straight line, for comparison only
     free: Array  # (k, 6) twists as in `Fit` that nothing in the scan holds
     points_scan: Array  # (K, 3) [m] projections C_i on the scan, in S, rays that hit both
     points_model: Array  # (K, 3) [m] projections C'_i on the model, in S
@@ -189,7 +188,6 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | Non
         move_m=move,
         move_threshold_m=move_threshold,
         margin=margin,
-        q_m=paper_q(evidence, surface, X_ST).q_m,
         free=rest.free,
         points_scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both],
         points_model=rays.C_model[both],
@@ -291,7 +289,6 @@ def _unmade(reason: str) -> Check:
         move_m=np.nan,
         move_threshold_m=0.0,
         margin=np.inf,
-        q_m=np.nan,
         free=np.zeros((0, 6)),
         points_scan=nothing,
         points_model=nothing,

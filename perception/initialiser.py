@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from models.closed_shells import sphere
 from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel, facing_normals, voxel_means
-from sim.interfaces.spatial import Array, exp_so3, pose, rotation_from_z, transform_points
+from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # about the line of sight, for each view
 _DISTANCE = 4.0  # [radii] from which the model is looked at
@@ -84,6 +84,7 @@ class _Views:
     center: Array  # (3,) [m] of the model
     radius: float  # [m]
     ways: Array  # (V, 3) unit, from the model's centre to the sensor
+    turns: Array  # (V, _SPINS, 3, 3) that lay a way along z, in all spins about it
     middles: Array  # (V, 3) [m] mean of the points in view
     shown: np.ndarray  # (V, _SHOWN) indices of points in view
     nearest: np.ndarray  # (V, nx, ny, nz) index of the point in view that is nearest to a cell
@@ -101,6 +102,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
     shape = np.ceil(size / cell).astype(int)
     cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
     ways, middles, shown, nearest = [], [], [], []
+    spins = np.stack([exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)])
     for way in sphere(1)[0]:
         mask = surface.exposed(surface.center + _DISTANCE * surface.radius * way, max_incidence, every)
         seen = np.nonzero(mask)[0]
@@ -120,6 +122,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         center=surface.center,
         radius=surface.radius,
         ways=np.array(ways).reshape(-1, 3),
+        turns=np.array([spins @ _facing(way).T for way in ways]).reshape(-1, _SPINS, 3, 3),
         middles=np.array(middles).reshape(-1, 3),
         shown=np.array(shown),
         nearest=np.array(nearest),
@@ -200,14 +203,12 @@ def _patches(points: Array, radius: float) -> list[np.ndarray]:
 
 def _turned(views: _Views, middle: Array) -> Array:
     """Poses (V * _SPINS, 4, 4) that show each view, turned to all sides, with what is seen around `middle` (3,) [m]."""
-    R_sight = _facing(-middle)
-    poses = []
-    for way, seen in zip(views.ways, views.middles, strict=True):
-        R_view = _facing(way).T
-        for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS):
-            R = R_sight @ exp_so3([0.0, 0.0, angle]) @ R_view
-            poses.append(pose(R, middle - R @ seen))
-    return np.stack(poses)
+    R = _facing(-middle) @ views.turns
+    X = np.zeros((*R.shape[:2], 4, 4))
+    X[..., :3, :3] = R
+    X[..., :3, 3] = middle - np.einsum("vsij,vj->vsi", R, views.middles)
+    X[..., 3, 3] = 1.0
+    return X.reshape(-1, 4, 4)
 
 
 def _facing(z: Array) -> Array:

@@ -153,8 +153,9 @@ class Fit:
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> Fit:
     """The full fit: hidden points removed before each round, planes and depth edges together."""
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
+    pairing, X_paired = None, X_ST
     for gate in gates:
-        pairing = _Pairing.of(evidence, surface, X_ST)
+        pairing, X_paired = _Pairing.of(evidence, surface, X_ST), X_ST
         if pairing is None:
             break
         for _ in range(inner):
@@ -164,7 +165,8 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
                 break
     # What holds it is judged where it came to rest: on the way there it may have slid off all that did.
-    pairing = _Pairing.of(evidence, surface, X_ST)
+    if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
+        pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return Fit(X_ST, np.zeros((0, 6)), np.inf)
     H, g, residual = pairing.terms(X_ST, gates[-1])

@@ -26,6 +26,7 @@ from rich.table import Table
 
 from perception.check import Decision, check
 from perception.identification import identify
+from perception.projection import paper_q
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
 
@@ -82,14 +83,15 @@ def run(task: Task) -> list[dict[str, Any]]:
             "position_m": position,
             "angle_deg": float(np.rad2deg(angle)),
             "hidden": drawn.hidden,
-            "q_m": None if found.check is None else found.check.q_m,
+            "q_m": None if found.evidence is None else paper_q(found.evidence, surface, found.X_sensor_target).q_m,
             "reason": found.reason,
         }
     ]
     if KINDS[task.kind] and found.evidence is not None:
         for name, X in forced(scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])).items():
             verdict = check(found.evidence, surface, X)
-            wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": verdict.q_m}
+            q_m = paper_q(found.evidence, surface, X).q_m
+            wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": q_m}
             rows.append({**rows[0], **wrong, "reason": verdict.reason})
     return rows
 

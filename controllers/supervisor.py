@@ -107,6 +107,7 @@ class SupervisorState:
     path: ToolPath | None = None  # in W, as far as it is worked
     placement: Placement | None = None
     hull_move: PoseMove | None = None
+    hull_pace: float = 1.0  # share of its speed at which the hull's move goes on
     joint_moves: list[JointMove] = field(default_factory=list)
     X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
     depth: float = 0.0  # [m] of the approach, from the stand-off
@@ -134,6 +135,7 @@ class SurfaceWork:
     _APPROACH_ACCELERATION = 0.03  # [m/s^2]
     _PAUSED_FORCE = 0.5  # of the set force
     _PACE_TIME = 0.5  # [s] in which the path comes to a stop, and goes on
+    _BEHIND = (0.3, 0.7)  # of `Job.lost_place`: how far the hull is behind where its move slows down, and waits
     _HALT = 3.0  # [s] that a vehicle without control is given to come to rest
 
     def __init__(
@@ -179,6 +181,7 @@ class SurfaceWork:
             if state.halted <= 0.0:
                 state.state = WorkState.ABORT
             return state, self._reference(state, time)
+        self._wait_for_hull(state, estimate)
         match state.state:
             case WorkState.SETTLE:
                 self._settle(state, estimate)
@@ -301,6 +304,17 @@ class SurfaceWork:
             time, state.X_WB, X_WB, speed=job.hull_speed, acceleration=job.hull_acceleration,
             turn_rate=job.hull_turn_rate,
         )  # fmt: skip
+
+    def _wait_for_hull(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Let the hull's move go on no faster than the hull follows, which a current may not let it."""
+        state.hull_pace = 1.0
+        if state.hull_move is None or state.state in _OVER:  # what retreats does not wait
+            return
+        near, far = (share * self._job.lost_place for share in self._BEHIND)
+        behind = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
+        state.hull_pace = min(max((far - behind) / (far - near), 0.0), 1.0)
+        if state.hull_pace < 1.0:
+            state.hull_move = state.hull_move.later((1.0 - state.hull_pace) * self.period)
 
     def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
         """To before the work pose, then unfold the arm, then close; then wait until the hull is quiet."""
@@ -467,6 +481,7 @@ class SurfaceWork:
         v_hull = _ZERO
         if state.hull_move is not None:
             state.X_WB, v_hull = state.hull_move.at(time)
+            v_hull = state.hull_pace * v_hull
         q, qd = state.q, np.zeros(len(state.q))
         if state.joint_moves:
             q, qd = state.joint_moves[0].at(time)

@@ -1,6 +1,6 @@
 """Motions in time with bounded speed and acceleration: straight moves of poses and joints, and progress on a path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,10 @@ class PoseMove:
         travel = self.X_to[:3, 3] - self.X_from[:3, 3]
         X[:3, 3] = self.X_from[:3, 3] + share * travel
         return X, travel * (rate / self.duration)
+
+    def later(self, delay: float) -> "PoseMove":
+        """The same, `delay` [s] behind."""
+        return replace(self, start=self.start + delay)
 
     def done(self, time: float) -> bool:
         return time >= self.start + self.duration

@@ -55,6 +55,7 @@ _SAID = {
     FaultKind.CONTROLLER: "the controller's commands are no numbers",
 }
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
+_STUCK = 0.1  # share of its speed under which a hull's move counts as waiting
 _TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 
@@ -102,7 +103,8 @@ def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> 
     """The hull is carried away, or does not come to rest where it waits for that."""
     time = estimate.time
     off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
-    waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
+    moving = state.hull_move is not None and state.hull_pace > _STUCK
+    waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and not moving
     late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
     if not waiting or state.joint_moves:
         state.still_since = time

@@ -67,6 +67,7 @@ class Script:
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
     views: Sequence[bool] = (True,)  # whether each view finds the object
     side: bool = False  # the vehicle with its arm on the side
+    fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
     references: list[Reference] = field(default_factory=list)
 
     def run(self, seconds: float = 120.0) -> "Script":
@@ -86,7 +87,7 @@ class Script:
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, command)
             self.references.append(reference)
-            X_WB = reference.X_WB
+            X_WB = self._moved(X_WB, reference.X_WB)
             if reference.scan and not scanning and (accepted := next(views, None)) is not None:
                 seen = target(time, accepted)
             scanning = reference.scan
@@ -97,6 +98,13 @@ class Script:
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
                 break
         return self
+
+    def _moved(self, X_WB: Array, wanted: Array) -> Array:
+        way = wanted[:3, 3] - X_WB[:3, 3]
+        length = float(np.linalg.norm(way))
+        if length <= self.fastest * PERIOD:
+            return wanted
+        return pose(wanted[:3, :3], X_WB[:3, 3] + way * (self.fastest * PERIOD / length))
 
     @property
     def states(self) -> list[WorkState]:
@@ -376,6 +384,20 @@ def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
     assert script.end.state is WorkState.DONE
     assert 0.095 < script.end.path_s < 0.105
     assert "of the path" in script.end.note
+
+
+def test_hull_is_waited_for_on_its_way():
+    """One that makes 5 cm/s where 25 are asked for, against a current: it arrives, and its reference stays near it."""
+    slow, free = Script(fastest=0.05).run(), Script().run()
+    assert slow.states == free.states == [*JOURNEY, WorkState.DONE]
+    longer = len(slow.of(WorkState.CLOSE_IN)) - len(free.of(WorkState.CLOSE_IN))
+    assert 3.0 < longer * PERIOD < 20.0
+
+
+def test_hull_that_does_not_come_along_is_given_up():
+    stuck = Script(fastest=0.0).run()
+    assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
+    assert "did not become quiet" in stuck.end.note
 
 
 def test_hull_does_not_move_before_it_is_quiet(monkeypatch):

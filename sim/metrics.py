@@ -260,8 +260,8 @@ def path_error(recording: Recording) -> PathError | None:
 def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     """The true tip against the commanded path, the ideal path on the true object, and its surface."""
     names = (
-        "path_deviation_rms_m", "path_deviation_max_m", "cross_track_max_m", "along_track_max_m",
-        "normal_deviation_max_m", "object_deviation_max_m", "tilt_max_rad", "speed_mean_m_s",
+        "path_deviation_rms_m", "path_deviation_max_m", "cross_track_rms_m", "along_track_rms_m", "cross_track_max_m",
+        "along_track_max_m", "normal_deviation_max_m", "object_deviation_max_m", "tilt_max_rad", "speed_mean_m_s",
     )  # fmt: skip
     error = path_error(recording)
     if error is None:
@@ -277,6 +277,8 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     values = (
         np.sqrt(np.mean(error.deviation**2)),
         error.deviation.max(),
+        np.sqrt(np.mean(error.cross**2)),
+        np.sqrt(np.mean(error.along**2)),
         error.cross.max(),
         np.abs(error.along).max(),
         np.abs(error.normal).max(),

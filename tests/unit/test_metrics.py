@@ -144,6 +144,8 @@ def test_path_error_splits_into_along_lateral_and_normal():
     assert np.abs(error.lateral) == pytest.approx(lateral)
     tool = tool_figures(recording, TRUTH)
     assert tool["cross_track_max_m"] == pytest.approx(lateral)
+    assert tool["cross_track_rms_m"] == pytest.approx(lateral)
+    assert tool["along_track_rms_m"] == pytest.approx(along)
     assert tool["along_track_max_m"] == pytest.approx(along)
     assert tool["path_deviation_max_m"] == pytest.approx(along)
     assert tool["path_deviation_rms_m"] == pytest.approx(along)

@@ -127,7 +127,7 @@ def choose_height(
                     furthest = max(furthest, reached)
                     if q_start is None or margin < search.margin:
                         continue
-                    if _arm_gap(chain, X @ vehicle.X_BA, tool, q_start, tree) < search.arm_clearance:
+                    if arm_gap(chain, X @ vehicle.X_BA, tool, q_start, tree) < search.arm_clearance:
                         hit = True
                         continue
                     found = Placement(
@@ -173,7 +173,7 @@ def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tu
     return float(hull_box[0, 2] - p_B[near, 2].max()), float(hull_box[0, 2] - np.median(p_B[near, 2]))
 
 
-def _arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree) -> float:
+def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree) -> float:
     """Least distance [m] of the ground from the arm's joints and the middles between them, at all poses `tools` in W.
 
     Left out are the first, at the hull, and the last two, which go with the tool into the ground.

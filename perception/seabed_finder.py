@@ -58,7 +58,7 @@ class SeabedFinder:
 
         One that shows none that can be worked gives a Target that is not accepted, with the reason.
         """
-        cloud_W = self._cloud_W if self._cloud_W is not None else points_in_world(estimate, measurement)
+        cloud_W = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
         center = self._B.mean(axis=0)
         reach = float(np.linalg.norm(center - estimate.X_WB[:3, 3]))
         try:
@@ -81,14 +81,15 @@ class SeabedFinder:
         return SeabedFinderState(cloud_W=readonly(cloud_W), plan=plan), target
 
 
-def points_in_world(estimate: StateEstimate, measurement: Measurement) -> Array:
-    """Points (N, 3) [m] in W of one sonar scan or depth frame, by the hull pose that `estimate` believes in."""
+def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
+    """Points (N, 3) [m] in W of one sonar scan or depth frame, made by a hull at `X_WB` (4, 4)."""
     if isinstance(measurement, SonarScan):
-        points, X_BS = without_lone_echoes(measurement.points).reshape(-1, 3), measurement.X_BS
+        points, X_BS = without_lone_echoes(measurement.points), measurement.X_BS
     elif isinstance(measurement, DepthImage):
-        points, X_BS = np.asarray(Scan.from_depth(measurement).points).reshape(-1, 3), measurement.X_BC
+        points, X_BS = Scan.from_depth(measurement).points, measurement.X_BC
     else:
         raise ConfigurationError(
             f"seabed finder: expected a SonarScan or a DepthImage, got {type(measurement).__name__}"
         )
-    return transform_points(estimate.X_WB @ X_BS, points[np.isfinite(points).all(axis=1)])
+    points = points.reshape(-1, 3)
+    return transform_points(X_WB @ X_BS, points[np.isfinite(points).all(axis=1)])

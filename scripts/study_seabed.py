@@ -1,7 +1,8 @@
 """How well the seabed is known and where the vehicle may work on it: seeded terrains seen by a coarse 3D sonar.
 
-Each terrain is seen from 2.5 m above: beams a degree apart, noise along the beam, false echoes. Two targets are
-projected, the profile between them is cut, and the height to work at is chosen; all is judged against the true terrain.
+Each terrain is scanned by the sonar under the hull (`sim.sonar`) from 2.5 m above. Two targets are projected, the
+profile between them is cut, and the height to work at is chosen; all is judged against the true terrain: a refusal is
+right where the true ground, known exactly, is refused as well, and work is where it is not.
 With --speed, the time from cloud to path over the size of the cloud instead, and other ways to triangulate beside it.
 """
 
@@ -10,29 +11,36 @@ from _start import made_folder, parse, run_scenario  # isort: skip
 import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from _job_parts import hull_box, undriven
+from _seabed_job import ABOVE, AHEAD, APART, BEAMS, sonar_on_hull
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain
-from controllers.seabed import HeightSearch, choose_height
+from controllers.placement import tool_poses
+from controllers.seabed import HeightSearch, WorkHeight, arm_gap, choose_height
 from models import open3d_loader, scenes
 from models.seabed import KINDS, Seabed, seabed
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from perception.seabed_finder import points_in_world
 from perception.terrain import build_terrain
-from perception.terrain_path import plan_seabed_work
+from perception.terrain_path import SeabedPlan, plan_seabed_work
 from sim.interfaces.errors import ConfigurationError, PerceptionError, ReachError
+from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.sonar import Sonar, SonarBeams, SonarNoise
 
-ALTITUDE = 2.5  # [m] of the sonar over the middle of the terrain
-ABOVE = np.array([0.0, 0.0, ALTITUDE])
-SWATH = np.radians(45.0)  # [rad] to either side
-FALSE = 0.03  # share of echoes that are none
+SWATH = BEAMS.azimuth  # [rad] of the sonar, both ways
+STANDOFF = 0.1  # [m]
+FALSE = 0.03  # share of points that are none, where times are taken
 
 
 @dataclass(kw_only=True)
@@ -45,7 +53,7 @@ class Options:
     """Of the first; each terrain has its own."""
     beam: float = 1.0
     """Between the sonar's beams [deg]."""
-    noise: float = 0.5
+    noise: float = 0.3
     """Standard deviation along the beam [% of the range]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
@@ -55,22 +63,19 @@ class Options:
     """Folder for study.json or speed.json."""
 
 
-def seen(ground: Seabed, rng: np.random.Generator, *, beam: float, noise: float) -> Array:
-    """Echoes (N, 3) [m] in W of a sonar that looks straight down from ALTITUDE over the middle of `ground`."""
-    p_WS = ground.center_W + ABOVE
-    angle = np.arange(-SWATH, SWATH, beam)
-    across, along = (np.tan(a.ravel() + rng.normal(0.0, 0.25 * beam, a.size)) for a in np.meshgrid(angle, angle))
-    rays = np.column_stack([across, along, -np.ones(len(across))])
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    vertices, triangles = ground.mesh()
-    scene = open3d_loader.ray_scene(vertices - ground.center_W, triangles)
-    r = open3d_loader.cast_rays(scene, p_WS - ground.center_W, rays)["t"].astype(np.float64)
-    hit = np.isfinite(r)
-    r, rays = r[hit], rays[hit]
-    r *= 1.0 + noise * rng.standard_normal(len(r))
-    wild = rng.random(len(r)) < FALSE
-    r[wild] += rng.uniform(-0.6, 0.3, wild.sum())
-    return p_WS + r[:, None] * rays
+def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, beam: float, noise: float) -> Array:
+    """Echoes (N, 3) [m] in W of the sonar under a hull at `X_WB` (4, 4); `beam` [rad] apart, `noise` of the range."""
+    spec = mujoco.MjSpec()
+    ground.add_to(spec)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    X_BS, count = sonar_on_hull(box), 1 + round(SWATH / beam)
+    sonar = Sonar(
+        model, "world", X_WB @ X_BS, noise=SonarNoise(range_share=noise),
+        beams=SonarBeams(rows=count, columns=count, elevation=SWATH, azimuth=SWATH),
+    )  # fmt: skip
+    return points_in_world(X_WB, SonarScan(time=0.0, points=sonar.ping(data, rng), X_BS=X_BS))
 
 
 def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array) -> dict[str, Any]:
@@ -78,35 +83,48 @@ def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array)
     rng = np.random.default_rng(seed)
     kind = KINDS[seed % len(KINDS)]
     ground = seabed(kind, rng, center_W=(*rng.uniform(-5.0, 5.0, 2), -20.0), half=3.0)
-    cloud = seen(ground, rng, beam=np.radians(options.beam), noise=0.01 * options.noise)
-    yaw = rng.uniform(-np.pi, np.pi)
-    X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
-    way = exp_so3([0.0, 0.0, yaw]) @ np.array([[0.5, -0.15, 0.0], [0.5, 0.15, 0.0]]).T
-    B = X_WB[:3, 3] + way.T
+    R_WB = exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    X_WB = pose(R_WB, ground.center_W + ABOVE)
+    B = X_WB[:3, 3] + np.array([[AHEAD, -0.5 * APART, 0.0], [AHEAD, 0.5 * APART, 0.0]]) @ R_WB.T
+    cloud = seen(ground, X_WB, box, rng, beam=np.radians(options.beam), noise=0.01 * options.noise)
+    true = ground.mesh()[0]
+    work = partial(_work, vehicle=vehicle, chain=chain, box=box, X_WB=X_WB, B=B)
     result: dict[str, Any] = {"seed": seed, "kind": kind, "points": len(cloud), "refused": "", "margin": None}
-    result["true_step_m"] = float(np.ptp(ground.height(B[:1] + np.linspace(0, 1, 30)[:, None] * (B[1] - B[0]))))
+    plan, found, result["refused"] = work(cloud)
+    result["truly_refused"] = work(true)[2]
+    if plan is not None and plan.profile is not None:
+        result["targets"] = _errors(plan.targets.A, ground, X_WB).tolist()
+        result["profile"] = _errors(plan.profile.T, ground, X_WB).tolist()
+    if found is None or plan is None or plan.path is None:
+        return result
+    at = found.placement
+    p_B = (true - at.X_WB[:3, 3]) @ at.X_WB[:3, :3]
+    outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
+    tools = tool_poses(plan.path, np.linspace(0.0, plan.path.s[-1], 30), at.roll, STANDOFF)
+    return result | {
+        "margin": at.margin, "aside_m": found.aside,
+        "hull_to_true_ground_m": float(np.linalg.norm(outside, axis=1).min()),
+        "arm_to_true_ground_m": arm_gap(chain, at.X_WB @ vehicle.X_BA, tools, at.q_start, cKDTree(true)),
+    }  # fmt: skip
+
+
+def _work(
+    cloud: Array, *, vehicle: Vehicle, chain: Chain, box: Array, X_WB: Array, B: Array
+) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
+    """The plan and the height on what `cloud` (N, 3) [m] shows, as far as it comes; and why it came no further."""
     try:
         plan = plan_seabed_work(cloud, B)
     except PerceptionError as error:
-        return result | {"refused": str(error)}
-    assert plan.profile is not None
+        return None, None, str(error)
     assert plan.path is not None
-    result["targets"] = _errors(plan.targets.A, ground, X_WB).tolist()
-    result["profile"] = _errors(plan.profile.T, ground, X_WB).tolist()
     try:
         found = choose_height(
             vehicle, chain, plan.path, ground=plan.terrain.vertices, hull_box=box, X_WB=X_WB, force=60.0,
-            standoff=0.1, search=HeightSearch(jets_above=-float(box[0, 2])),
+            standoff=STANDOFF, search=HeightSearch(jets_above=-float(box[0, 2])),
         )  # fmt: skip
     except ReachError as error:
-        return result | {"refused": str(error)}
-    X = found.placement.X_WB
-    true = ground.mesh()[0]
-    p_B = (true - X[:3, 3]) @ X[:3, :3]
-    outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
-    result["margin"], result["aside_m"] = found.placement.margin, found.aside
-    result["hull_to_true_ground_m"] = float(np.linalg.norm(outside, axis=1).min())
-    return result
+        return plan, None, str(error)
+    return plan, found, ""
 
 
 def _errors(points: Array, ground: Seabed, X_WB: Array) -> Array:
@@ -123,7 +141,7 @@ def study(options: Options, console: Console) -> dict[str, Any]:
     seeds = range(options.seed, options.seed + options.terrains)
     runs = [one(seed, options, vehicle, chain, box) for seed in track(seeds, "terrains", console=console)]
     table = Table("seabed", "runs", "targets within", "profile within", "95 %, of limit", "worked", "least margin",
-                  "hull to true ground [m]")  # fmt: skip
+                  "hull to true ground [m]", "arm to it [m]", "wrong")  # fmt: skip
     for kind in (*KINDS, "all"):
         mine = [run for run in runs if kind in (run["kind"], "all")]
         if not mine:
@@ -136,11 +154,16 @@ def study(options: Options, console: Console) -> dict[str, Any]:
             f"{np.quantile(profile, 0.95):.2f}" if len(profile) else "-", f"{len(worked)}",
             f"{min(run['margin'] for run in worked):.2f}" if worked else "-",
             f"{min(run['hull_to_true_ground_m'] for run in worked):.2f}" if worked else "-",
+            f"{min(run['arm_to_true_ground_m'] for run in worked):.2f}" if worked else "-",
+            f"{sum(bool(run['refused']) != bool(run['truly_refused']) for run in mine)}",
         )  # fmt: skip
     console.print(table)
     for run in runs:
-        if run["refused"]:
-            console.print(f"{run['kind']} {run['seed']}: {run['refused']}", highlight=False)
+        if run["refused"] or run["truly_refused"]:
+            truly = run["truly_refused"] or "would do"
+            console.print(
+                f"{run['kind']} {run['seed']}: {run['refused'] or 'worked'} | truly: {truly}", highlight=False
+            )
     return {"runs": runs}
 
 

@@ -9,7 +9,6 @@ import pytest
 from models.seabed import KINDS, seabed
 from perception.terrain import build_terrain, project, relief
 from perception.terrain_path import plan_seabed_work, profile, smooth_path, speed_law
-from perception.terrain_plane import janus_beams, plane_from_ranges
 from sim.interfaces.errors import ConfigurationError, PerceptionError, UuvError
 from sim.interfaces.spatial import exp_so3
 
@@ -207,23 +206,3 @@ def test_same_seed_same_seabed_and_the_mesh_is_the_height_field(within):
     spec = mujoco.MjSpec()
     first.add_to(spec, "mesh")
     assert spec.compile().nmesh == 1
-
-
-def test_plane_from_four_beams(within):
-    rng = np.random.default_rng(10)
-    beams = janus_beams()
-    for _ in range(20):
-        normal = exp_so3(0.4 * rng.standard_normal(3))[:, 2]
-        altitude, p_B = rng.uniform(1.0, 5.0), rng.uniform(-0.4, 0.4, 3)
-        ranges = -(altitude + normal @ p_B) / (beams @ normal)
-        if not np.all((ranges > 0) & (ranges < 50.0)):
-            continue
-        found = plane_from_ranges(ranges, beams, p_B)
-        within("normal", found.normal_B - normal, 1e-12)
-        within("altitude [m]", found.altitude - altitude, 1e-11)
-        within("residual [m]", found.residual, 1e-11)
-        lost = np.where(np.arange(4) == rng.integers(4), np.nan, ranges)
-        within("altitude by three beams [m]", plane_from_ranges(lost, beams, p_B).altitude - altitude, 1e-11)
-    assert plane_from_ranges([2.0, 2.0, 2.0, 2.6]).residual > 0.1  # uneven ground shows
-    with pytest.raises(PerceptionError, match="2 of 4 beams"):
-        plane_from_ranges([2.0, np.nan, 2.0, -1.0])

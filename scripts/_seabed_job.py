@@ -16,7 +16,7 @@ from controllers.seabed import HeightSearch
 from controllers.seabed_work import SeabedJob, SeabedWork
 from models import sampler, scenes, uuv_puma
 from models.seabed import Kind, seabed
-from models.soil import SOILS, Soil, SoilTool, core_tube
+from models.soil import SOILS, SoilTool, core_tube
 from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, find
 from perception.navigation import Navigation
 from perception.point_files import read_cloud, read_targets
@@ -69,7 +69,6 @@ class SeabedRun:
 def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
     job, rng = setting.job, np.random.default_rng(seed)
-    soil = soil_named(setting.soil)
     ground = seabed(setting.kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
     yaw = rng.uniform(-np.pi, np.pi)
     gusts, loop, start = rng.spawn(3)
@@ -85,7 +84,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
         model, current=Current(setting.current), X_WB=X_WB @ offset, reaction_ticks=REACTION_TICKS if record else 0,
-        soil=SoilForce(ground, soil, tool_of(own)),
+        soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
     )  # fmt: skip
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
@@ -105,15 +104,8 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
         seed=seed, plant=plant, parts=parts, loop=loop,
         restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
     )  # fmt: skip
-    truth = TrueGround(ground=ground, B_W=B_W, hull_box=box, push=None if job.drag else job.push, depth=job.depth)
+    truth = TrueGround(ground=ground, hull_box=box, push=None if job.drag else job.push, depth=job.depth)
     return SeabedRun(ready=ready, truth=truth)
-
-
-def soil_named(name: str) -> Soil:
-    """One of models.soil.SOILS; ConfigurationError that lists them otherwise."""
-    if name not in SOILS:
-        raise ConfigurationError(f"--soil {name!r}: there are {', '.join(SOILS)}")
-    return SOILS[name]
 
 
 def with_corer(vehicle: str) -> mujoco.MjSpec:

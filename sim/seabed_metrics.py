@@ -41,7 +41,6 @@ class TrueGround:
     """What was really there, and what was asked for."""
 
     ground: Seabed
-    B_W: Array  # (s, 3) [m] the points over it that were to be let down
     hull_box: Array  # (2, 3) [m] corners of the hull in B
     push: float | None  # [N] of a core; None: dragged
     depth: float  # [m] dragged at; at which a core is full

@@ -83,6 +83,8 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
     model = scene()
     with RerunLog(file, model) as log:
         log.log_cloud("scan", np.random.default_rng(0).normal(size=(100, 3)), 0.1)
+        log.log_mesh("seabed", np.eye(3), [[0, 1, 2]], 0.2)
+        log.log_arrows("axes", np.zeros((2, 3)), np.ones((2, 3)), 0.3)
         for moment in moments(model):
             log.observe(moment)
             if moment.truth.time > 2.0:
@@ -101,6 +103,8 @@ def test_closed_log_holds_everything_up_to_its_end(tmp_path: Path):
         assert last[f"/world/{entity}"] == pytest.approx(2.0)
     assert last["/world/path/planned"] == 0.0
     assert last["/world/clouds/scan"] == pytest.approx(0.1)
+    assert last["/world/found/seabed"] == pytest.approx(0.2)
+    assert last["/world/found/axes"] == pytest.approx(0.3)
     assert last["/state/now"] == pytest.approx(0.5)
     for entity in ("vehicle/hull/shape", "scene/target/shape", "scene/world/shape"):
         assert last[f"/world/{entity}"] == -np.inf

@@ -23,6 +23,7 @@ PATCHES = 5
 _STEEPEST = 2.5  # least ratio of radius and height
 _LOBES = 0.15  # share by which the edge wanders
 _MOST_OF_SIZE = 0.45  # largest radius of a patch, as a share of the object's
+_CROWDED = 200  # draws after which patches may lie on others
 _EDGE = (0.004, 0.012)  # [m] sides of triangles in a patch
 
 
@@ -183,6 +184,7 @@ def _drawn(
                 f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches reach, {close:.3g} m"
             )
     drawn: list[Patch] = []
+    crowded = 0
     while len(drawn) < count:
         tall = float(rng.uniform(least, min(most, widest / _STEEPEST)))
         radius = float(rng.uniform(min(3.0 * tall, widest), min(4.5 * tall, widest)))
@@ -191,6 +193,9 @@ def _drawn(
         p = u * a[face] + (v - u) * b[face] + (1.0 - v) * c[face]
         lobes = rng.uniform(-np.pi, np.pi, 2)
         if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
+            continue
+        if crowded < _CROWDED and any(np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn):
+            crowded += 1  # one on another would be higher than `height` says; where there is no room it may be
             continue
         drawn.append(Patch(kind=kind, p_T=p, n_T=cross[face] / area[face], radius=radius, height=tall, lobes=lobes))
     return drawn

@@ -164,8 +164,8 @@ class TargetModel:
         """
         X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
-        hulls = self.hulls
-        if felt and not (self.solids or hulls):
+        hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
+        if cut:
             hulls = convex_parts.parts(self.vertices, self.triangles)
         if hulls or not self.solids:
             spec.add_mesh(
@@ -182,7 +182,10 @@ class TargetModel:
                 uservert=hull.astype(np.float32).ravel(),
                 inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some are thin
             )
-            _hide(body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name))
+            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+            _hide(part)
+            if cut:
+                _soften(part, spec)
         for solid in (*self.solids, *(self.stand if stand else ())):
             size = np.zeros(3)
             size[: len(solid.size)] = solid.size
@@ -249,3 +252,16 @@ def _hide(geom: mujoco.MjsGeom) -> None:
     """Leave `geom` to contact alone: no camera and no log shows it."""
     geom.group = 3
     geom.rgba = [0.5, 0.5, 0.5, 0.0]
+
+
+def _soften(part: mujoco.MjsGeom, spec: mujoco.MjSpec) -> None:
+    """Let what presses on `part` sink in by some tenths of a millimetre.
+
+    Where parts meet a tool touches several at once, and sinks into each the less: into stiff ones so little that it
+    leaves them, step by step, while it is pressed. The friction stays the tool's own.
+    """
+    part.priority = max(geom.priority for geom in spec.geoms)  # of equals the greater friction counts, and `solmix`
+    part.friction = [0.0, 0.0, 0.0]
+    part.solmix = 1e6
+    part.solref = [0.006, 1.0]
+    part.solimp = [0.8, 0.9, 0.001, 0.5, 2.0]

@@ -29,6 +29,7 @@ _MEDIAN = 0.025  # [m] along the path
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
 _SMOOTH_LOW = 0.025  # [m] for what is low,
 _SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
+_BEYOND = 0.04  # [m] beyond both ends of the path that is looked at
 _NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 _POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
 _RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
@@ -61,6 +62,7 @@ def deviate(
     """
     H_D = transform_points(X_ST, surface.center)
     o = H_D / np.linalg.norm(H_D)
+    path, inner = _extended(path)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     step = float(np.diff(s).mean())
     n = len(path.p)
@@ -80,6 +82,7 @@ def deviate(
     well = face & in_bounds
     usable = well.sum(axis=1) >= _LEAST_RAYS
     hole = ~usable & (_in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS)
+    hole[: inner.start] = hole[inner.stop :] = False
     bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
 
     nearest = _nearest(usable)
@@ -87,7 +90,7 @@ def deviate(
     middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
     if usable.any():
         middle = np.interp(s, s[usable], middle[usable])  # so that a median near a gap takes none of it
-    middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="nearest")
+    middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
 
     # A median spreads 1.25 times as wide as a mean; an error of the pose shows as 1/cos along the line of sight.
     # A path has some fifty independent places, and one false dent tips the tool: hence 4.5 sigma, not 3.
@@ -95,21 +98,23 @@ def deviate(
     pose_error = _POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
-    def sigma(width: float) -> Array:
-        patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width)
-        return doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
+    def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
+        """Gaussian mean over the `known` points, and its noise: at an end or a gap fewer points take part."""
+        value, weight = _blur_known(middle, known, width / step)
+        patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
+        return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
 
-    fine = _blur_known(middle, usable, _SMOOTH / step)
-    threshold = 4.5 * sigma(_SMOOTH) + pose_error
+    fine, sigma = mean(usable, _SMOOTH)
+    threshold = 4.5 * sigma + pose_error
     high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
     rest = usable & ~high
-    wide = _blur_known(middle, rest, _SMOOTH_LOW / step)
-    low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma(_SMOOTH_LOW) + pose_error)
+    wide, sigma = mean(rest, _SMOOTH_LOW)
+    low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
     rest &= ~low
-    widest = _blur_known(middle, rest, _SMOOTH_POSE / step)
+    widest, sigma = mean(rest, _SMOOTH_POSE)
     # What was fouled or dented has also pulled the pose. No threshold for that: a step would tip the tool more than the
     # error is worth; what noise explains is shrunk away. On a clean path the model is the better measurement.
-    along = widest**3 / (widest**2 + (2.0 * sigma(_SMOOTH_POSE)) ** 2 + 1e-12) * float(np.any(high | low))
+    along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
     for found, values in ((low, wide), (high, fine)):
         share = _blur(found[nearest].astype(float), step)  # a gap beside it is not where a deviation ends
         along += share * (values - along)
@@ -117,17 +122,31 @@ def deviate(
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
     share = _blur(on_scan.astype(float), step)
     return Deviation(
-        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable,
-        bridged=bridged, threshold=threshold,
+        o=o, along_o=along[inner], across=_blur(across, 0.5 * step)[inner], share=share[inner], on_scan=on_scan[inner],
+        seen=usable[inner], bridged=bridged[inner], threshold=threshold[inner],
     )  # fmt: skip
+
+
+def _extended(path: ModelPath) -> tuple[ModelPath, slice]:
+    """`path` (dense) made longer by _BEYOND on both sides, straight on, and where the old one lies in it.
+
+    What lies beyond an end tells what is at the end as well as what lies before it: means need not be one-sided.
+    """
+    step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
+    count = int(_BEYOND / step)
+    on = np.arange(1, count + 1)[:, None]
+    first, last = path.p[0] - on[::-1] * (path.p[1] - path.p[0]), path.p[-1] + on * (path.p[-1] - path.p[-2])
+    rows = np.clip(np.arange(-count, len(path.p) + count), 0, len(path.p) - 1)
+    p = np.vstack([first, path.p, last])
+    return ModelPath(p=p, a=path.a[rows], b=path.b[rows]), slice(count, count + len(path.p))
 
 
 def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
     """Tool axes (N, 3) into the deviating surface, from its slopes along and across the path."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
-    along = _blur(np.gradient(deviation.along_o, s), float(np.diff(s).mean()))
+    along, across = np.gradient(deviation.along_o, s), deviation.share * deviation.across
     c = np.cross(path.a, path.b)
-    normal = np.cross(path.b + along[:, None] * deviation.o, c + deviation.across[:, None] * deviation.o)
+    normal = np.cross(path.b + along[:, None] * deviation.o, c + across[:, None] * deviation.o)
     # a x b = c, so b x c = a: the same side as the carried axis.
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
@@ -235,11 +254,14 @@ def _blur(values: Array, step: float) -> Array:
     return ndimage.gaussian_filter1d(values, _SMOOTH / step, mode="nearest")
 
 
-def _blur_known(values: Array, known: np.ndarray, width: float) -> Array:
-    """Gaussian mean of `values` over the `known` among them; 0 where none is near. `width` in samples."""
-    weight = ndimage.gaussian_filter1d(known.astype(float), width, mode="nearest")
-    total = ndimage.gaussian_filter1d(np.where(known, values, 0.0), width, mode="nearest")
-    return np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), 0.0)
+def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, Array]:
+    """Gaussian mean of `values` over the `known` among them, 0 where none is near, and their share of the Gaussian.
+
+    `width` in samples. Beyond the ends nothing is known.
+    """
+    weight = ndimage.gaussian_filter1d(known.astype(float), width, mode="constant")
+    total = ndimage.gaussian_filter1d(np.where(known, values, 0.0), width, mode="constant")
+    return np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), 0.0), weight
 
 
 def _hysteresis(size: Array, threshold: Array) -> np.ndarray:

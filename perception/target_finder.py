@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from models.targets import ModelPath, TargetModel
 from perception.identification import APPROACH_ERROR, Identification, identify
+from perception.looks import Look, on_all_looks
 from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel
 from perception.sonar_cloud import without_lone_echoes
@@ -18,9 +19,10 @@ from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinderState:
-    """What the finder has seen last, for the log; a frame's outcome does not depend on it."""
+    """What the finder has seen: last, for the log, and since then, to be judged together."""
 
     frames: int = 0
+    looks: tuple[Look, ...] = ()  # depth frames that wait for more of their kind
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
 
@@ -45,33 +47,39 @@ class KnownObjectFinder:
         sensor: SensorModel | None = None,
         approach_error: float = APPROACH_ERROR,
         path_spacing: float = 0.0015,
+        looks: int = 1,
         seed: int = 0,
     ) -> None:
         """Look for `target` around `approach_W` (3,) [m], the coarse position of its centre in W.
 
         `path`: name of one of the target's paths, or a path of its own. `orientation_W` (3, 3): coarse rotation of
-        T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool path's samples.
+        T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool path's samples. `looks`: depth
+        frames in a row whose median the path is planned on.
         Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
         """
         self._path = target.path(path) if isinstance(path, str) else path
         self._approach_W = checked(approach_W, (3,), "approach_W")
         self._R_WT = None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
+        if isinstance(looks, bool) or looks < 1:
+            raise ConfigurationError(f"looks: must be at least 1, got {looks}")
         if not path_spacing > 0.0:
             raise ConfigurationError(f"path_spacing: must be positive [m], got {path_spacing}")
         self._sensor = sensor or SensorModel()
         self._approach_error = approach_error
         self._spacing = path_spacing
-        self._seed = seed
+        self._count, self._seed = looks, seed
         self._surface = ModelSurface.of(target, seed)
 
     def init(self) -> FinderState:
         return FinderState()
 
-    def step(self, state: FinderState, estimate: StateEstimate, measurement: Measurement) -> tuple[FinderState, Target]:
+    def step(
+        self, state: FinderState, estimate: StateEstimate, measurement: Measurement
+    ) -> tuple[FinderState, Target | None]:
         """Look for the target in one depth frame or sonar scan, taken when the hull was where `estimate` says.
 
-        A frame that shows nothing gives a Target that is not accepted, with a reason. Raises ConfigurationError if
-        `measurement` is neither or malformed.
+        A frame that shows nothing gives a Target that is not accepted, with a reason; one after which more are wanted
+        gives None. Raises ConfigurationError if `measurement` is neither or malformed.
         """
         if isinstance(measurement, DepthImage):
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
@@ -83,6 +91,11 @@ class KnownObjectFinder:
                 f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
             )
         X_WC = estimate.X_WB @ X_BC
+        looks = state.looks
+        if isinstance(seen, Scan):
+            looks = (*looks, Look(scan=seen, X_WS=X_WC))
+            if len(looks) < self._count:
+                return replace(state, frames=state.frames + 1, looks=looks), None
         X_CW = inverse(X_WC)
         found = identify(
             seen,
@@ -96,7 +109,7 @@ class KnownObjectFinder:
         path, reason = None, found.reason
         if found.accepted:
             try:
-                path = _in_world(X_WC, plan_path(found, self._path, spacing=self._spacing))
+                path = _in_world(X_WC, plan_path(on_all_looks(found, looks), self._path, spacing=self._spacing))
             except PerceptionError as error:  # found, but what is on the path was not seen: another look may tell
                 reason = str(error)
         target = Target(

@@ -41,8 +41,7 @@ def plan_path(
     dense = carry(found.X_sensor_target, densified(path))
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
     p = dense.p + deviation.along_o[:, None] * deviation.o
-    z = dense.a + deviation.share[:, None] * (tilted_axis(dense, deviation) - dense.a)
-    return _smoothed(p, z, deviation.on_scan, spacing)
+    return _smoothed(p, tilted_axis(dense, deviation), deviation.on_scan, spacing)
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:

@@ -6,12 +6,18 @@ from typing import Any, Literal
 
 import numpy as np
 
+from models import deformed
+from models.targets import TargetModel
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3
 from sim.startup import ScenarioOptions
 
 Left = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]
+
+_MOST_LOOKS = 40  # that come within the time that a scan is waited for
+_PATCHES = 3  # of growth, or dents, along a path
 
 
 @dataclass(kw_only=True)
@@ -24,6 +30,12 @@ class ContactOptions(ScenarioOptions):
     """Of the tool along the path [m/s]."""
     contactless: float | None = None
     """Keep the tool at this distance [m] from the surface, without touching, in place of pressing (paper 004)."""
+    fouled: float = 0.0
+    """Growth on the object, up to this height [m], along the path; the vehicle knows the clean object alone."""
+    dented: float = 0.0
+    """The same with dents, up to this deep [m]."""
+    looks: int = 16
+    """Depth frames in a row whose median the tool path is planned on."""
     without: tuple[Left, ...] = ()
     """Methods to leave out, for ablation."""
     arm_errors: int | None = None
@@ -35,12 +47,32 @@ class ContactOptions(ScenarioOptions):
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 
+    def there(self, target: TargetModel, path: str, rng: np.random.Generator) -> TargetModel | None:
+        """What the sea has made of `target`, mostly along its path `path`; None: nothing. Draws only if asked to.
+
+        Raises ConfigurationError for heights that cannot be.
+        """
+        shown = target
+        for name, height in (("fouled", self.fouled), ("dented", self.dented)):
+            if not (np.isfinite(height) and height >= 0.0):
+                raise ConfigurationError(f"--{name}: expected a height >= 0 m, got {height}")
+            if height > 0.0:
+                change = getattr(deformed, name)
+                shown = change(shown, rng, _PATCHES, (0.4 * height, height), near=target.path(path).p).target
+        return None if shown is target else shown
+
     def of_job(self, forces: tuple[float, ...]) -> dict[str, Any]:
-        """These options as a ContactJob takes them; `forces` [N] where none are asked for."""
+        """These options as a ContactJob takes them; `forces` [N] where none are asked for.
+
+        Raises ConfigurationError for a number of looks that cannot be.
+        """
+        if not 1 <= self.looks <= _MOST_LOOKS:
+            raise ConfigurationError(f"--looks: expected 1 to {_MOST_LOOKS} depth frames, got {self.looks}")
         return {
             "forces": self.forces or forces,
             "speed": self.speed,
             "contactless": self.contactless,
+            "looks": self.looks,
             "without": frozenset(self.without),
             "arm_errors": self.arm_errors,
             "calibrated": self.calibrated,

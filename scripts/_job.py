@@ -66,6 +66,8 @@ class ContactJob:
     arm: Path | None = None  # or as a file says
     force_rate: float = 60.0  # [N/s] at which a set force changes
     contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
+    looks: int = 1  # depth frames whose median the path is planned on
+    there: TargetModel | None = None  # what really stands there, with the same paths; None: `target`, as it is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,7 +108,8 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         forces=job.forces, speed=job.speed, least_share=job.least_share, force_rate=job.force_rate,
         force_control="force-control" not in job.without, contactless=job.contactless,
     )  # fmt: skip
-    truth = TrueObject(model=job.target, path=job.path, X_WT=job.X_WT, contactless=job.contactless)
+    there = job.there or job.target
+    truth = TrueObject(model=there, path=job.path, X_WT=job.X_WT, contactless=job.contactless)
     believed, built, said = believed_and_built(
         job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
     )
@@ -116,7 +119,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
     X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
-    model = hydrodynamics.compile(scenes.work_site(built, job.target, job.X_WT))
+    model = hydrodynamics.compile(scenes.work_site(built, there, job.X_WT))
     gusts, noise, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
@@ -127,7 +130,8 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
     finder = KnownObjectFinder(
-        job.target, job.path, job.approach_W, job.orientation_W, seed=int(sampling.integers(2**31))
+        job.target, job.path, job.approach_W, job.orientation_W, looks=job.looks,
+        seed=int(sampling.integers(2**31)),
     )
     parts = Parts(
         sensors=[

@@ -99,9 +99,9 @@ class Misplacing:
     def init(self) -> Any:
         return self.finder.init()
 
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target]:
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
         state, target = self.finder.step(state, estimate, measurement)
-        if target.path is None:
+        if target is None or target.path is None:
             return state, target
         way = target.path.z[len(target.path.z) // 2]
         X_WT = np.array(target.X_WT)

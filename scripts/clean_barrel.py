@@ -51,6 +51,7 @@ def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
         target=target,
         path=options.path,
         least_share=min(1.0, 150.0 / arc) if options.path == "transverse" else 1.0,
+        there=options.there(target, options.path, rng),
         X_WT=X_WT,
         approach_W=approach,
         orientation_W=orientation,

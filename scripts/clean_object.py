@@ -62,6 +62,7 @@ def object_job(options: Options, rng: np.random.Generator) -> ContactJob:
         target=target,
         path=path,
         least_share=options.least,
+        there=options.there(target, path, rng),
         X_WT=X_WT,
         approach_W=approach,
         orientation_W=orientation,

@@ -54,12 +54,14 @@ def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
     lean = np.radians(0.5) * rng.standard_normal(3) * [1.0, 1.0, 0.0]
     X_WT = pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
     approach, orientation = coarse_detection(X_WT, rng)
+    target = pile({options.path: path})
     return ContactJob(
         scenario="clean_pile",
         title=f"Cleaning a pile, {options.path} path, seed {options.seed}",
-        target=pile({options.path: path}),
+        target=target,
         path=options.path,
         least_share=1.0 if options.path == "vertical" else min(1.0, 80.0 / arc),
+        there=options.there(target, options.path, rng),
         X_WT=X_WT,
         approach_W=approach,
         orientation_W=orientation,

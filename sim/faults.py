@@ -293,9 +293,9 @@ class MisplacedFinder:
     def init(self) -> Any:
         return self._finder.init()
 
-    def step(self, state: Any, estimate: Any, measurement: Any) -> tuple[Any, Target]:
+    def step(self, state: Any, estimate: Any, measurement: Any) -> tuple[Any, Target | None]:
         state, target = self._finder.step(state, estimate, measurement)
-        if not self._onset.active(target.time):
+        if target is None or not self._onset.active(target.time):
             return state, target
         X_WT: Array = np.array(target.X_WT)
         X_WT[:3, 3] += self._shift_W

@@ -23,6 +23,8 @@ from sim.interfaces.messages import (
 )
 from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
 
+LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are asked for
+
 
 class SteppedPlant(Protocol):
     """What the loop needs of a plant."""
@@ -94,6 +96,7 @@ def rollout(
         ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0 for s in parts.sensors
     ]
     estimator_ticks = ticks_per_period(parts.estimator.period, dt, type(parts.estimator).__name__)
+    look_ticks = ticks_per_period(LOOK_PERIOD, dt, "the time between looks")
     planner_ticks = ticks_per_period(parts.planner.period, dt, type(parts.planner).__name__)
     controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
     sensor_states = [s.init(stream) for s, stream in zip(parts.sensors, rng.spawn(len(parts.sensors)), strict=True)]
@@ -115,7 +118,7 @@ def rollout(
     command: Command | None = None
     reference: Reference | None = None
     moment: Moment | None = None
-    scanning = False
+    asked = 0  # tick since which frames are asked for
     seen_from: dict[float, StateEstimate] = {}  # by a late frame's time: where the vehicle believed to be then
     arrived: list[Measurement] = []  # since the estimator's last step
     on_the_way: dict[int, list[Measurement]] = {}
@@ -123,8 +126,10 @@ def rollout(
         if tick:
             truth = plant.observe()
         scan = command is not None and command.scan
+        if not scan:
+            asked = tick + 1
         for i, every in enumerate(sensor_ticks):
-            due = tick % every == 0 if every else scan and not scanning  # one frame for each rising edge
+            due = tick % every == 0 if every else scan and not seen_from and (tick - asked) % look_ticks == 0
             if not due:
                 continue
             sensor_states[i], measurement = parts.sensors[i].step(sensor_states[i], truth)
@@ -136,7 +141,6 @@ def rollout(
                     seen_from[measurement.time] = estimate
             else:
                 arrived.append(measurement)
-        scanning = scan
         if tick in on_the_way:
             arrived += on_the_way.pop(tick)
         frame: Look | None = None
@@ -148,7 +152,8 @@ def rollout(
             arrived = []
         if frame is not None and parts.finder is not None:
             then = seen_from.pop(frame.time, estimate)
-            finder_state, target = parts.finder.step(finder_state, then, frame)
+            finder_state, found = parts.finder.step(finder_state, then, frame)
+            target = found or target  # None: it wants more frames first
         if tick % planner_ticks == 0:
             planner_state, reference = parts.planner.step(planner_state, estimate, target, command)
         assert reference is not None

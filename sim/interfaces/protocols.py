@@ -42,11 +42,11 @@ class Estimator(Protocol):
 
 @runtime_checkable
 class TargetFinder(Protocol):
-    """Depth frames in, the target and its tool path out. Called once per frame."""
+    """Depth frames in, the target and its tool path out, or None where more are wanted first. Called once per frame."""
 
     def init(self) -> Any: ...
 
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target]: ...
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]: ...
 
 
 @runtime_checkable

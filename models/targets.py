@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -30,6 +31,7 @@ __all__ = [
     "helix",
     "longitudinal",
     "named",
+    "of",
     "pile",
     "revolve",
     "ring",
@@ -69,3 +71,15 @@ def named(name: str, **options: Any) -> TargetModel:
         )
     made = _OBJECTS[name](**options)
     return made if isinstance(made, TargetModel) else made.target
+
+
+def of(name_or_file: str, scale: float | None = None) -> TargetModel:
+    """The object of that name, or from a mesh file (`TargetModel.from_file`): what has an ending is a file.
+
+    Raises ConfigurationError for an unknown name, or a file or `scale` that cannot be.
+    """
+    if Path(name_or_file).suffix:
+        return TargetModel.from_file(name_or_file, scale=scale)
+    if scale is not None:
+        raise ConfigurationError(f"object {name_or_file!r} has its size; a scale is for mesh files")
+    return named(name_or_file)

@@ -130,7 +130,11 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
     finder = KnownObjectFinder(
-        job.target, job.path, job.approach_W, job.orientation_W, looks=job.looks,
+        job.target,
+        job.path,
+        job.approach_W,
+        job.orientation_W,
+        looks=job.looks,
         seed=int(sampling.integers(2**31)),
     )
     parts = Parts(

@@ -8,7 +8,6 @@ from _start import parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from _contact_options import ContactOptions, coarse_detection
@@ -40,9 +39,9 @@ class Options(ContactOptions):
 
 def model_of(options: Options) -> TargetModel:
     """The object that `options` ask for. Raises ConfigurationError where there is none, or no path on it."""
-    if not Path(options.object).suffix:
-        return targets.named(options.object)
-    target = TargetModel.from_file(options.object)
+    target = targets.of(options.object)
+    if target.paths:
+        return target
     top = target.center + np.array([0.0, 0.0, target.radius])
     half = np.array([0.5 * options.length, 0.0, 0.0])
     over = laid_on(target, line(top - half, top + half), [0.0, 0.0, -1.0])

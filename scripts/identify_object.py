@@ -1,0 +1,165 @@
+"""Find a known object in one look: a cloud from a file, or a simulated scene; pose, decision, clouds and a picture.
+
+The object is one of the library by name, or a mesh file. Coordinates are those of the sensor (x right, y down, z
+ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
+"""
+
+from _start import parse, run_scenario  # isort: skip
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from _object_scenes import object_scene
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from models import open3d_loader, targets
+from models.targets import TargetModel
+from perception.check import Check
+from perception.cloud_files import load_cloud
+from perception.identification import Identification, identify
+from perception.scan import SensorModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, transform_points
+
+NOT_ACCEPTED = 1  # exit code
+_TOO_LARGE = 20.0  # times the cloud's extent: an object of which nothing could be told
+_SHOWN = 20_000  # points in the picture
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Find a known object in a cloud."""
+
+    object: str = "barrel"
+    """A name of models.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
+    cloud: Path | None = None
+    """Text (x y z a line), PLY or PCD, in the sensor's frame; a simulated scene by default."""
+    scale: float | None = None
+    """Unit of the cloud in metres: 0.001 for millimetres."""
+    mesh_scale: float | None = None
+    """Unit of the mesh file in metres."""
+    approach: tuple[float, float, float] | None = None
+    """Coarse position of the object's middle [m]; anywhere by default."""
+    rotation: tuple[float, float, float] | None = None
+    """Coarse rotation of the object as a rotation vector [deg]; any by default."""
+    sigma: float | None = None
+    """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
+    sensor: Literal["stereo", "white"] = "stereo"
+    """Of the simulated scene."""
+    seed: int = 0
+    """Of the simulated scene, and of random samples."""
+    out: Path = Path("runs/identify_object")
+    """Folder for identification.json, cloud.ply, model.ply and identification.png."""
+
+
+def found_in(options: Options, target: TargetModel) -> tuple[Identification, list[str]]:
+    """The object in the cloud or scene of `options`, and what there is to say of the input.
+
+    Raises ConfigurationError for a cloud or numbers that cannot be.
+    """
+    sensor = SensorModel()
+    if options.sigma is not None:
+        sensor = SensorModel(disparity_sigma=options.sigma * sensor.focal * sensor.baseline)
+    R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
+    if options.cloud is not None:
+        cloud = load_cloud(options.cloud, options.scale)
+        extent = 2.0 * float(np.linalg.norm(cloud.points - np.median(cloud.points, axis=0), axis=1).max())
+        if 2.0 * target.radius > _TOO_LARGE * extent:
+            raise ConfigurationError(
+                f"{target.name!r} is {2.0 * target.radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
+                "millimetres? Give --scale (of the cloud) or --mesh-scale"
+            )
+        return identify(cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed), [*cloud.notes]
+    scene = object_scene(target, options.seed, options.sensor)
+    approach = scene.approach if options.approach is None else options.approach
+    found = identify(
+        scene.scan, target, approach, scene.orientation if R is None else R, sensor=scene.sensor.model,
+        seed=options.seed,
+    )  # fmt: skip
+    position, angle = scene.error(found.X_sensor_target)
+    said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {scene.range_m:.2f} m"
+    return found, [f"scene of seed {options.seed}, {options.sensor}: {said}"]
+
+
+def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
+    """What identification.json holds; what is not finite is None."""
+
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    def figures(check: Check) -> dict[str, float | None]:
+        names = ("figure_m", "threshold_m", "form_m", "form_threshold_m", "agreement", "through", "coverage", "hidden")
+        return {name: number(getattr(check, name)) for name in names}
+
+    return {
+        "object": target.name,
+        "decision": found.decision.value,
+        "reason": found.reason,
+        "X_sensor_target": found.X_sensor_target.tolist(),
+        "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
+        "check": None if found.check is None else figures(found.check),
+        "score": found.score,
+        "margin": number(found.margin),
+        "symmetry": {
+            "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),
+            "turns": found.symmetry.turns,
+            "policy": found.symmetry.policy,
+        },
+        "hypotheses": [
+            {"score": each.score, "X_sensor_target": each.X_sensor_target.tolist()} for each in found.hypotheses
+        ],
+        "duration_s": found.duration_s,
+        "notes": notes,
+    }
+
+
+def picture(found: Identification, title: str) -> Figure:
+    """Cloud and model as the sensor sees them, and from the side."""
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    parts = ((found.cloud, "0.4", "cloud"), (found.model_after, "tab:orange", "model, where found"))
+    for axes, (x, y), names in zip(figure.subplots(1, 2), ((0, 1), (2, 1)), (("x", "y"), ("z", "y")), strict=True):
+        for points, colour, label in parts:
+            some = points[:: max(1, len(points) // _SHOWN)]
+            axes.scatter(some[:, x], some[:, y], s=2.0, c=colour, label=label, linewidths=0.0)
+        axes.set(aspect="equal", xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
+        axes.invert_yaxis()
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0)
+    figure.suptitle(title, fontsize="medium")
+    return figure
+
+
+def save(file: Path, points: Array) -> None:
+    """Points (N, 3) [m] as a PLY file."""
+    o3d = open3d_loader.load()
+    o3d.io.write_point_cloud(str(file), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points))))
+
+
+def main() -> int:
+    options, console = parse(Options), Console()
+    if options.sigma is not None and not (np.isfinite(options.sigma) and options.sigma > 0.0):
+        raise ConfigurationError(f"--sigma: must be > 0 m, got {options.sigma}")
+    target = targets.of(options.object, options.mesh_scale)
+    found, notes = found_in(options, target)
+    decision = found.decision.value
+    options.out.mkdir(parents=True, exist_ok=True)
+    for note in notes:
+        console.print(note, highlight=False)
+    console.print(f"{target.name}: {decision}{': ' + found.reason if found.reason else ''}", highlight=False)
+    if found.accepted:
+        center = ", ".join(f"{value:.4f}" for value in transform_points(found.X_sensor_target, target.center))
+        console.print(f"middle at ({center}) m; {found.symmetry.policy}; {found.duration_s:.2f} s", highlight=False)
+    file = options.out / "identification.json"
+    file.write_text(json.dumps(report(found, target, notes), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    save(options.out / "cloud.ply", found.cloud)
+    save(options.out / "model.ply", found.model_after)
+    picture(found, f"{target.name}: {decision}").savefig(options.out / "identification.png", dpi=120)
+    console.print(f"written to {options.out}/", highlight=False)
+    return 0 if found.accepted else NOT_ACCEPTED
+
+
+if __name__ == "__main__":
+    run_scenario(main)

@@ -1,15 +1,15 @@
 """Tool paths on fouled and dented objects: how far path and model lie off the true surface.
 
-For each seed an object is drawn, seen once by the depth camera, found, and a path planned on it. Distances are taken
-along the tool's axis from the path to the true surface. What the camera saw and what it did not are told apart.
+For each seed an object is drawn, seen by the depth camera in a few frames from nearly one place, found in the last, and
+a path planned on the median of all. Distances are taken along the tool's axis from the path to the true surface. What
+the camera saw and what it did not are told apart.
 """
 
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import json
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -17,27 +17,11 @@ import numpy as np
 from _contact_options import coarse_detection
 from rich.console import Console
 from rich.table import Table
-from scipy.spatial import cKDTree
 
-from models import open3d_loader
-from models.barrel import RIM_HEIGHT, RIM_WIDTH
-from models.pile import FLANGE, FLANGE_DIAMETER
-from models.targets import (
-    BARREL_DIAMETER,
-    BARREL_LENGTH,
-    PILE_DIAMETER,
-    PILE_LENGTH,
-    ModelPath,
-    TargetModel,
-    barrel,
-    longitudinal,
-    pile,
-    revolve,
-    ring,
-    transverse,
-    vertical,
-)
+from models import deformed, open3d_loader
+from models.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from perception.identification import Identification, identify
+from perception.looks import Look, on_all_looks
 from perception.path_deviation import deviate
 from perception.registration import ModelSurface
 from perception.scan import Scan
@@ -49,10 +33,8 @@ from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transf
 
 BOUND = 0.003  # [m] within which the path on the true surface must be
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface begin
-_RINGS, _SIDES = 0.01, 256  # [m] between the rings of the true mesh; its sides
-_BUMP_WIDTH = (0.05, 0.09)  # [m] as of a Gaussian
-_BUMPS_NEAR = 0.2  # [m] of a path; a symmetric object's may be found up to 30 deg around it
-_BUMP_AREA = 0.08  # [m^2] of shell for each
+_PATCHES = 8  # a symmetric object may be found up to 30 deg around, its paths beside some of them
+_SWAY = 0.005  # [m] from frame to frame, which the vehicle knows
 
 
 @dataclass(kw_only=True)
@@ -61,64 +43,10 @@ class Options(ScenarioOptions):
 
     trials: int = 10
     """Seeds of each object, from --seed on."""
+    looks: int = 16
+    """Depth frames whose median a path is planned on."""
     judged: bool = True
     """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
-
-
-_ON_BARREL = {"longitudinal": longitudinal(), "transverse": transverse(2.0)}
-_ON_PILE = {"vertical": vertical(), "ring": ring(1.75)}
-
-
-def _points(paths: dict[str, ModelPath]) -> Array:
-    return np.vstack([path.p for path in paths.values()])
-
-
-def bumpy(
-    profile: Array, shell: float, near: Array, rng: np.random.Generator, low: float, high: float
-) -> tuple[Array, np.ndarray]:
-    """The surface of revolution of `profile` (P, 2) [m] with smooth bumps, `low` to `high` [m], on its shell.
-
-    `shell` [m] is the shell's radius: rims, flanges and ends stay clean. Bumps lie around `near` (N, 3) [m], where they
-    cover about a third.
-    """
-    points = [profile[:1]]
-    for a, b in pairwise(profile):
-        flat = a[1] == b[1] == shell
-        count = 1 + int(abs(b[0] - a[0]) / _RINGS) if flat else 1
-        points.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
-    vertices, triangles = revolve(np.vstack(points), _SIDES)
-    radius = np.linalg.norm(vertices[:, 1:], axis=1)
-    on_shell = np.abs(radius - shell) < 1e-9
-    height = np.zeros(len(vertices))
-    around = np.flatnonzero(on_shell & (cKDTree(near).query(vertices)[0] < _BUMPS_NEAR))
-    area = 2.0 * np.pi * shell * float(np.ptp(profile[:, 0])) * len(around) / max(1, int(on_shell.sum()))
-    for row in rng.choice(around, size=max(3, round(area / _BUMP_AREA))):
-        bump, width = low + rng.random() * (high - low), rng.uniform(*_BUMP_WIDTH)
-        shape = bump * np.exp(-np.sum((vertices - vertices[row]) ** 2, axis=1) / (2.0 * width**2))
-        height = np.where(np.abs(shape) > np.abs(height), shape, height)
-    ends = np.sort(vertices[~on_shell, 0])
-    gap = np.abs(vertices[:, :1] - np.unique(np.round(ends, 6))).min(axis=1)
-    height *= np.clip(gap / 0.04, 0.0, 1.0) * on_shell  # none hangs over a rim
-    vertices[:, 1:] *= (1.0 + height / np.maximum(radius, 1e-9))[:, None]
-    return vertices, triangles
-
-
-def true_barrel(rng: np.random.Generator, low: float, high: float) -> TargetModel:
-    """The barrel as the sea left it."""
-    r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
-    half = [(-h, 0.0), (-h, r + RIM_HEIGHT), (RIM_WIDTH - h, r + RIM_HEIGHT), (RIM_WIDTH - h, r)]
-    profile = np.array(half + [(-x, radius) for x, radius in reversed(half)])
-    vertices, triangles = bumpy(profile, r, _points(_ON_BARREL), rng, low, high)
-    return TargetModel(name="barrel", vertices=vertices, triangles=triangles)
-
-
-def true_pile(rng: np.random.Generator, low: float, high: float) -> TargetModel:
-    """The pile as the sea left it."""
-    r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
-    collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)]
-    profile = np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)])
-    vertices, triangles = bumpy(profile, r, _points(_ON_PILE)[:, [2, 0, 1]], rng, low, high)
-    return TargetModel(name="pile", vertices=vertices[:, [1, 2, 0]], triangles=triangles)
 
 
 @dataclass(frozen=True)
@@ -126,17 +54,23 @@ class Case:
     """One object and what is done with it."""
 
     known: TargetModel
-    true: Callable[[np.random.Generator, float, float], TargetModel]
-    bumps: tuple[float, float]  # [m] lowest and highest; negative: dents
-    paths: dict[str, ModelPath]
+    kind: str  # "fouled" or "dented"
+    height: tuple[float, float]  # [m] of growth or dents, least and most
+    paths: Mapping[str, ModelPath]
     view: tuple[float, float, float]  # [m] of the camera in T
 
+    def true(self, rng: np.random.Generator) -> TargetModel:
+        """The object as the sea left it."""
+        near = np.vstack([path.p for path in self.paths.values()])
+        return getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near).target
 
+
+_BARREL = (barrel(), {"longitudinal": longitudinal(), "transverse": transverse(2.0)}, (0.0, -0.35, 1.2))
+_PILE = (pile(), {"vertical": vertical(), "ring": ring(1.75)}, (1.8, 0.3, 0.0))
 CASES = {
-    "fouled barrel": Case(barrel(), true_barrel, (0.01, 0.04), _ON_BARREL, (0.0, -0.35, 1.2)),
-    "dented barrel": Case(barrel(), true_barrel, (-0.01, -0.03), _ON_BARREL, (0.0, -0.35, 1.2)),
-    "fouled pile": Case(pile(), true_pile, (0.01, 0.04), _ON_PILE, (1.8, 0.3, 0.0)),
-    "dented pile": Case(pile(), true_pile, (-0.01, -0.03), _ON_PILE, (1.8, 0.3, 0.0)),
+    f"{kind} {name}": Case(known, kind, height, paths, view)
+    for name, (known, paths, view) in (("barrel", _BARREL), ("pile", _PILE))
+    for kind, height in (("fouled", (0.01, 0.04)), ("dented", (0.01, 0.03)))
 }
 
 
@@ -173,15 +107,19 @@ def distances(scene: Any, X_TS: Array, p: Array, z: Array) -> Array:
     return open3d_loader.cast_rays(scene, transform_points(X_TS, p) - _AHEAD * z_T, z_T)["t"] - _AHEAD
 
 
-def trial(case: Case, seed: int, judged: bool) -> dict[str, Any]:
+def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
     """One seed: what came of identification, and of each path."""
     rng = np.random.default_rng(seed)
-    true = case.true(rng, *case.bumps)
+    true = case.true(rng)
     eye = np.array(case.view) + rng.uniform(-0.15, 0.15, 3)
-    X_CT = inverse(pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye))
-    image = look(true, X_CT, rng)
+    X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
+    looks: list[Look] = []
+    for _ in range(count):
+        X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
+        looks.append(Look(scan=Scan.from_depth(look(true, inverse(X), rng)), X_WS=X))
+    X_CT = inverse(looks[-1].X_WS)
     approach, orientation = coarse_detection(X_CT, rng)
-    found = identify(Scan.from_depth(image), ModelSurface.of(case.known), approach, orientation)
+    found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
     position, angle = case.known.symmetry.error(found.X_sensor_target, X_CT)
     result: dict[str, Any] = {
         "seed": seed, "accepted": found.accepted, "reason": found.reason,
@@ -189,7 +127,7 @@ def trial(case: Case, seed: int, judged: bool) -> dict[str, Any]:
     }  # fmt: skip
     if judged and not found.accepted:
         return result
-    found = replace(found, accepted=True)
+    found = on_all_looks(replace(found, accepted=True), looks)
     scene = open3d_loader.ray_scene(true.vertices, true.triangles)
     for name, path in case.paths.items():
         result["paths"][name] = _of_path(found, path, scene, inverse(X_CT))
@@ -251,9 +189,12 @@ def main() -> int:
     console.width = max(console.width, 110)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials
     results = {
-        name: [trial(case, options.seed + i, options.judged) for i in range(trials)] for name, case in CASES.items()
+        name: [trial(case, options.seed + i, options.looks, options.judged) for i in range(trials)]
+        for name, case in CASES.items()
     }
-    table = Table(title=f"Paths on the true surface, {trials} seeds from {options.seed}; distances in mm, where seen")
+    table = Table(
+        title=f"Paths on the true surface, {trials} seeds from {options.seed}, {options.looks} looks; in mm, where seen"
+    )
     for column in ("object", "path", "found", "planned", "model off", "RMS", "p95", "max", "<= 3"):
         table.add_column(column, justify="left" if column in ("object", "path") else "right", no_wrap=True)
     for name, found in results.items():

@@ -1,4 +1,4 @@
-"""The scenes of the study of paths, and the jobs of clean_object.py, without running them."""
+"""What jobs on fouled, dented and free-form objects are made of, without running them."""
 
 import sys
 from pathlib import Path
@@ -12,22 +12,31 @@ from sim.interfaces.errors import ConfigurationError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
+import clean_barrel
 import clean_object
-import study_paths
 
 
-@pytest.mark.parametrize("name", list(study_paths.CASES))
-def test_true_objects_lie_off_their_models_where_they_should(name: str):
-    """Bumps out of the shell or dents in it, of the size asked for, around the paths, and nothing else."""
-    case = study_paths.CASES[name]
-    true = case.true(np.random.default_rng(1), *case.bumps)
-    scene = open3d_loader.ray_scene(case.known.vertices, case.known.triangles)
-    tensor = open3d_loader.load().core.Tensor(np.asarray(true.vertices, dtype=np.float32))
-    off = scene.compute_signed_distance(tensor).numpy() * np.sign(case.bumps[0])
-    assert off.min() > -1e-3  # the sagitta of a side, and of what lies between rings
-    assert abs(case.bumps[0]) - 1e-3 < off.max() < abs(case.bumps[1]) + 1e-3
-    near = np.linalg.norm(true.vertices[off > 0.005][:, None] - study_paths._points(case.paths), axis=-1).min(axis=1)
-    assert near.max() < 0.45
+@pytest.mark.parametrize("options", [{"fouled": 0.03}, {"dented": 0.03}, {"fouled": 0.02, "dented": 0.02}])
+def test_job_on_what_the_sea_has_left(options: dict[str, float]):
+    """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
+    job = clean_barrel.barrel_job(clean_barrel.Options(**options), np.random.default_rng(1))
+    assert job.there is not None
+    scene = open3d_loader.ray_scene(job.target.vertices, job.target.triangles)
+    tensor = open3d_loader.load().core.Tensor(np.asarray(job.there.vertices, dtype=np.float32))
+    off = scene.compute_signed_distance(tensor).numpy()
+    off, near = off[np.abs(off) > 0.004], job.there.vertices[np.abs(off) > 0.004]
+    assert np.linalg.norm(near[:, None] - job.target.path(job.path).p[::10], axis=-1).min(axis=1).max() < 0.3
+    for name, sign in (("fouled", 1.0), ("dented", -1.0)):
+        height = options.get(name, 0.0)
+        assert (0.3 * height - 1e-3 < (sign * off).max() < height + 1e-3) if height else (sign * off).max() < 1e-3
+
+
+def test_clean_job_has_nothing_else_there():
+    assert clean_barrel.barrel_job(clean_barrel.Options(), np.random.default_rng(1)).there is None
+    with pytest.raises(ConfigurationError, match="--fouled"):
+        clean_barrel.barrel_job(clean_barrel.Options(fouled=-0.01), np.random.default_rng(1))
+    with pytest.raises(ConfigurationError, match="--looks"):
+        clean_barrel.barrel_job(clean_barrel.Options(looks=0), np.random.default_rng(1))
 
 
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):

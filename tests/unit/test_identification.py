@@ -295,6 +295,7 @@ def test_finder_lays_the_path_in_the_world(frame: DepthImage, within):
     finder = KnownObjectFinder(BARREL, "transverse", X_WT[:3, 3] + 0.1, X_WT[:3, :3] @ exp_so3([0.0, 0.2, 0.1]))
     assert isinstance(finder, TargetFinder)
     state, target = finder.step(finder.init(), standing(X_WB), replace(frame, X_BC=X_BC))
+    assert target is not None
     assert target.accepted, target.reason
     assert target.path is not None
     within("position [m]", BARREL.symmetry.error(target.X_WT, X_WT)[0], 5e-3)
@@ -312,6 +313,7 @@ def test_finder_never_raises_on_what_it_sees(frame: DepthImage):
     rng = np.random.default_rng(0)
     for depth in (np.full((480, 640), np.nan), np.full((480, 640), 1.3), rng.uniform(0.3, 5.0, (480, 640))):
         state, target = finder.step(state, standing(np.eye(4)), replace(frame, depth=depth))
+        assert target is not None
         assert not target.accepted
         assert target.reason
         assert target.path is None

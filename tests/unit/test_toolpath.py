@@ -194,6 +194,7 @@ def test_finder_asks_for_another_look_at_a_hole():
     )  # W is the camera's own frame
     measurement = replace(image, depth=depth, X_BC=np.eye(4))
     _, target = finder.step(finder.init(), estimate, measurement)
+    assert target is not None
     assert not target.accepted
     assert target.path is None
     assert "hole of" in target.reason

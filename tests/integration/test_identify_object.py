@@ -1,0 +1,52 @@
+"""Finding an object in a user's cloud: what comes out, and inputs that end in one line."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import targets
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+
+from _object_scenes import object_scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return object_scene("starfish", 1)
+
+
+def test_a_cloud_with_blemishes_is_searched(script, scene, tmp_path):
+    points = scene.scan.points.reshape(-1, 3)[::7]
+    points = points[np.isfinite(points).all(axis=1)]
+    rows = np.vstack([points, points[:100], np.zeros((20, 3)), np.full((30, 3), np.nan)])
+    np.savetxt(tmp_path / "cloud.xyz", 1e3 * rows, "%.2f")
+    known = ("--object", "starfish", "--cloud", tmp_path / "cloud.xyz", "--approach", *scene.approach)
+    refused = script("identify_object", *known, "--out", tmp_path)
+    assert refused.returncode == 2
+    assert "millimetres" in refused.stderr
+    done = script("identify_object", *known, "--scale", 0.001, "--out", tmp_path)
+    assert done.returncode in (0, 1), done.stderr
+    assert "not finite" in done.stdout
+    found = json.loads((tmp_path / "identification.json").read_text("utf-8"))
+    assert (done.returncode == 0) == (found["decision"] == "accept")
+    assert len(found["notes"]) == 3
+    for name in ("cloud.ply", "model.ply", "identification.png"):
+        assert (tmp_path / name).stat().st_size > 5000
+
+
+def test_object_and_cloud_in_different_units(script, scene, tmp_path):
+    np.savetxt(tmp_path / "cloud.xyz", 0.001 * scene.scan.points.reshape(-1, 3)[::50])
+    done = script("identify_object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "--mesh-scale" in done.stderr
+
+
+def test_objects_by_name_or_file(tmp_path):
+    assert targets.of("rock").name == "rock"
+    (tmp_path / "two.obj").write_text("v 0 0 0\nv 900 0 0\nv 0 900 0\nf 1 2 3\n", "utf-8")
+    assert targets.of(str(tmp_path / "two.obj"), 0.001).radius < 1.0

@@ -120,14 +120,15 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
 def picture(found: Identification, title: str) -> Figure:
     """Cloud and model as the sensor sees them, and from the side."""
     figure = Figure(figsize=(10, 5), layout="constrained")
-    parts = ((found.cloud, "0.4", "cloud"), (found.model_after, "tab:orange", "model, where found"))
-    for axes, (x, y), names in zip(figure.subplots(1, 2), ((0, 1), (2, 1)), (("x", "y"), ("z", "y")), strict=True):
-        for points, colour, label in parts:
+    parts = ((found.model_after, "tab:orange", "model, where found", 8.0), (found.cloud, "k", "cloud", 1.0))
+    left, right = figure.subplots(1, 2)
+    for axes, x, name in ((left, 0, "x"), (right, 2, "z")):
+        for points, colour, label, size in parts:
             some = points[:: max(1, len(points) // _SHOWN)]
-            axes.scatter(some[:, x], some[:, y], s=2.0, c=colour, label=label, linewidths=0.0)
-        axes.set(aspect="equal", xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
+            axes.scatter(some[:, x], some[:, 1], s=size, c=colour, label=label, linewidths=0.0)
+        axes.set(aspect="equal", xlabel=f"{name} [m]", ylabel="y [m]")
         axes.invert_yaxis()
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0)
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=2, markerscale=4.0)
     figure.suptitle(title, fontsize="medium")
     return figure
 

@@ -150,8 +150,10 @@ def test_a_misplaced_finder_moves_pose_and_path():
             return state, replace(found, time=float(measurement is estimate))
 
     finder = faults.MisplacedFinder(Finder(), (0.0, 0.0, 0.08), faults.Onset(at=0.5))
-    assert finder.step(finder.init(), None, 0)[1].path is path
-    target = finder.step(finder.init(), None, None)[1]
+    before, target = (finder.step(finder.init(), None, measurement)[1] for measurement in (0, None))
+    assert before is not None
+    assert before.path is path
+    assert target is not None
     assert target.path is not None
     assert np.allclose(target.path.p, [[1.0, 1.0, 1.08]], rtol=0.0, atol=1e-15)
     assert np.allclose(target.X_WT[:3, 3], [0.0, 0.0, 0.08], rtol=0.0, atol=1e-15)

@@ -4,7 +4,7 @@ The object is one of the library by name, or a mesh file. Coordinates are those 
 ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 from dataclasses import dataclass
@@ -146,7 +146,7 @@ def main() -> int:
     target = targets.of(options.object, options.mesh_scale)
     found, notes = found_in(options, target)
     decision = found.decision.value
-    options.out.mkdir(parents=True, exist_ok=True)
+    made_folder(options.out)
     for note in notes:
         console.print(note, highlight=False)
     console.print(f"{target.name}: {decision}{': ' + found.reason if found.reason else ''}", highlight=False)

@@ -57,7 +57,7 @@ def test_what_few_looks_saw_is_left_out():
 
 def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     rng = np.random.default_rng(0)
-    looks = [Look(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(9)]
+    looks = [Look(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
     found = identify(looks[-1].scan, ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
     of_all = on_all_looks(found, looks)
     assert found.evidence is not None
@@ -69,5 +69,5 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
         each.scan.depth[found.evidence.mask] - true[found.evidence.mask] for each in (found.evidence, of_all.evidence)
     ]
     single, median = (1.48 * np.nanmedian(np.abs(error)) for error in errors)
-    assert median < 0.6 * single  # 1.25 / 3 for normal errors
-    assert of_all.evidence.sensor.disparity_sigma < 0.5 * found.evidence.sensor.disparity_sigma
+    assert median < 0.75 * single  # 0.56 for normal errors
+    assert of_all.evidence.sensor.disparity_sigma < 0.6 * found.evidence.sensor.disparity_sigma

@@ -34,8 +34,8 @@ class ContactOptions(ScenarioOptions):
     """Growth on the object, up to this height [m], along the path; the vehicle knows the clean object alone."""
     dented: float = 0.0
     """The same with dents, up to this deep [m]."""
-    looks: int = 16
-    """Depth frames in a row whose median the tool path is planned on."""
+    looks: int = 1
+    """Depth frames in a row whose median the tool path is planned on; 16 for what may be fouled or dented."""
     without: tuple[Left, ...] = ()
     """Methods to leave out, for ablation."""
     arm_errors: int | None = None

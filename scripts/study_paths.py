@@ -28,7 +28,6 @@ from perception.scan import Scan
 from perception.toolpath import carry, densified, plan_path
 from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 
 BOUND = 0.003  # [m] within which the path on the true surface must be
@@ -83,22 +82,20 @@ class _Poses:
     xmat: Array
 
 
-def look(target: TargetModel, X_CT: Array, rng: np.random.Generator) -> DepthImage:
-    """A frame of `target` at `X_CT` from a camera at the origin."""
+def looks_at(target: TargetModel, X_TC: Array, count: int, rng: np.random.Generator) -> list[Look]:
+    """`count` frames of `target` from a camera that sways about `X_TC` (4, 4), which it knows; poses in T."""
     spec = mujoco.MjSpec()
-    body = spec.worldbody.add_body(name="target", pos=X_CT[:3, 3])
-    # The camera takes what is drawn; nothing has to collide here.
-    flat = (target.vertices @ X_CT[:3, :3].T).astype(np.float32)
-    spec.add_mesh(
-        name="target", uservert=flat.ravel(), userface=target.triangles.astype(np.int32).ravel(),
-        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-    )  # fmt: skip
-    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
+    target.add_to(spec, np.eye(4), stand=False, felt=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    camera = DepthCamera(model, "world", np.eye(4))
-    return camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))[1]
+    truth = _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat)
+    looks: list[Look] = []
+    for _ in range(count):
+        X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
+        camera = DepthCamera(model, "world", X)
+        looks.append(Look(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
+    return looks
 
 
 def distances(scene: Any, X_TS: Array, p: Array, z: Array) -> Array:
@@ -112,11 +109,7 @@ def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     true = case.true(rng)
     eye = np.array(case.view) + rng.uniform(-0.15, 0.15, 3)
-    X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
-    looks: list[Look] = []
-    for _ in range(count):
-        X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
-        looks.append(Look(scan=Scan.from_depth(look(true, inverse(X), rng)), X_WS=X))
+    looks = looks_at(true, pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye), count, rng)
     X_CT = inverse(looks[-1].X_WS)
     approach, orientation = coarse_detection(X_CT, rng)
     found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
@@ -185,6 +178,8 @@ def main() -> int:
     options = parse(Options)
     if options.trials < 1:
         raise ConfigurationError(f"--trials: must be at least 1, got {options.trials}")
+    if options.looks < 1:
+        raise ConfigurationError(f"--looks: must be at least 1, got {options.looks}")
     folder, console = options.folder("study_paths"), Console()
     console.width = max(console.width, 110)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials

@@ -1,15 +1,15 @@
 """Tool paths on fouled and dented objects: how far path and model lie off the true surface.
 
-For each seed an object is drawn, seen by the depth camera in a few frames from nearly one place, found in the last, and
-a path planned on the median of all. Distances are taken along the tool's axis from the path to the true surface. What
-the camera saw and what it did not are told apart.
+For each seed an object is drawn, seen once by the depth camera, found, and a path planned on it. Distances are taken
+along the tool's axis from the path to the true surface. What the camera saw and what it did not are told apart.
 """
 
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -17,23 +17,42 @@ import numpy as np
 from _contact_options import coarse_detection
 from rich.console import Console
 from rich.table import Table
+from scipy.spatial import cKDTree
 
-from models import deformed, open3d_loader
-from models.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
+from models import open3d_loader
+from models.barrel import RIM_HEIGHT, RIM_WIDTH
+from models.pile import FLANGE, FLANGE_DIAMETER
+from models.targets import (
+    BARREL_DIAMETER,
+    BARREL_LENGTH,
+    PILE_DIAMETER,
+    PILE_LENGTH,
+    ModelPath,
+    TargetModel,
+    barrel,
+    longitudinal,
+    pile,
+    revolve,
+    ring,
+    transverse,
+    vertical,
+)
 from perception.identification import Identification, identify
-from perception.looks import Look, on_all_looks
 from perception.path_deviation import deviate
 from perception.registration import ModelSurface
 from perception.scan import Scan
 from perception.toolpath import carry, densified, plan_path
 from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 
 BOUND = 0.003  # [m] within which the path on the true surface must be
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface begin
-_PATCHES = 8  # a symmetric object may be found up to 30 deg around, its paths beside some of them
-_SWAY = 0.005  # [m] from frame to frame, which the vehicle knows
+_RINGS, _SIDES = 0.01, 256  # [m] between the rings of the true mesh; its sides
+_BUMP_WIDTH = (0.05, 0.09)  # [m] as of a Gaussian
+_BUMPS_NEAR = 0.2  # [m] of a path; a symmetric object's may be found up to 30 deg around it
+_BUMP_AREA = 0.08  # [m^2] of shell for each
 
 
 @dataclass(kw_only=True)
@@ -42,10 +61,64 @@ class Options(ScenarioOptions):
 
     trials: int = 10
     """Seeds of each object, from --seed on."""
-    looks: int = 16
-    """Depth frames whose median a path is planned on."""
     judged: bool = True
     """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
+
+
+_ON_BARREL = {"longitudinal": longitudinal(), "transverse": transverse(2.0)}
+_ON_PILE = {"vertical": vertical(), "ring": ring(1.75)}
+
+
+def _points(paths: dict[str, ModelPath]) -> Array:
+    return np.vstack([path.p for path in paths.values()])
+
+
+def bumpy(
+    profile: Array, shell: float, near: Array, rng: np.random.Generator, low: float, high: float
+) -> tuple[Array, np.ndarray]:
+    """The surface of revolution of `profile` (P, 2) [m] with smooth bumps, `low` to `high` [m], on its shell.
+
+    `shell` [m] is the shell's radius: rims, flanges and ends stay clean. Bumps lie around `near` (N, 3) [m], where they
+    cover about a third.
+    """
+    points = [profile[:1]]
+    for a, b in pairwise(profile):
+        flat = a[1] == b[1] == shell
+        count = 1 + int(abs(b[0] - a[0]) / _RINGS) if flat else 1
+        points.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
+    vertices, triangles = revolve(np.vstack(points), _SIDES)
+    radius = np.linalg.norm(vertices[:, 1:], axis=1)
+    on_shell = np.abs(radius - shell) < 1e-9
+    height = np.zeros(len(vertices))
+    around = np.flatnonzero(on_shell & (cKDTree(near).query(vertices)[0] < _BUMPS_NEAR))
+    area = 2.0 * np.pi * shell * float(np.ptp(profile[:, 0])) * len(around) / max(1, int(on_shell.sum()))
+    for row in rng.choice(around, size=max(3, round(area / _BUMP_AREA))):
+        bump, width = low + rng.random() * (high - low), rng.uniform(*_BUMP_WIDTH)
+        shape = bump * np.exp(-np.sum((vertices - vertices[row]) ** 2, axis=1) / (2.0 * width**2))
+        height = np.where(np.abs(shape) > np.abs(height), shape, height)
+    ends = np.sort(vertices[~on_shell, 0])
+    gap = np.abs(vertices[:, :1] - np.unique(np.round(ends, 6))).min(axis=1)
+    height *= np.clip(gap / 0.04, 0.0, 1.0) * on_shell  # none hangs over a rim
+    vertices[:, 1:] *= (1.0 + height / np.maximum(radius, 1e-9))[:, None]
+    return vertices, triangles
+
+
+def true_barrel(rng: np.random.Generator, low: float, high: float) -> TargetModel:
+    """The barrel as the sea left it."""
+    r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
+    half = [(-h, 0.0), (-h, r + RIM_HEIGHT), (RIM_WIDTH - h, r + RIM_HEIGHT), (RIM_WIDTH - h, r)]
+    profile = np.array(half + [(-x, radius) for x, radius in reversed(half)])
+    vertices, triangles = bumpy(profile, r, _points(_ON_BARREL), rng, low, high)
+    return TargetModel(name="barrel", vertices=vertices, triangles=triangles)
+
+
+def true_pile(rng: np.random.Generator, low: float, high: float) -> TargetModel:
+    """The pile as the sea left it."""
+    r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
+    collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)]
+    profile = np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)])
+    vertices, triangles = bumpy(profile, r, _points(_ON_PILE)[:, [2, 0, 1]], rng, low, high)
+    return TargetModel(name="pile", vertices=vertices[:, [1, 2, 0]], triangles=triangles)
 
 
 @dataclass(frozen=True)
@@ -53,23 +126,17 @@ class Case:
     """One object and what is done with it."""
 
     known: TargetModel
-    kind: str  # "fouled" or "dented"
-    height: tuple[float, float]  # [m] of growth or dents, least and most
-    paths: Mapping[str, ModelPath]
+    true: Callable[[np.random.Generator, float, float], TargetModel]
+    bumps: tuple[float, float]  # [m] lowest and highest; negative: dents
+    paths: dict[str, ModelPath]
     view: tuple[float, float, float]  # [m] of the camera in T
 
-    def true(self, rng: np.random.Generator) -> TargetModel:
-        """The object as the sea left it."""
-        near = np.vstack([path.p for path in self.paths.values()])
-        return getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near).target
 
-
-_BARREL = (barrel(), {"longitudinal": longitudinal(), "transverse": transverse(2.0)}, (0.0, -0.35, 1.2))
-_PILE = (pile(), {"vertical": vertical(), "ring": ring(1.75)}, (1.8, 0.3, 0.0))
 CASES = {
-    f"{kind} {name}": Case(known, kind, height, paths, view)
-    for name, (known, paths, view) in (("barrel", _BARREL), ("pile", _PILE))
-    for kind, height in (("fouled", (0.01, 0.04)), ("dented", (0.01, 0.03)))
+    "fouled barrel": Case(barrel(), true_barrel, (0.01, 0.04), _ON_BARREL, (0.0, -0.35, 1.2)),
+    "dented barrel": Case(barrel(), true_barrel, (-0.01, -0.03), _ON_BARREL, (0.0, -0.35, 1.2)),
+    "fouled pile": Case(pile(), true_pile, (0.01, 0.04), _ON_PILE, (1.8, 0.3, 0.0)),
+    "dented pile": Case(pile(), true_pile, (-0.01, -0.03), _ON_PILE, (1.8, 0.3, 0.0)),
 }
 
 
@@ -82,20 +149,22 @@ class _Poses:
     xmat: Array
 
 
-def looks_at(target: TargetModel, X_TC: Array, count: int, rng: np.random.Generator) -> list[Look]:
-    """`count` frames of `target` from a camera that sways about `X_TC` (4, 4), which it knows; poses in T."""
+def look(target: TargetModel, X_CT: Array, rng: np.random.Generator) -> DepthImage:
+    """A frame of `target` at `X_CT` from a camera at the origin."""
     spec = mujoco.MjSpec()
-    target.add_to(spec, np.eye(4), stand=False, felt=False)
+    body = spec.worldbody.add_body(name="target", pos=X_CT[:3, 3])
+    # The camera takes what is drawn; nothing has to collide here.
+    flat = (target.vertices @ X_CT[:3, :3].T).astype(np.float32)
+    spec.add_mesh(
+        name="target", uservert=flat.ravel(), userface=target.triangles.astype(np.int32).ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )  # fmt: skip
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    truth = _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat)
-    looks: list[Look] = []
-    for _ in range(count):
-        X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
-        camera = DepthCamera(model, "world", X)
-        looks.append(Look(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
-    return looks
+    camera = DepthCamera(model, "world", np.eye(4))
+    return camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))[1]
 
 
 def distances(scene: Any, X_TS: Array, p: Array, z: Array) -> Array:
@@ -104,15 +173,15 @@ def distances(scene: Any, X_TS: Array, p: Array, z: Array) -> Array:
     return open3d_loader.cast_rays(scene, transform_points(X_TS, p) - _AHEAD * z_T, z_T)["t"] - _AHEAD
 
 
-def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
+def trial(case: Case, seed: int, judged: bool) -> dict[str, Any]:
     """One seed: what came of identification, and of each path."""
     rng = np.random.default_rng(seed)
-    true = case.true(rng)
+    true = case.true(rng, *case.bumps)
     eye = np.array(case.view) + rng.uniform(-0.15, 0.15, 3)
-    looks = looks_at(true, pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye), count, rng)
-    X_CT = inverse(looks[-1].X_WS)
+    X_CT = inverse(pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye))
+    image = look(true, X_CT, rng)
     approach, orientation = coarse_detection(X_CT, rng)
-    found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
+    found = identify(Scan.from_depth(image), ModelSurface.of(case.known), approach, orientation)
     position, angle = case.known.symmetry.error(found.X_sensor_target, X_CT)
     result: dict[str, Any] = {
         "seed": seed, "accepted": found.accepted, "reason": found.reason,
@@ -120,7 +189,7 @@ def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
     }  # fmt: skip
     if judged and not found.accepted:
         return result
-    found = on_all_looks(replace(found, accepted=True), looks)
+    found = replace(found, accepted=True)
     scene = open3d_loader.ray_scene(true.vertices, true.triangles)
     for name, path in case.paths.items():
         result["paths"][name] = _of_path(found, path, scene, inverse(X_CT))
@@ -178,18 +247,13 @@ def main() -> int:
     options = parse(Options)
     if options.trials < 1:
         raise ConfigurationError(f"--trials: must be at least 1, got {options.trials}")
-    if options.looks < 1:
-        raise ConfigurationError(f"--looks: must be at least 1, got {options.looks}")
     folder, console = options.folder("study_paths"), Console()
     console.width = max(console.width, 110)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials
     results = {
-        name: [trial(case, options.seed + i, options.looks, options.judged) for i in range(trials)]
-        for name, case in CASES.items()
+        name: [trial(case, options.seed + i, options.judged) for i in range(trials)] for name, case in CASES.items()
     }
-    table = Table(
-        title=f"Paths on the true surface, {trials} seeds from {options.seed}, {options.looks} looks; in mm, where seen"
-    )
+    table = Table(title=f"Paths on the true surface, {trials} seeds from {options.seed}; distances in mm, where seen")
     for column in ("object", "path", "found", "planned", "model off", "RMS", "p95", "max", "<= 3"):
         table.add_column(column, justify="left" if column in ("object", "path") else "right", no_wrap=True)
     for name, found in results.items():

@@ -14,6 +14,21 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
 
 import clean_barrel
 import clean_object
+import study_paths
+
+
+@pytest.mark.parametrize("name", list(study_paths.CASES))
+def test_true_objects_lie_off_their_models_where_they_should(name: str):
+    """Bumps out of the shell or dents in it, of the size asked for, around the paths, and nothing else."""
+    case = study_paths.CASES[name]
+    true = case.true(np.random.default_rng(1), *case.bumps)
+    scene = open3d_loader.ray_scene(case.known.vertices, case.known.triangles)
+    tensor = open3d_loader.load().core.Tensor(np.asarray(true.vertices, dtype=np.float32))
+    off = scene.compute_signed_distance(tensor).numpy() * np.sign(case.bumps[0])
+    assert off.min() > -1e-3  # the sagitta of a side, and of what lies between rings
+    assert abs(case.bumps[0]) - 1e-3 < off.max() < abs(case.bumps[1]) + 1e-3
+    near = np.linalg.norm(true.vertices[off > 0.005][:, None] - study_paths._points(case.paths), axis=-1).min(axis=1)
+    assert near.max() < 0.45
 
 
 @pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), (0.02, 0.02)])

@@ -32,6 +32,7 @@ def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
         ("bench_ik", ("--targets", 0), "--targets: must be at least 1"),
         ("bench_ik", ("--links", 0), "--links"),
         ("study_paths", ("--trials", 0), "--trials: must be at least 1"),
+        ("study_paths", ("--looks", 0), "--looks: must be at least 1"),
         ("study_identification", ("--ranges", 2, 1), "ranges: must be 0 < near <= far"),
         ("study_identification", ("--start-error", -1, 5), "start error: must not be negative"),
         ("clean_object", ("--seed", -1), "--seed: must not be negative, got -1"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models import open3d_loader
-from models.targets import barrel
+from models.targets import TargetModel, barrel, rock
 from sim.interfaces.errors import ConfigurationError
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
@@ -17,18 +17,49 @@ import clean_object
 import study_paths
 
 
-@pytest.mark.parametrize("name", list(study_paths.CASES))
-def test_true_objects_lie_off_their_models_where_they_should(name: str):
-    """Bumps out of the shell or dents in it, of the size asked for, around the paths, and nothing else."""
-    case = study_paths.CASES[name]
-    true = case.true(np.random.default_rng(1), *case.bumps)
-    scene = open3d_loader.ray_scene(case.known.vertices, case.known.triangles)
-    tensor = open3d_loader.load().core.Tensor(np.asarray(true.vertices, dtype=np.float32))
-    off = scene.compute_signed_distance(tensor).numpy() * np.sign(case.bumps[0])
-    assert off.min() > -1e-3  # the sagitta of a side, and of what lies between rings
-    assert abs(case.bumps[0]) - 1e-3 < off.max() < abs(case.bumps[1]) + 1e-3
-    near = np.linalg.norm(true.vertices[off > 0.005][:, None] - study_paths._points(case.paths), axis=-1).min(axis=1)
-    assert near.max() < 0.45
+def test_true_surface_of_a_ball(within):
+    """Distances along the tool, normals, and their mean over a pad, which on a ball is the normal in its middle."""
+    radius = 0.5
+    mesh = open3d_loader.load().geometry.TriangleMesh.create_sphere(radius, 100)
+    ball = TargetModel(name="ball", vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles))
+    surface = study_paths.TrueSurface(ball)
+    rng = np.random.default_rng(2)
+    outward, aside = rng.standard_normal((2, 20, 3))
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    x = np.cross(outward, aside)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    height = rng.uniform(-0.03, 0.03, 20)
+    p = (radius + height)[:, None] * outward
+    within("distance [m]", surface.distances(p, -outward) - height, 3e-3)  # the sagitta of a side: 0.25 mm
+    within("normal [rad]", study_paths.angles(surface.normals(p), outward), 1e-2)
+    on = radius * outward
+    within("mean normal [rad]", study_paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
+
+
+def test_row_tells_refused_and_unseen():
+    spread = {"rms": 0.001, "max": 0.002}
+    path = {
+        "seen": 0.5, "model_m": {"rms": 0.01, "max": 0.03}, "path_m": spread, "unseen_m": {"rms": 0.02, "max": 0.04},
+        "within": 1.0, "tilt_rad": spread, "turn_in_pad_rad": spread,
+    }  # fmt: skip
+    blind = dict.fromkeys(path) | {"seen": 0.0, "unseen_m": {"rms": 0.05, "max": 0.06}}
+    row = study_paths.row_of([path, blind, {"refused": "a hole"}], trials=4)
+    assert row[:8] == ["50%", "25%", "10.0", "30.0", "1.0", "2.0", "100.0%", "60.0"]
+    assert study_paths.row_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
+
+
+def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPatch):
+    """Measured: 0.6 to 0.9 mm RMS where the model is 4 to 10 mm off; the tilt of the tool 2.3 to 2.8 deg RMS."""
+    monkeypatch.setattr(study_paths, "_PATCHES", 1)
+    known = rock()
+    path = known.path("across")
+    view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
+    case = study_paths.Case(known, "fouled", (0.02, 0.03), {"across": path}, view)
+    found = study_paths.trial(case, seed=1, count=4, judged=False)["paths"]["across"]
+    assert found["seen"] == 1.0
+    assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3
+    assert found["path_m"]["rms"] < 0.5 * found["model_m"]["rms"]
+    assert found["tilt_rad"]["rms"] < np.deg2rad(10.0)
 
 
 @pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), (0.02, 0.02)])

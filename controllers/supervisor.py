@@ -108,6 +108,7 @@ class SupervisorState:
     placement: Placement | None = None
     hull_move: PoseMove | None = None
     hull_pace: float = 1.0  # share of its speed at which the hull's move goes on
+    hull_waited: float = 0.0  # [s] that it has waited for the hull
     joint_moves: list[JointMove] = field(default_factory=list)
     X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
     depth: float = 0.0  # [m] of the approach, from the stand-off
@@ -299,7 +300,7 @@ class SurfaceWork:
             share -= _SHORTER
 
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
-        job = self._job
+        job, state.hull_waited = self._job, 0.0
         state.hull_move = PoseMove.between(
             time, state.X_WB, X_WB, speed=job.hull_speed, acceleration=job.hull_acceleration,
             turn_rate=job.hull_turn_rate,
@@ -314,7 +315,8 @@ class SurfaceWork:
         behind = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
         state.hull_pace = min(max((far - behind) / (far - near), 0.0), 1.0)
         if state.hull_pace < 1.0:
-            state.hull_move = state.hull_move.later((1.0 - state.hull_pace) * self.period)
+            late = (1.0 - state.hull_pace) * self.period
+            state.hull_move, state.hull_waited = state.hull_move.later(late), state.hull_waited + late
 
     def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
         """To before the work pose, then unfold the arm, then close; then wait until the hull is quiet."""

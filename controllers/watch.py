@@ -7,6 +7,7 @@
 | an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
 | a thruster lost | no more push, retreat along the tool axis, then rise, as well as the other thrusters can |
 | hull off its place | the same, with all thrusters |
+| hull does not become quiet, or not come along | the work is given up |
 | force above its limit, contact lost | retreat along the tool axis |
 | the estimate or the controller gives no numbers | arm braked, thrusters off (`controllers.guarded`), abort |
 
@@ -55,7 +56,6 @@ _SAID = {
     FaultKind.CONTROLLER: "the controller's commands are no numbers",
 }
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
-_STUCK = 0.1  # share of its speed under which a hull's move counts as waiting
 _TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 
@@ -103,8 +103,7 @@ def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> 
     """The hull is carried away, or does not come to rest where it waits for that."""
     time = estimate.time
     off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
-    moving = state.hull_move is not None and state.hull_pace > _STUCK
-    waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and not moving
+    waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
     late = waiting and not state.joint_moves and time - state.still_since > job.settle_limit
     if not waiting or state.joint_moves:
         state.still_since = time
@@ -114,6 +113,8 @@ def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> 
         return Verdict(Reaction.RISE, f"the hull cannot hold its place: {off:.2f} m off")
     if late:
         return Verdict(Reaction.RETREAT, f"the hull did not become quiet within {job.settle_limit:.0f} s")
+    if state.hull_waited > job.settle_limit:
+        return Verdict(Reaction.RETREAT, f"the hull came {job.settle_limit:.0f} s late on its way")
     return _SOUND
 
 

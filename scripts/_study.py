@@ -37,6 +37,7 @@ _KINDS = (
     ("not identified", "not identified"),
     ("cannot hold its place", "current too strong"),
     ("did not become quiet", "current too strong"),
+    ("late on its way", "current too strong"),
     ("no contact", "no contact found"),
     ("was not reached", "force not reached"),
     ("above the limit", "force above the limit"),

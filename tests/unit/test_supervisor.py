@@ -397,7 +397,7 @@ def test_hull_is_waited_for_on_its_way():
 def test_hull_that_does_not_come_along_is_given_up():
     stuck = Script(fastest=0.0).run()
     assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
-    assert "did not become quiet" in stuck.end.note
+    assert "late on its way" in stuck.end.note
 
 
 def test_hull_does_not_move_before_it_is_quiet(monkeypatch):

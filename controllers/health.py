@@ -53,6 +53,7 @@ class Limits:
     hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
     hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
     hull_share: float = 0.12  # and of the thrust asked for, all thrusters together,
+    hull_change: float = 0.2  # of what the thrusters give otherwise than usual: their gains are not well known,
     hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
     lever: float = 0.5  # [m]
     thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
@@ -92,6 +93,8 @@ class HealthState:
     rest: Array  # (6,) [N, N m] filtered
     missing: Array  # (6,) [N, N m] on the hull, of unknown origin
     missing_usual: Array  # (6,)
+    thrust: Array  # (m,) [N] as it should be
+    thrust_usual: Array  # (m,) [N] while what was missing was the usual
     lost_for: Array  # (m,) [s] that a thruster explains what is missing
     wrench_seen: Array | None = None
     faults: list[Fault] = field(default_factory=list)
@@ -129,7 +132,8 @@ class Health:
             tau=np.array(estimate.tau), same=np.zeros((2, n), dtype=np.int64), longest=np.zeros((2, n), dtype=np.int64),
             qd_slow=np.array(estimate.qd), gear=joint(), excess=joint(), usual=joint(), beyond=joint(), slip=joint(),
             tau_motor=joint(), hull_time=estimate.time, speed=thruster(), passed=thruster(), thrusters=thruster(),
-            nu_slow=six(), rest=six(), missing=six(), missing_usual=six(), lost_for=thruster(),
+            nu_slow=six(), rest=six(), missing=six(), missing_usual=six(), thrust=thruster(),
+            thrust_usual=thruster(), lost_for=thruster(),
         )  # fmt: skip
 
     def step(self, state: HealthState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
@@ -198,17 +202,18 @@ class Health:
 
     def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits = self.limits
-        size, asked, best, share = _explain(
-            state.missing, state.missing_usual, self._scale, self._B, self._curves, state.speed, self._telling,
-            limits.thruster_leftover,
+        size, asked, changed, best, share = _explain(
+            state.missing, state.missing_usual, self._scale, self._B, self._curves, state.speed, state.thrust,
+            state.thrust_usual, self._telling, limits.thruster_leftover,
         )  # fmt: skip
-        bound = limits.hull_force + limits.hull_share * asked + limits.hull_speed * speed
+        bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
         suspect = best >= 0 and low < share < high
         # What no loss explains is a drift of the model's error, however large, and the usual from now on.
         if not warm or size < 0.7 * bound or not suspect:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
             state.missing_usual += learn * (state.missing - state.missing_usual)
+            state.thrust_usual += learn * (state.thrust - state.thrust_usual)
         lost_for = float(state.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
         state.lost_for[:] = 0.0
         if lost_for > 0.0:
@@ -311,19 +316,21 @@ def _hull(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _explain(missing, usual, scale, B, curve, speed, telling, leftover):
-    """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together; the
-    thruster that explains it best, -1 if none leaves less than the share `leftover`, and the share of its thrust.
+def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, telling, leftover):
+    """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together, and
+    how much of that is other than usual; the thruster that explains what is missing best, -1 if none leaves less than
+    the share `leftover`, and the share of its thrust. Writes the thrusts [N] to `thrust` (m,).
     """
     best, share = -1, 0.0
-    square, asked = 0.0, 0.0
+    square, asked, changed = 0.0, 0.0, 0.0
     for k in range(6):
         square += (scale[k] * (missing[k] - usual[k])) ** 2
     size = np.sqrt(square)
     least = leftover * size
     for t in range(speed.shape[0]):
-        thrust = thrust_at(curve[t], speed[t])
-        asked += abs(thrust)
+        thrust[t] = thrust_at(curve[t], speed[t])
+        asked += abs(thrust[t])
+        changed += abs(thrust[t] - thrust_usual[t])
         if not telling[t]:
             continue
         along, own = 0.0, 0.0
@@ -335,6 +342,6 @@ def _explain(missing, usual, scale, B, curve, speed, telling, leftover):
         for k in range(6):
             left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
         left = np.sqrt(left)
-        if left < least and lost * thrust > 0.0:
-            best, share, least = t, lost / thrust, left
-    return size, asked, best, share
+        if left < least and lost * thrust[t] > 0.0:
+            best, share, least = t, lost / thrust[t], left
+    return size, asked, changed, best, share

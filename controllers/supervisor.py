@@ -407,7 +407,7 @@ class SurfaceWork:
         state.force += min(max(wanted - state.force, -most), most)
 
     def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Off along the tool axis by the arm, or, where that is held, by the hull; then up if it drifts."""
+        """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts."""
         time = estimate.time
         if state.arm_held:
             away = state.hull_move is None or state.hull_move.done(time)
@@ -417,9 +417,10 @@ class SurfaceWork:
             state.q, state.arm_held = np.array(estimate.q), True
             state.X_WB = np.array(state.X_WB)
             state.X_WB[:3, 3] = estimate.X_WB[:3, 3]
-            above = state.X_WB.copy()
-            above[2, 3] += self._job.lift
-            self._move_hull(state, time, above)
+            clear = state.X_WB.copy()
+            normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
+            clear[:3, 3] += self._job.lift * off_and_up(normal)
+            self._move_hull(state, time, clear)
         elif away:
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
@@ -522,3 +523,11 @@ class SurfaceWork:
             scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
             lost_thrusters=state.lost_thrusters,
         )  # fmt: skip
+
+
+def off_and_up(normal_W: Array) -> Array:
+    """The way (3,) off a surface of that normal (3,) and to the top of the sea: up, and by half as much off the surface.
+
+    Straight up a steep flank the tool would strike what bulges above it.
+    """
+    return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

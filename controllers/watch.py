@@ -5,7 +5,7 @@
 | vision too old | the path waits at half the force, and goes on when vision is back; after `Job.blind_time` retreat |
 | one torque sensor wrong | the work goes on, the motor's word in its place (`controllers.guarded`); two: retreat |
 | an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
-| a thruster lost | no more push, retreat along the tool axis, then rise, as well as the other thrusters can |
+| a thruster lost | no more push, retreat along the tool axis, then off and up, as well as the other thrusters can |
 | hull off its place | the same, with all thrusters |
 | hull does not become quiet, or not come along | the work is given up |
 | force above its limit, contact lost | retreat along the tool axis |
@@ -32,7 +32,7 @@ class Reaction(StrEnum):
     GO_ON = "go on"
     PAUSE = "pause"  # the path waits, the tool presses less
     RETREAT = "retreat"  # the arm draws the tool off along its axis
-    RISE = "retreat and rise"  # and then the hull rises, the arm held, out of reach of anything
+    RISE = "retreat and rise"  # and then the hull goes off and up, the arm held, out of reach of anything
     WITHDRAW = "withdraw"  # the hull does, the arm holds still
     STOP = "stop"  # nothing can be controlled
 

@@ -12,7 +12,7 @@ import models
 from controllers import supervisor
 from controllers.mkps import Chain
 from controllers.placement import Placement
-from controllers.supervisor import Job, SurfaceWork
+from controllers.supervisor import Job, SurfaceWork, off_and_up
 from models.targets import barrel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -167,6 +167,14 @@ def test_the_tool_moves_along_the_path_at_work_only_and_all_of_it(smooth):
     rates = np.diff([r.path_s for r in smooth.of(WorkState.WORK)]) / PERIOD
     assert rates.min() >= 0.0
     assert rates.max() == pytest.approx(smooth.job.speed, rel=1e-6)
+
+
+def test_the_way_up_leads_off_every_surface(rng):
+    normals = rng.normal(size=(200, 3))
+    for normal in normals / np.linalg.norm(normals, axis=1)[:, None]:
+        assert normal @ off_and_up(normal) >= 0.5 - 1e-12
+        assert normal[2] < -0.5 or off_and_up(normal)[2] > 0.0
+    assert off_and_up(np.array([0.0, 0.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("surface", [0.02, 0.0, -0.03])  # [m] above where it is expected

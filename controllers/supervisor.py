@@ -526,7 +526,7 @@ class SurfaceWork:
 
 
 def off_and_up(normal_W: Array) -> Array:
-    """The way (3,) off a surface of that normal (3,) and to the top of the sea: up, and by half as much off the surface.
+    """The way (3,) off a surface of that normal (3,) and upward: up, and by half as much off the surface.
 
     Straight up a steep flank the tool would strike what bulges above it.
     """

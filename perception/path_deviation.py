@@ -29,7 +29,6 @@ _MEDIAN = 0.025  # [m] along the path
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
 _SMOOTH_LOW = 0.025  # [m] for what is low,
 _SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
-_BEYOND = 0.04  # [m] beyond both ends of the path that is looked at
 _NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 _POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
 _RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
@@ -62,7 +61,6 @@ def deviate(
     """
     H_D = transform_points(X_ST, surface.center)
     o = H_D / np.linalg.norm(H_D)
-    path, inner = _extended(path)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     step = float(np.diff(s).mean())
     n = len(path.p)
@@ -82,7 +80,6 @@ def deviate(
     well = face & in_bounds
     usable = well.sum(axis=1) >= _LEAST_RAYS
     hole = ~usable & (_in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS)
-    hole[: inner.start] = hole[inner.stop :] = False
     bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
 
     nearest = _nearest(usable)
@@ -122,23 +119,9 @@ def deviate(
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
     share = _blur(on_scan.astype(float), step)
     return Deviation(
-        o=o, along_o=along[inner], across=_blur(across, 0.5 * step)[inner], share=share[inner], on_scan=on_scan[inner],
-        seen=usable[inner], bridged=bridged[inner], threshold=threshold[inner],
+        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable,
+        bridged=bridged, threshold=threshold,
     )  # fmt: skip
-
-
-def _extended(path: ModelPath) -> tuple[ModelPath, slice]:
-    """`path` (dense) made longer by _BEYOND on both sides, straight on, and where the old one lies in it.
-
-    What lies beyond an end tells what is at the end as well as what lies before it: means need not be one-sided.
-    """
-    step = float(np.linalg.norm(np.diff(path.p, axis=0), axis=1).mean())
-    count = int(_BEYOND / step)
-    on = np.arange(1, count + 1)[:, None]
-    first, last = path.p[0] - on[::-1] * (path.p[1] - path.p[0]), path.p[-1] + on * (path.p[-1] - path.p[-2])
-    rows = np.clip(np.arange(-count, len(path.p) + count), 0, len(path.p) - 1)
-    p = np.vstack([first, path.p, last])
-    return ModelPath(p=p, a=path.a[rows], b=path.b[rows]), slice(count, count + len(path.p))
 
 
 def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:

@@ -25,6 +25,8 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, transform_poi
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _REFINED = 3  # starts that are worth a full fit
 _AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
+_SLIDING = 0.7  # share of a free motion that must be a slide
+_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] along what nothing holds, to where something may
 _HOPELESS = 0.4  # a start that scores this much below the best is not refined
 
 
@@ -220,6 +222,7 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
     """Full fits from those of `starts` that score highest, and the best of the fits."""
     rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
     fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
+    fits += [(fit, fits[0][1]) for fit in _slid(evidence, surface, fits[0][0])]
     ranked = sorted(
         ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
     )
@@ -231,6 +234,17 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
             poses.append(other.X_ST)
             others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), score=other_score))
     return _Found(fit, X_start, best_score, tuple(others))
+
+
+def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:
+    """Fits from where `fit` can slide to, the best way along each free motion: nothing pulls it where nothing holds it."""
+    fits: list[Fit] = []
+    for twist in fit.free:
+        if np.linalg.norm(twist[:3]) < _SLIDING:
+            continue
+        slides = [pose(p=share * surface.radius * twist[:3]) @ fit.X_ST for share in _SLIDES]
+        fits.append(fine_fit(evidence, surface, max(slides, key=lambda X: score(evidence, surface, X))))
+    return fits
 
 
 def _free_motion(target: TargetModel, twists: Array, told: bool, with_prior: bool) -> FreeMotion:

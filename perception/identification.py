@@ -237,7 +237,7 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
 
 
 def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:
-    """Fits from where `fit` can slide to, the best way along each free motion: nothing pulls it where nothing holds it."""
+    """Fits from where `fit` can slide to, the best way along each free motion: what nothing holds, nothing pulls."""
     fits: list[Fit] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:

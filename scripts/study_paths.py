@@ -28,9 +28,10 @@ from perception.path_deviation import deviate
 from perception.registration import ModelSurface
 from perception.scan import Scan
 from perception.toolpath import carry, densified, plan_path
-from sim.depth_camera import DepthCamera
+from sim.depth_camera import NOISE, DepthCamera
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from sim.stereo_noise import StereoNoise
 
 BOUND = 0.003  # [m] within which the path on the true surface must be
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface begin
@@ -47,6 +48,8 @@ class Options(ScenarioOptions):
     """Seeds of each object, from --seed on."""
     looks: int = 1
     """Depth frames whose median a path is planned on; jobs on what may be fouled or dented take 16."""
+    exact: bool = False
+    """Depth without errors: what the grid of the camera and the smoothing of the path cost alone."""
     judged: bool = True
     """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
 
@@ -85,7 +88,9 @@ class _Poses:
     xmat: Array
 
 
-def looks_at(target: TargetModel, X_TC: Array, count: int, rng: np.random.Generator) -> list[Look]:
+def looks_at(
+    target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, rng: np.random.Generator
+) -> list[Look]:
     """`count` frames of `target` from a camera that sways about `X_TC` (4, 4), which it knows; poses in T."""
     spec = mujoco.MjSpec()
     target.add_to(spec, np.eye(4), stand=False, felt=False)
@@ -96,7 +101,7 @@ def looks_at(target: TargetModel, X_TC: Array, count: int, rng: np.random.Genera
     looks: list[Look] = []
     for _ in range(count):
         X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
-        camera = DepthCamera(model, "world", X)
+        camera = DepthCamera(model, "world", X, noise=noise)
         looks.append(Look(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
     return looks
 
@@ -110,8 +115,10 @@ class TrueSurface:
         self._scene = open3d_loader.ray_scene(target.vertices, target.triangles)
 
     def distances(self, p_T: Array, z_T: Array) -> Array:
-        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); inf where there is nothing."""
-        return open3d_loader.cast_rays(self._scene, p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
+        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an axis misses."""
+        along = open3d_loader.cast_rays(self._scene, p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
+        shortest = self._scene.compute_distance(open3d_loader.load().core.Tensor(p_T.astype(np.float32))).numpy()
+        return np.where(np.isfinite(along), along, shortest)
 
     def normals(self, p_T: Array) -> Array:
         """Outward unit normals (N, 3) where the surface is nearest to points (N, 3)."""
@@ -138,12 +145,13 @@ def angles(a: Array, b: Array) -> Array:
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
 
 
-def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
+def trial(case: Case, seed: int, options: Options) -> dict[str, Any]:
     """One seed: what came of identification, and of each path."""
     rng = np.random.default_rng(seed)
     true = case.true(rng)
     eye = np.array(case.view) + rng.uniform(-0.15, 0.15, 3)
-    looks = looks_at(true, pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye), count, rng)
+    X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
+    looks = looks_at(true, X_TC, options.looks, None if options.exact else NOISE, rng)
     X_CT = inverse(looks[-1].X_WS)
     approach, orientation = coarse_detection(X_CT, rng)
     found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
@@ -152,7 +160,7 @@ def trial(case: Case, seed: int, count: int, judged: bool) -> dict[str, Any]:
         "seed": seed, "accepted": found.accepted, "reason": found.reason,
         "position_error_m": position, "orientation_error_rad": angle, "paths": {},
     }  # fmt: skip
-    if judged and not found.accepted:
+    if options.judged and not found.accepted:
         return result
     found = on_all_looks(replace(found, accepted=True), looks)
     surface = TrueSurface(true)
@@ -247,12 +255,10 @@ def main() -> int:
     folder, console = options.folder("study_paths"), Console()
     console.width = max(console.width, 125)  # the table is wider than a terminal must be
     trials = 2 if options.quick else options.trials
-    results = {
-        name: [trial(case, options.seed + i, options.looks, options.judged) for i in range(trials)]
-        for name, case in CASES.items()
-    }
+    results = {name: [trial(case, options.seed + i, options) for i in range(trials)] for name, case in CASES.items()}
+    looks = f"{options.looks} {'exact ' * options.exact}looks"
     table = Table(
-        title=f"Paths on the true surface, {trials} seeds from {options.seed}, {options.looks} looks; RMS and largest",
+        title=f"Paths on the true surface, {trials} seeds from {options.seed}, {looks}; RMS and largest",
         caption="model, path (where seen) and unseen: off the true surface in mm; tilt of the tool and turn of the "
         "true normal within the pad, where seen, in deg",
     )

@@ -32,6 +32,7 @@ def test_true_surface_of_a_ball(within):
     p = (radius + height)[:, None] * outward
     within("distance [m]", surface.distances(p, -outward) - height, 3e-3)  # the sagitta of a side: 0.25 mm
     within("normal [rad]", study_paths.angles(surface.normals(p), outward), 1e-2)
+    within("distance beside the axis [m]", surface.distances(1.2 * radius * outward, x) - 0.2 * radius, 3e-3)
     on = radius * outward
     within("mean normal [rad]", study_paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
 
@@ -55,7 +56,7 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
     path = known.path("across")
     view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
     case = study_paths.Case(known, "fouled", (0.02, 0.03), {"across": path}, view)
-    found = study_paths.trial(case, seed=1, count=4, judged=False)["paths"]["across"]
+    found = study_paths.trial(case, 1, study_paths.Options(looks=4, judged=False))["paths"]["across"]
     assert found["seen"] == 1.0
     assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3
     assert found["path_m"]["rms"] < 0.5 * found["model_m"]["rms"]

@@ -261,6 +261,10 @@ class Navigation:
                 state.clock = m.time
         if sound(q, qd, tau):
             state.q, state.qd, state.tau = q, qd, tau
+        else:  # what one joint lacks the others do not: its last reading stands, and is found frozen
+            state.q, state.qd, state.tau = (
+                np.where(np.isfinite(new), new, old) for new, old in ((q, state.q), (qd, state.qd), (tau, state.tau))
+            )
         if state.clock - state.imu_time > _IMU_SILENCE:
             self._go_on_blind(state)
         for m in fixes:  # after the IMU, so that the step they belong to is there

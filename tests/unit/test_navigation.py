@@ -349,6 +349,10 @@ def test_encoders_and_torques_that_are_not_numbers_are_left_aside():
     assert np.array_equal(estimate.q, np.arange(6.0))
     assert np.all(estimate.tau == 2.0)
     assert estimate.time == 0.002
+    tau = np.arange(6.0)
+    tau[1] = np.nan
+    _, estimate = Navigation().step(state, [TorqueMeasurement(time=0.004, tau=tau)])
+    assert estimate.tau.tolist() == [0.0, 2.0, 2.0, 3.0, 4.0, 5.0]  # the second stands still, the others go on
 
 
 def test_a_declared_wander_is_in_the_sigma_of_the_place():

@@ -53,7 +53,7 @@ class Limits:
     hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
     hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
     hull_share: float = 0.12  # and of the thrust asked for, all thrusters together,
-    hull_change: float = 0.2  # of what the thrusters give otherwise than usual: their gains are not well known,
+    hull_change: float = 0.1  # of what the thrusters give otherwise than usual: their gains are not well known,
     hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
     lever: float = 0.5  # [m]
     thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss

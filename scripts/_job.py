@@ -193,8 +193,8 @@ def run_contact_job(
     console = Console()
     if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
         console.print("first start: the inner loops are compiled, once; this takes about half a minute")
+    folder = options.folder(job.scenario)  # before the work: it may not be possible
     built = build(job, options, rng, variation)
-    folder = options.folder(job.scenario)
     if built.said:
         console.print(built.said, highlight=False)
     recorder = Recorder(built.plant.model, full=options.record)

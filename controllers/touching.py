@@ -177,8 +177,8 @@ class TouchSequence:
         self,
         state: TouchState,
         estimate: StateEstimate,
-        target: Target | None,  # noqa: ARG002
-        last: Command | None,  # noqa: ARG002
+        target: Target | None,
+        last: Command | None,
     ) -> tuple[TouchState, Reference]:
         tuning, t = self.tuning, estimate.time - state.since
         if state.at >= len(self._touches):

@@ -50,7 +50,7 @@ class SeabedFinder:
 
     def step(
         self,
-        state: SeabedFinderState,  # noqa: ARG002
+        state: SeabedFinderState,
         estimate: StateEstimate,
         measurement: Measurement,
     ) -> tuple[SeabedFinderState, Target]:

@@ -114,7 +114,7 @@ class Keeper:
             wrench_tip_G=np.zeros(6),
         )[1]  # fmt: skip
 
-    def init(self, estimate: StateEstimate):  # noqa: ARG002
+    def init(self, estimate: StateEstimate):
         self.hover_state, self.lead_state = self.hover.init(), self._lead.init()
         return self
 
@@ -153,10 +153,10 @@ class Holding:
     def __init__(self, q: Array) -> None:
         self._q = q
 
-    def init(self, estimate: StateEstimate) -> Array:  # noqa: ARG002
+    def init(self, estimate: StateEstimate) -> Array:
         return np.eye(4)
 
-    def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):  # noqa: ARG002
+    def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):
         none = np.zeros(3)
         return state, Reference(
             time=estimate.time, state=WorkState.WORK, X_WB=state, v_WB_W=none, X_WG=None, v_WG_W=none, w_WG_W=none,

@@ -88,7 +88,7 @@ class SensorFault(Protocol):
 class Lost:
     """No message comes."""
 
-    def __call__(self, reading: Reading) -> None:  # noqa: ARG002
+    def __call__(self, reading: Reading) -> None:
         return None
 
 

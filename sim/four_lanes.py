@@ -95,7 +95,7 @@ def _place(builder: Any, address: Any, index: Any) -> Any:
 
 
 @_typed
-def load_four(typingctx, address, index):  # noqa: ARG001 (numba's)
+def load_four(typingctx, address, index):
     """The four float64 that lie from 8 `index` bytes after `address` on."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
@@ -105,7 +105,7 @@ def load_four(typingctx, address, index):  # noqa: ARG001 (numba's)
 
 
 @_typed
-def put_four(typingctx, address, index, value):  # noqa: ARG001 (numba's)
+def put_four(typingctx, address, index, value):
     """Store the four lanes of `value` from 8 `index` bytes after `address` on."""
 
     def codegen(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
@@ -116,7 +116,7 @@ def put_four(typingctx, address, index, value):  # noqa: ARG001 (numba's)
 
 
 @_typed
-def transposed_four(typingctx, a, b, c, d):  # noqa: ARG001 (numba's)
+def transposed_four(typingctx, a, b, c, d):
     """Lane i of the k-th argument as lane k of the i-th result."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -132,7 +132,7 @@ def transposed_four(typingctx, a, b, c, d):  # noqa: ARG001 (numba's)
 
 
 @_typed
-def all_four(typingctx, number):  # noqa: ARG001 (numba's)
+def all_four(typingctx, number):
     """`number` in every lane."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
@@ -142,7 +142,7 @@ def all_four(typingctx, number):  # noqa: ARG001 (numba's)
 
 
 @_typed
-def four_of(typingctx, a, b, c, d):  # noqa: ARG001 (numba's)
+def four_of(typingctx, a, b, c, d):
     """Four float64 as lanes."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
@@ -155,7 +155,7 @@ def four_of(typingctx, a, b, c, d):  # noqa: ARG001 (numba's)
 
 
 @_typed
-def at_least(typingctx, value, floor):  # noqa: ARG001 (numba's)
+def at_least(typingctx, value, floor):
     """Lane by lane `floor` where `value` is below it; what is not a number stays so."""
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:

@@ -258,7 +258,7 @@ class _Notice(event.Listener):
     def __init__(self) -> None:
         self._said = False
 
-    def on_start(self, event: event.Event) -> None:  # noqa: ARG002 (numba's signature)
+    def on_start(self, event: event.Event) -> None:
         if not self._said:
             print("compiling the hydrodynamics for this MuJoCo, once: about 10 s", file=sys.stderr, flush=True)
             self._said = True

@@ -17,7 +17,8 @@ import numpy as np
 from controllers.advance import felt_by_tool, next_speed
 from controllers.mkps import Chain
 from controllers.placement import Search, tool_pose
-from controllers.supervisor import Job, SupervisorState, SurfaceWork
+from controllers.supervisor import SurfaceWork
+from controllers.surface_job import Job, SupervisorState
 from models.manifold import Hole
 from models.targets import TargetModel
 from models.vehicle import Vehicle

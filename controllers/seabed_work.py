@@ -18,7 +18,8 @@ from controllers.advance import felt_by_tool, next_speed
 from controllers.mkps import Chain
 from controllers.placement import Placement, tool_pose
 from controllers.seabed import HeightSearch, choose_height
-from controllers.supervisor import Job, SupervisorState, SurfaceWork
+from controllers.supervisor import SurfaceWork
+from controllers.surface_job import Job, SupervisorState
 from controllers.trajectories import Progress
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError

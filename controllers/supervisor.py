@@ -1,13 +1,13 @@
 """The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
 
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
-Work without contact (paper 004) goes from approach to work: there is nothing to press on.
              \\-> other view -> scan ...          any state with contact -> retreat -> abort
+
+Work without contact (paper 004) goes from approach to work: there is nothing to press on.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from controllers.mkps import Chain
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
+from controllers.surface_job import Job, SupervisorState
 from controllers.trajectories import JointMove, PoseMove, Progress
 from controllers.watch import Reaction, judge
 from models.targets import TargetModel
@@ -26,108 +27,11 @@ from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # of the way between a path's ends that the hull may go with the tool
 _SHORTER = 0.04  # of a path that is left out, step by step, where it is too long
-_HEADROOM = 0.85  # of the force limit that a set force may take
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
 
 # Where to stand for a path on a target, the part of it that is worked from there, and its share; raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """What is to be done, and within which limits."""
-
-    forces: Sequence[float]  # [N] set normal force on equal parts of the path, one after another
-    speed: float = 0.02  # [m/s] along the path
-    ramp: float = 1.0  # [s] from rest to that speed
-    standoff: float = 0.1  # [m] from which the tool approaches
-    approach_speed: float = 0.03  # [m/s] while the surface is not yet expected, and of the retreat
-    touch_speed: float = 0.01  # [m/s] from `guard` before the expected surface on
-    guard: float = 0.03  # [m]
-    touch: float = 6.0  # [N] felt force that counts as contact
-    touch_time: float = 0.04  # [s] that it must be felt
-    search: float = 0.06  # [m] beyond the expected surface that the approach goes on
-    tare_after: float = 1.5  # [s] for the arm to come to rest before the torques' bias is taken
-    tare_time: float = 1.0  # [s] over which it is taken
-    force_rate: float = 60.0  # [N/s] at which a set force changes
-    force_limit: float = 160.0  # [N] felt force that ends the work
-    lost_time: float = 0.5  # [s] without contact that ends the work
-    blind_time: float = 5.0  # [s] without vision that the work waits
-    press_time: float = 6.0  # [s] within which the first set force must be reached
-    lift: float = 0.45  # [m] before the work pose, as the arm's base faces it, at which the arm unfolds
-    hull_speed: float = 0.25  # [m/s]
-    hull_acceleration: float = 0.08  # [m/s^2]
-    hull_turn_rate: float = 0.15  # [rad/s]
-    joint_speed: float = 0.5  # [rad/s]
-    settle_speed: float = 0.018  # [m/s] below which the hull counts as quiet,
-    settle_turn: float = 0.02  # [rad/s] and below which,
-    settle_error: float = 0.06  # [m] and within which of its place
-    settle_time: float = 4.0  # [s] that it must be quiet
-    settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
-    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
-    lost_place_at_work: float = 0.15  # [m] and while the tool approaches or touches
-    scans: int = 3  # views taken before giving up
-    least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
-    roomy: float = 0.6  # margin of the placement under which the hull travels with the tool, or less is worked
-    force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
-    contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
-
-    def __post_init__(self) -> None:
-        if not self.forces:
-            raise ConfigurationError("forces: at least one set force is needed")
-        for force in self.forces:
-            if not (np.isfinite(force) and force > 0.0):
-                raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
-            if force > _HEADROOM * self.force_limit:
-                raise ConfigurationError(
-                    f"forces: {force} N leaves no room for overshoot: at most {_HEADROOM:.0%} of the force limit of "
-                    f"{self.force_limit} N"
-                )
-        if self.contactless is not None and not 0.0 < self.contactless <= self.standoff:
-            raise ConfigurationError(
-                f"contactless: the distance must be > 0 and at most the stand-off of {self.standoff} m, got "
-                f"{self.contactless}"
-            )
-        if not self.speed > 0.0:
-            raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
-
-
-@dataclass(slots=True, eq=False)
-class SupervisorState:
-    """Where the work stands."""
-
-    state: WorkState
-    since: float  # [s] the state was entered
-    X_WB: Array  # (4, 4) hull pose held
-    q: Array  # (n,) joint angles held while the arm is not following the tool
-    quiet_since: float = np.inf  # [s]
-    still_since: float = 0.0  # [s] hull and arm are asked to stand still
-    scans: int = 0
-    path: ToolPath | None = None  # in W, as far as it is worked
-    placement: Placement | None = None
-    hull_move: PoseMove | None = None
-    hull_pace: float = 1.0  # share of its speed at which the hull's move goes on
-    hull_waited: float = 0.0  # [s] that it has waited for the hull
-    joint_moves: list[JointMove] = field(default_factory=list)
-    X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
-    depth: float = 0.0  # [m] of the approach, from the stand-off
-    speed: float = 0.0  # [m/s] of the approach
-    felt_for: float = 0.0  # [s] that the touch has been felt
-    path_s: float = 0.0  # [m]
-    work_start: float = 0.0  # [s]
-    progress: Progress | None = None
-    contact_at: float = 0.0  # [s] of the last felt contact
-    set_since: float = np.inf  # [s] the first force is held
-    force: float = 0.0  # [N] now asked for
-    paused: bool = False
-    pace: float = 1.0  # share of its speed at which the path goes on
-    arm_held: bool = False  # the hull withdraws the tool, the arm holds `q`
-    halted: float = np.inf  # [s] until it is over, once nothing can be controlled
-    lost_thrusters: tuple[int, ...] = ()
-    adrift: bool = False  # the hull cannot be held as it should be: rise, once the tool is off
-    reason: str = ""  # why the work was broken off
-    note: str = ""  # what else the user should know
 
 
 class SurfaceWork:

@@ -18,12 +18,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
+from controllers.surface_job import Job, SupervisorState
 from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
-
-if TYPE_CHECKING:
-    from controllers.supervisor import Job, SupervisorState
 
 
 class Reaction(StrEnum):
@@ -70,9 +67,7 @@ class Verdict:
 _SOUND = Verdict(Reaction.GO_ON)
 
 
-def judge(
-    job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float, faults: Sequence[Fault]
-) -> Verdict:
+def judge(job: Job, state: SupervisorState, estimate: StateEstimate, felt: float, faults: Sequence[Fault]) -> Verdict:
     """What is to be done now; `felt` [N], `faults` as the controller reports them. Counts times in `state`."""
     found = (
         _of_faults(job, faults, estimate.time),
@@ -84,7 +79,7 @@ def judge(
     return max(found, key=lambda one: _SEVERITY.index(one.reaction))
 
 
-def _of_faults(job: "Job", faults: Sequence[Fault], time: float) -> Verdict:
+def _of_faults(job: Job, faults: Sequence[Fault], time: float) -> Verdict:
     if not math.isfinite(time):
         return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
     hardest, seen = _SOUND, []
@@ -99,7 +94,7 @@ def _of_faults(job: "Job", faults: Sequence[Fault], time: float) -> Verdict:
     return hardest
 
 
-def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> Verdict:
+def _of_place(job: Job, state: SupervisorState, estimate: StateEstimate) -> Verdict:
     """The hull is carried away, or does not come to rest where it waits for that."""
     time = estimate.time
     off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
@@ -118,7 +113,7 @@ def _of_place(job: "Job", state: "SupervisorState", estimate: StateEstimate) -> 
     return _SOUND
 
 
-def _of_contact(job: "Job", state: "SupervisorState", estimate: StateEstimate, felt: float) -> Verdict:
+def _of_contact(job: Job, state: SupervisorState, estimate: StateEstimate, felt: float) -> Verdict:
     """The force is too large, or the contact is gone."""
     if state.state in _TOUCHING and felt > job.force_limit:
         return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")

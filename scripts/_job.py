@@ -17,7 +17,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers import drive
 from controllers.mkps import Chain
-from controllers.supervisor import Job, SurfaceWork
+from controllers.supervisor import SurfaceWork
+from controllers.surface_job import Job
 from models import scenes
 from models.targets import TargetModel
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body

@@ -12,7 +12,8 @@ import models
 from controllers import supervisor
 from controllers.mkps import Chain
 from controllers.placement import Placement
-from controllers.supervisor import Job, SurfaceWork, off_and_up
+from controllers.supervisor import SurfaceWork, off_and_up
+from controllers.surface_job import Job
 from models.targets import barrel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.advance import felt_by_tool, next_speed
+from controllers.axial_work import AxialState, AxialWork, felt_by_tool
 from controllers.mkps import Chain
 from controllers.placement import Search, tool_pose
 from controllers.supervisor import SurfaceWork
-from controllers.surface_job import Job, SupervisorState
+from controllers.surface_job import Job
 from models.manifold import Hole
 from models.targets import TargetModel
 from models.vehicle import Vehicle
@@ -26,8 +26,6 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
 
-_UNDER_WAY = (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE)
-_OVER = (WorkState.WITHDRAW, WorkState.DONE, WorkState.ABORT)
 _ZERO = readonly(np.zeros(3))
 
 
@@ -84,15 +82,9 @@ class InsertionJob:
 
 
 @dataclass(slots=True, eq=False)
-class InsertionState:
-    """Where the insertion stands."""
+class InsertionState(AxialState):
+    """Where the insertion stands; the depth is below the mouth."""
 
-    arrival: SupervisorState
-    state: WorkState
-    since: float  # [s] the state was entered
-    began: float = 0.0  # [s] the stand-off was left
-    depth: float = 0.0  # [m] of the tip below the mouth; negative before it
-    speed: float = 0.0  # [m/s] of its advance
     aside: tuple[float, float] = (0.0, 0.0)  # [m] off the axis as found, along the tool's x and y
     angle: float = 0.0  # [rad] along the spiral
     touched_at: float = 0.0  # [m] depth at which the search began
@@ -101,7 +93,6 @@ class InsertionState:
     gained: float = 0.0  # [s] of the last gain in depth
     backing_to: float = -np.inf  # [m] depth to which a jammed tool is being drawn back
     tries: int = 0
-    reason: str = ""
 
 
 def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
@@ -117,7 +108,7 @@ def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
     )  # fmt: skip
 
 
-class HoleInsertion:
+class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
     """Planner (`sim.interfaces.protocols.Planner`) that puts the tool into one hole of one known object."""
 
     def __init__(
@@ -139,12 +130,12 @@ class HoleInsertion:
         """
         if not job.depth < hole.depth:
             raise ConfigurationError(f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}")
-        self.period = period
-        self._hole, self._job = hole, job
-        self._arrival = SurfaceWork(
+        self._hole = hole
+        arrival = SurfaceWork(
             vehicle, chain, target, Job(forces=(job.force,), standoff=job.standoff), X_WB_scan=X_WB_scan,
             hull_box=hull_box, period=period, search=search,
         )  # fmt: skip
+        super().__init__(job, arrival, too_long="the depth was not reached")
 
     def init(self, estimate: StateEstimate) -> InsertionState:
         arrival = self._arrival.init(estimate)
@@ -154,23 +145,13 @@ class HoleInsertion:
         self, state: InsertionState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[InsertionState, Reference]:
         time, job = estimate.time, self._job
-        if state.state in _UNDER_WAY:
-            if target is not None and target.accepted:
-                target = replace(target, path=axis_path(target.X_WT, self._hole, job.depth))
-            state.arrival, reference = self._arrival.step(state.arrival, estimate, target, last)
-            if state.arrival.state in _UNDER_WAY:
-                state.state, state.since = state.arrival.state, state.arrival.since
-                return state, reference
-            if state.arrival.state is not WorkState.APPROACH:  # it could not come there
-                state.state, state.reason = state.arrival.state, state.arrival.reason
-                return state, reference
-            state.depth, state.began = -job.standoff, time
-            self._enter(state, WorkState.APPROACH, time)
-        elif state.arrival.path is None:
-            state.arrival, reference = self._arrival.step(state.arrival, estimate, target, last)
-            return state, reference
+        if target is not None and target.accepted:
+            target = replace(target, path=axis_path(target.X_WT, self._hole, job.depth))
+        on_the_way = self._arrive(state, estimate, target, last)
+        if on_the_way is not None:
+            return state, on_the_way
         axial, aside = felt_by_tool(last, self._pose(state)[:3, 2])
-        self._watch(state, estimate, axial, aside)
+        self._watch(state, estimate, math.hypot(axial, aside))
         match state.state:
             case WorkState.APPROACH:
                 self._approach(state, time, axial)
@@ -188,14 +169,9 @@ class HoleInsertion:
 
     # -- states ----------------------------------------------------------------------------------------------------
 
-    @staticmethod
-    def _enter(state: InsertionState, what: WorkState, time: float) -> None:
-        state.state, state.since, state.felt_for = what, time, 0.0
-        state.deepest, state.gained = state.depth, time
-
-    def _break_off(self, state: InsertionState, time: float, reason: str) -> None:
-        state.reason = reason
-        self._enter(state, WorkState.WITHDRAW, time)
+    def _enter(self, state: InsertionState, what: WorkState, time: float) -> None:
+        super()._enter(state, what, time)
+        state.felt_for, state.deepest, state.gained = 0.0, state.depth, time
 
     def _approach(self, state: InsertionState, time: float, axial: float) -> None:
         """To just before the mouth; there the tool begins to give way."""
@@ -260,45 +236,11 @@ class HoleInsertion:
             self._break_off(state, time, f"no hole within {job.search_radius * 1e3:.0f} mm of where it was found")
 
     def _withdraw(self, state: InsertionState, time: float, axial: float) -> None:
-        """Out along the axis as it went in, with the axial force bounded; free of the hole, back to the stand-off."""
-        job = self._job
-        stuck = time - state.since > job.longest
-        inside = state.depth > -job.entry
-        self._advance(state, -job.speed if inside else -job.approach_speed, -axial / job.force if inside else 0.0)
-        if stuck:
-            state.reason = f"{state.reason}; " if state.reason else ""
-            state.reason += f"stuck at {state.depth * 1e3:.0f} mm on the way out"
-        if stuck or state.depth <= -job.standoff:
-            state.speed = 0.0
-            self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
-
-    def _advance(self, state: InsertionState, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period, as `controllers.advance` says."""
-        job = self._job
-        state.speed = next_speed(
-            state.speed, wanted, resisted, acceleration=job.acceleration, yielding=job.yielding, period=self.period
-        )
-        state.depth += state.speed * self.period
+        self._draw_out(state, time, mouth=-self._job.entry, resisted=-axial / self._job.force)
 
     def _touched(self, state: InsertionState, axial: float) -> bool:
         state.felt_for = state.felt_for + self.period if axial > self._job.touch else 0.0
         return state.felt_for >= self._job.touch_time
-
-    # -- what is felt ----------------------------------------------------------------------------------------------
-
-    def _watch(self, state: InsertionState, estimate: StateEstimate, axial: float, aside: float) -> None:
-        """Draw the tool out when the hull is carried away, the force is too large, or it takes too long."""
-        job, time = self._job, estimate.time
-        if state.state in _OVER:
-            return
-        off = float(np.linalg.norm(estimate.X_WB[:3, 3] - state.arrival.X_WB[:3, 3]))
-        force = math.hypot(axial, aside)
-        if off > job.lost_place:
-            self._break_off(state, time, f"the hull cannot hold its place: {off:.2f} m off")
-        elif force > job.force_limit:
-            self._break_off(state, time, f"felt force {force:.0f} N is above the limit of {job.force_limit:.0f} N")
-        elif time - state.began > job.longest and state.state is not WorkState.WORK:
-            self._break_off(state, time, f"the depth was not reached within {job.longest:.0f} s")
 
     # -- references ------------------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ settle -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> w
                                              any of these -> withdraw -> abort
 
 The way to the stand-off is that of `controllers.supervisor`, from where `controllers.seabed` says. A core is let in by
-the damping law of `controllers.advance` until the soil bears nearly the set push; then the force loop closes, and it
+the damping law of `controllers.axial_work` until the soil bears nearly the set push; then the force loop closes, and it
 stays a while under it. A tool that is dragged goes down to its depth, slower as the soil resists, and along the path at
 that depth. The controller feels the soil through the joints and gives its push to the thrusters.
 """
@@ -14,20 +14,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.advance import felt_by_tool, next_speed
+from controllers.axial_work import AxialState, AxialWork, felt_by_tool
 from controllers.mkps import Chain
 from controllers.placement import Placement, tool_pose
 from controllers.seabed import HeightSearch, choose_height
 from controllers.supervisor import SurfaceWork
-from controllers.surface_job import Job, SupervisorState
+from controllers.surface_job import Job
 from controllers.trajectories import Progress
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
 
-_UNDER_WAY = (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE)
-_OVER = (WorkState.WITHDRAW, WorkState.DONE, WorkState.ABORT)
 _ZERO = readonly(np.zeros(3))
 
 
@@ -71,22 +69,15 @@ class SeabedJob:
 
 
 @dataclass(slots=True, eq=False)
-class SeabedWorkState:
-    """Where the work stands."""
+class SeabedWorkState(AxialState):
+    """Where the work stands; the depth is below the surface as scanned."""
 
-    arrival: SupervisorState
-    state: WorkState
-    since: float  # [s] the state was entered
-    began: float = 0.0  # [s] the stand-off was left
-    depth: float = 0.0  # [m] of the tip below the surface as scanned; negative above it
-    speed: float = 0.0  # [m/s] of its advance
     path_s: float = 0.0  # [m] along the path
     rate: float = 0.0  # [m/s]
     borne_for: float = 0.0  # [s] that the soil has borne the push
-    reason: str = ""
 
 
-class SeabedWork:
+class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
     """Planner (`sim.interfaces.protocols.Planner`) of one operation in the seabed."""
 
     def __init__(
@@ -104,13 +95,13 @@ class SeabedWork:
 
         `hull_box` (2, 3) [m] are the corners of the hull in B; `search` says what must be kept over the ground.
         """
-        self.period = period
-        self._vehicle, self._chain, self._job = vehicle, chain, job
+        self._vehicle, self._chain = vehicle, chain
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
-        self._arrival = SurfaceWork(
+        arrival = SurfaceWork(
             vehicle, chain, self._stand, Job(forces=(job.push,), standoff=job.standoff, scans=job.scans),
             X_WB_scan=X_WB_scan, hull_box=hull_box, period=period,
         )  # fmt: skip
+        super().__init__(job, arrival, too_long="it was not in the soil")
 
     def _stand(self, target: Target, path: ToolPath) -> tuple[Placement, ToolPath, float]:
         """A place over the seabed (`controllers.supervisor.Standing`) from which the tool reaches its depth."""
@@ -131,20 +122,10 @@ class SeabedWork:
     def step(
         self, state: SeabedWorkState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SeabedWorkState, Reference]:
-        time, job = estimate.time, self._job
-        if state.state in _UNDER_WAY:
-            state.arrival, reference = self._arrival.step(state.arrival, estimate, target, last)
-            if state.arrival.state in _UNDER_WAY:
-                state.state, state.since = state.arrival.state, state.arrival.since
-                return state, reference
-            if state.arrival.state is not WorkState.APPROACH:  # it could not come there
-                state.state, state.reason = state.arrival.state, state.arrival.reason
-                return state, reference
-            state.depth, state.began = -job.standoff, time
-            self._enter(state, WorkState.APPROACH, time)
-        elif state.arrival.path is None:
-            state.arrival, reference = self._arrival.step(state.arrival, estimate, target, last)
-            return state, reference
+        time = estimate.time
+        on_the_way = self._arrive(state, estimate, target, last)
+        if on_the_way is not None:
+            return state, on_the_way
         axial, aside = felt_by_tool(last, self._on_path(state)[0][:3, 2])
         self._watch(state, estimate, math.hypot(axial, aside))
         match state.state:
@@ -162,13 +143,9 @@ class SeabedWork:
 
     # -- states ----------------------------------------------------------------------------------------------------
 
-    @staticmethod
-    def _enter(state: SeabedWorkState, what: WorkState, time: float) -> None:
-        state.state, state.since, state.borne_for = what, time, 0.0
-
-    def _break_off(self, state: SeabedWorkState, time: float, reason: str) -> None:
-        state.reason = reason
-        self._enter(state, WorkState.WITHDRAW, time)
+    def _enter(self, state: SeabedWorkState, what: WorkState, time: float) -> None:
+        super()._enter(state, what, time)
+        state.borne_for = 0.0
 
     def _approach(self, state: SeabedWorkState, time: float, axial: float) -> None:
         job = self._job
@@ -216,42 +193,8 @@ class SeabedWork:
             self._enter(state, WorkState.WITHDRAW, time)
 
     def _withdraw(self, state: SeabedWorkState, time: float, axial: float) -> None:
-        """Out along the tool, with the pull bounded as the push was; then back to the stand-off."""
-        job = self._job
         state.rate = 0.0
-        inside = state.depth > -job.guard
-        self._advance(state, -job.speed if inside else -job.approach_speed, -axial / job.push if inside else 0.0)
-        stuck = time - state.since > job.longest
-        if stuck:
-            state.reason = "; ".join(
-                filter(None, [state.reason, f"stuck at {1e3 * state.depth:.0f} mm on the way out"])
-            )
-        if stuck or state.depth <= -job.standoff:
-            state.speed = 0.0
-            self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
-
-    def _advance(self, state: SeabedWorkState, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period, as `controllers.advance` says."""
-        job = self._job
-        state.speed = next_speed(
-            state.speed, wanted, resisted, acceleration=job.acceleration, yielding=job.yielding, period=self.period
-        )
-        state.depth += state.speed * self.period
-
-    def _watch(self, state: SeabedWorkState, estimate: StateEstimate, force: float) -> None:
-        """Draw the tool out when the hull is carried away, the force is too large, or it takes too long."""
-        job, time = self._job, estimate.time
-        if state.state in _OVER:
-            return
-        off = math.dist(estimate.X_WB[:3, 3].tolist(), state.arrival.X_WB[:3, 3].tolist())
-        if off > job.lost_place:
-            self._break_off(state, time, f"the hull cannot hold its place: {off:.2f} m off")
-        elif force > job.force_limit:
-            self._break_off(state, time, f"felt force {force:.0f} N is above the limit of {job.force_limit:.0f} N")
-        elif time - state.began > job.longest and state.state is not WorkState.WORK:
-            self._break_off(
-                state, time, f"it was not in the soil within {job.longest:.0f} s, at {1e3 * state.depth:.0f} mm"
-            )
+        self._draw_out(state, time, mouth=-self._job.guard, resisted=-axial / self._job.push)
 
     # -- references ------------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers import supervisor
-from controllers.advance import felt_by_tool
+from controllers.axial_work import felt_by_tool
 from controllers.insertion import HoleInsertion, InsertionJob, axis_path
 from controllers.mkps import Chain
 from controllers.placement import Placement

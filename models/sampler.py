@@ -1,4 +1,4 @@
-"""A tube on the arm in place of the pad, in a mount that gives way: a sampler with a domed nose, or a corer, open.
+"""A tool on the arm in place of the pad, in a mount that gives way: a sampler with a domed nose, a corer, or a box.
 
 The mount is three slides, each with a spring and a damper in N/m and N s/m, so the stiffness of a contact is known
 along the tool and across it: MuJoCo's own contact softness is no stiffness (its `solref` is scaled by the masses).
@@ -25,21 +25,35 @@ class Tube:
     wall: float = 0.002  # [m]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box:
+    """A steel box, open below, that is dragged with its cutting edge ahead, along x of the tip."""
+
+    width: float  # [m] across its way
+    breadth: float  # [m] along it
+    length: float  # [m] from the mount to its edges
+    mass: float  # [kg]
+    wall: float = 0.0015  # [m]
+    rake: float = float(np.radians(69.0))  # [rad] of its cutting edge, from level: in sand it is neither drawn in
+    # nor thrown out, 90 deg less the friction of steel on it
+
+
 SAMPLER = Tube(radius=0.018, length=0.14, mass=0.6, domed=True)
 CORER = Tube(radius=0.03, length=0.25, mass=1.0, domed=False)
+BOX = Box(width=0.08, breadth=0.06, length=0.16, mass=0.9)
 STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
 DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
 GIVE = 0.02  # [m] that the mount can be pushed in, and
 SIDE_GIVE = 0.005  # [m] aside
-FRICTION = 0.3  # of the tube on what it touches
+FRICTION = 0.3  # of the tool on what it touches
 _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 _TOOL = "pad"  # the plant tells contacts of the geom of this name from collisions
 
 
-def fit(spec: mujoco.MjSpec, tube: Tube = SAMPLER) -> dict[str, BodyHydrodynamics]:
-    """Take the pad off the arm of `spec` and put the tube there; what the water does to it, by body.
+def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
+    """Take the pad off the arm of `spec` and put the tool there; what the water does to it, by body.
 
-    The tube stands on the pad's body, along its slide; the tip site moves to its end, and the keyframes
+    The tool stands on the pad's body, along its slide; the tip site moves to its end, and the keyframes
     gain the mount's joints, at rest. Raises ConfigurationError if `spec` has no pad that slides, or no tip.
     """
     pad = next((body for body in spec.bodies if body.name == _TOOL), None)
@@ -53,7 +67,7 @@ def fit(spec: mujoco.MjSpec, tube: Tube = SAMPLER) -> dict[str, BodyHydrodynamic
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, turn)
     spec.delete(pad)
-    tip.pos = place + R.reshape(3, 3) @ along * tube.length
+    tip.pos = place + R.reshape(3, 3) @ along * tool.length
     side = np.eye(3)[int(np.argmin(np.abs(along)))]
     side -= (side @ along) * along
     side /= np.linalg.norm(side)
@@ -63,25 +77,30 @@ def fit(spec: mujoco.MjSpec, tube: Tube = SAMPLER) -> dict[str, BodyHydrodynamic
         if name == "mount_x":
             parent.pos, parent.quat = place, turn
         _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
-    middle = 0.5 * tube.length
     held = parent.add_body(
-        name=_TOOL, mass=tube.mass, ipos=middle * along, inertia=[tube.mass * tube.length**2 / 12.0] * 3,
+        name=_TOOL, mass=tool.mass, ipos=0.5 * tool.length * along, inertia=[tool.mass * tool.length**2 / 12.0] * 3,
         explicitinertial=True,
     )  # fmt: skip
     _slide(held, _TOOL, along, (-GIVE, 0.25 * GIVE))
-    dome = tube.radius if tube.domed else 0.0
-    held.add_geom(
-        name=_TOOL, type=mujoco.mjtGeom.mjGEOM_CAPSULE if tube.domed else mujoco.mjtGeom.mjGEOM_CYLINDER,
-        size=[tube.radius, 0, 0], mass=0.0, contype=1, conaffinity=2,
-        fromto=np.concatenate([dome * along, (tube.length - dome) * along]), priority=1,
-        friction=[FRICTION, 0.005, 0.0001], solref=[0.006, 1.0], solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
-        rgba=[0.75, 0.78, 0.82, 1.0],
+    geom = held.add_geom(
+        name=_TOOL, mass=0.0, contype=1, conaffinity=2, priority=1, friction=[FRICTION, 0.005, 0.0001],
+        solref=[0.006, 1.0], solimp=[0.95, 0.99, 0.0005, 0.5, 2.0], rgba=[0.75, 0.78, 0.82, 1.0],
     )  # fmt: skip
-    held.add_site(name="pad_face", pos=tube.length * along, quat=tip.quat, group=4)
+    if isinstance(tool, Box):
+        geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
+        geom.pos, geom.quat = 0.5 * tool.length * along, tip.quat
+        water = cylinder(float(np.sqrt(tool.width * tool.breadth / np.pi)), np.zeros(3), tool.length * along)
+    else:
+        dome = tool.radius if tool.domed else 0.0
+        geom.type = mujoco.mjtGeom.mjGEOM_CAPSULE if tool.domed else mujoco.mjtGeom.mjGEOM_CYLINDER
+        geom.size = [tool.radius, 0, 0]
+        geom.fromto = np.concatenate([dome * along, (tool.length - dome) * along])
+        water = cylinder(tool.radius, dome * along, tool.length * along)
+    held.add_site(name="pad_face", pos=tool.length * along, quat=tip.quat, group=4)
     for key in spec.keys:
         if len(at_keys[key.name]) == nq:
             key.qpos = np.concatenate([at_keys[key.name][: nq - 1], np.zeros(3)])
-    return {_TOOL: cylinder(tube.radius, dome * along, tube.length * along)}
+    return {_TOOL: water}
 
 
 def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:

@@ -45,6 +45,7 @@ DH = np.array(
 _THRUSTER = thrusters.Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0)
 
 
+_TOOLS = {"sampler": sampler.SAMPLER, "corer": sampler.CORER, "box": sampler.BOX}
 _SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)  # [N m] of the gears; the viscous part is in the asset
 
 
@@ -75,7 +76,7 @@ def build_side() -> mujoco.MjSpec:
     return build(arm="side")
 
 
-def build(tool: Literal["pad", "sampler", "corer"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
+def build(tool: Literal["pad", "sampler", "corer", "box"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
     """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm.
 
     The `arm` is under the hull, or on the port side with the camera beside it.
@@ -99,7 +100,7 @@ def build(tool: Literal["pad", "sampler", "corer"] = "pad", arm: Literal["under"
         "pad": cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
     if tool != "pad":
-        bodies |= sampler.fit(spec, sampler.SAMPLER if tool == "sampler" else sampler.CORER)
+        bodies |= sampler.fit(spec, _TOOLS[tool])
     hydrodynamics.attach(spec, bodies)
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)

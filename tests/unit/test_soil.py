@@ -10,11 +10,14 @@ from models.soil import (
     SOILS,
     Soil,
     SoilTool,
+    box,
     core_tube,
+    cutting_factor,
     depth_for,
     mud,
     pull_resistance,
     push_resistance,
+    rankine,
     sand,
     side_resistance,
 )
@@ -53,6 +56,39 @@ def test_figures_of_a_tube(within):
     """Outer and inner diameter 36 and 32 mm."""
     within("edge [m^2]", TUBE.edge - 0.25 * np.pi * (0.036**2 - 0.032**2), 1e-15)
     within("skin [m]", TUBE.skin - np.pi * (0.036 + 0.032), 1e-15)
+
+
+def test_figures_of_a_box(within):
+    """80 x 60 mm outside, 77 x 57 mm inside."""
+    tool = box(0.08, 0.06, 0.0015, rake=1.2)
+    within("edge [m^2]", tool.edge - (0.08 * 0.06 - 0.077 * 0.057), 1e-15)
+    within("skin [m]", tool.skin - 2.0 * (0.08 + 0.06 + 0.077 + 0.057), 1e-15)
+
+
+@pytest.mark.parametrize("degrees", [20.0, 32.0, 40.0])
+def test_a_smooth_upright_blade_bears_rankines_pressure(within, degrees):
+    smooth = Soil(
+        cone=0.0, cone_growth=1e6, tip_factor=0.3, side_factor=0.0, passive=0.0, passive_growth=1e4, narrow=3.0,
+        friction=float(np.radians(degrees)),
+    )  # fmt: skip
+    within("of Rankine's in sand", cutting_factor(smooth, 0.5 * np.pi) - 1.0, 1e-5)  # the steps of the slip angle
+    within("of Rankine's in clay", cutting_factor(mud(), 0.5 * np.pi) - 1.0, 1e-5)
+    within("K_p", rankine(smooth.friction) - (1 + np.sin(smooth.friction)) / (1 - np.sin(smooth.friction)), 1e-12)
+
+
+@pytest.mark.parametrize("rake", [0.6, 1.2, 0.5 * np.pi])
+def test_the_wedge_before_a_blade_is_in_equilibrium(within, rake):
+    """Forces on the wedge at many slip angles solved as a plane triangle: blade, failure plane and weight."""
+    soil = sand()
+    phi, delta = soil.friction, soil.wall_friction
+    level = []
+    for b in np.linspace(0.02, 1.0, 4000):
+        # Level and upwards: of the blade's force P, delta off its normal, and the plane's R, phi off its own.
+        A = np.array([[np.sin(rake + delta), -np.sin(b + phi)], [np.cos(rake + delta), np.cos(b + phi)]])
+        P, R = np.linalg.solve(A, [0.0, 0.5 / np.tan(rake) + 0.5 / np.tan(b)])
+        if P > 0.0 and R > 0.0:
+            level.append(P * np.sin(rake + delta))
+    within("level force", cutting_factor(soil, rake) - min(level) / (0.5 * rankine(phi)), 1e-5)
 
 
 def lead(force: SoilForce, way: np.ndarray, axis=DOWN) -> np.ndarray:
@@ -100,7 +136,7 @@ def test_within_the_quake_it_is_a_spring(within):
 
 
 def test_a_tool_dragged_sideways(within):
-    soil, blade = mud(), SoilTool(edge=3e-4, skin=0.2, breadth=0.1, wide=True)
+    soil, blade = mud(), SoilTool(edge=3e-4, skin=0.2, breadth=0.1, rake=0.5 * np.pi)
     force = SoilForce(FLAT, soil, blade)
     lead(force, straight(at(-0.01), at(0.03)))
     dragged = lead(force, straight(at(0.03), at(0.03, 0.6)))
@@ -142,7 +178,11 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigurationError, match="0 < wall < radius"):
         core_tube(0.018, 0.02)
     with pytest.raises(ConfigurationError, match="breadth must be > 0"):
-        SoilTool(edge=1e-4, skin=0.1, breadth=0.0, wide=False)
+        SoilTool(edge=1e-4, skin=0.1, breadth=0.0)
+    with pytest.raises(ConfigurationError, match="rake must lie in"):
+        box(0.08, 0.06, 0.0015, rake=2.0)
+    with pytest.raises(ConfigurationError, match="0 < 2 wall"):
+        box(0.08, 0.06, 0.04, rake=1.0)
     with pytest.raises(ConfigurationError, match="soil cone_growth: must be finite and >= 0, got nan"):
         sand(growth=float("nan"))
     with pytest.raises(ConfigurationError, match="quake"):

@@ -1,6 +1,6 @@
 """Work in the seabed: a core taken with a set push, or a tool dragged along a profile at a set depth (paper 004).
 
-settle -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> withdraw -> done
+settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> withdraw -> done
                                              any of these -> withdraw -> abort
 
 The way to the stand-off is that of `controllers.supervisor`, from where `controllers.seabed` says. A core is let in by
@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.axial_work import AxialState, AxialWork, felt_by_tool
+from controllers.ground_approach import GroundApproach
 from controllers.mkps import Chain
 from controllers.placement import Placement, tool_pose
 from controllers.seabed import HeightSearch, choose_height
@@ -89,17 +90,19 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         X_WB_scan: Array,
         hull_box: Array,
         search: HeightSearch | None = None,
+        coarse: GroundApproach | None = None,
         period: float = 0.01,
     ) -> None:
         """Take the vehicle and its arm, the job, and the level hull pose (4, 4) over the site to scan from.
 
-        `hull_box` (2, 3) [m] are the corners of the hull in B; `search` says what must be kept over the ground.
+        `hull_box` (2, 3) [m] are the corners of the hull in B; `search` says what must be kept over the ground. With
+        `coarse` it first comes near on the word of the Doppler log, and scans from there.
         """
         self._vehicle, self._chain = vehicle, chain
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
         arrival = SurfaceWork(
             vehicle, chain, self._stand, Job(forces=(job.push,), standoff=job.standoff, scans=job.scans),
-            X_WB_scan=X_WB_scan, hull_box=hull_box, period=period,
+            X_WB_scan=X_WB_scan, hull_box=hull_box, period=period, come_near=None if coarse is None else coarse.pose,
         )  # fmt: skip
         super().__init__(job, arrival, too_long="it was not in the soil")
 

@@ -32,6 +32,8 @@ _ZERO.setflags(write=False)
 
 # Where to stand for a path on a target, the part of it that is worked from there, and its share; raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
+# The hull pose to scan from, once the vehicle is quiet at the one that it was told; raises ReachError.
+ComingNear = Callable[[StateEstimate, Array], Array]
 
 
 class SurfaceWork:
@@ -56,17 +58,19 @@ class SurfaceWork:
         floor: float = -np.inf,
         period: float = 0.01,
         search: Search | None = None,
+        come_near: ComingNear | None = None,
     ) -> None:
         """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
 
-        `X_WB_scan` (4, 4) is in W; `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and
-        of the seabed at the height `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
+        `X_WB_scan` (4, 4) is in W; from there `come_near`, if given, is asked for a nearer place to scan from.
+        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the height
+        `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
         """
         self.period = period
         self._vehicle, self._chain, self._job = vehicle, chain, job
         self._stand = partial(self._beside, target) if isinstance(target, TargetModel) else target
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
-        self._floor = floor
+        self._floor, self._come_near = floor, come_near
         ahead = checked(view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
         self._view_B = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
 
@@ -129,8 +133,20 @@ class SurfaceWork:
         if state.hull_move is not None and state.hull_move.done(estimate.time):
             state.hull_move = None
         if state.hull_move is None and self._quiet(state, estimate):
+            if self._come_near is not None and state.X_WB_near is None:
+                self._come_nearer(state, estimate, self._come_near)
+                return
             state.scans += 1
             self._enter(state, WorkState.SCAN, estimate.time)
+
+    def _come_nearer(self, state: SupervisorState, estimate: StateEstimate, come_near: ComingNear) -> None:
+        try:
+            state.X_WB_near = come_near(estimate, self._X_WB_scan)
+        except ReachError as error:
+            self._give_up(state, estimate.time, str(error))
+            return
+        state.quiet_since = np.inf
+        self._move_hull(state, estimate.time, state.X_WB_near)
 
     def _scan(self, state: SupervisorState, time: float, target: Target | None) -> None:
         if target is None or target.time < state.since:
@@ -147,7 +163,7 @@ class SurfaceWork:
     def _other_view(self, state: SupervisorState, time: float) -> None:
         """Move the hull sideways, to look again from another place."""
         side = 0.3 * (1.0 if state.scans % 2 else -1.0)
-        X = np.array(self._X_WB_scan)
+        X = np.array(self._X_WB_scan if state.X_WB_near is None else state.X_WB_near)
         X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], self._view_B)
         X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
         self._move_hull(state, time, X)

@@ -81,6 +81,7 @@ class SupervisorState:
     since: float  # [s] the state was entered
     X_WB: Array  # (4, 4) hull pose held
     q: Array  # (n,) joint angles held while the arm is not following the tool
+    X_WB_near: Array | None = None  # (4, 4) it scans from, where it first came nearer
     quiet_since: float = np.inf  # [s]
     still_since: float = 0.0  # [s] hull and arm are asked to stand still
     scans: int = 0

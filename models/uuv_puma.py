@@ -76,7 +76,9 @@ def build_side() -> mujoco.MjSpec:
     return build(arm="side")
 
 
-def build(tool: Literal["pad", "sampler", "corer", "box"] = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
+def build(
+    tool: Literal["pad", "sampler", "corer", "box"] = "pad", arm: Literal["under", "side"] = "under"
+) -> mujoco.MjSpec:
     """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm.
 
     The `arm` is under the hull, or on the port side with the camera beside it.

@@ -1,6 +1,6 @@
 """Sonar scans or depth frames of the seabed in, the ground and the tool's path on it out: the finder of seabed work."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,10 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, transform_poi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeabedFinderState:
-    """What was seen last, for the log; a scan's outcome does not depend on it."""
+    """What was seen last, for the log, and what waits for more of its kind."""
 
-    cloud_W: Array | None = None  # (N, 3) [m]
+    waiting: tuple[Array, ...] = ()  # clouds (N, 3) [m] in W
+    cloud_W: Array | None = None  # (N, 3) [m] the last that was judged
     plan: SeabedPlan | None = None  # in W; None where the work was refused
 
 
@@ -30,17 +31,21 @@ class SeabedFinder:
 
     def __init__(
         self, B_W: ArrayLike, up_W: ArrayLike = (0.0, 0.0, 1.0), *, core_depth: float = 0.12, width: float = 0.1,
-        limits: ReliefLimits | None = None, cloud_W: ArrayLike | None = None,
+        limits: ReliefLimits | None = None, cloud_W: ArrayLike | None = None, looks: int = 1,
     ) -> None:  # fmt: skip
         """Take the points `B_W` (s, 3) [m] over the seabed, W: one for a core, more for a profile between them.
 
         `up_W` (3,) is the direction z against which they are let down; `core_depth` [m] is how deep a core's way is
         laid; `width` [m] that of the tool. With `cloud_W` (N, 3) [m] that is believed in place of what is scanned.
-        Raises ConfigurationError for malformed points.
+        `looks` scans or frames are taken together: their noise averages out. Raises ConfigurationError for malformed
+        points, or less than one look.
         """
         self._B = np.array(B_W, dtype=np.float64)
         if self._B.ndim != 2 or self._B.shape[1:] != (3,) or not len(self._B):
             raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}")
+        if isinstance(looks, bool) or looks < 1:
+            raise ConfigurationError(f"looks: must be at least 1, got {looks}")
+        self._looks = looks if cloud_W is None else 1
         self._up = np.array(checked(up_W, (3,), "up_W"))
         self._core_depth, self._width, self._limits = core_depth, width, limits
         self._cloud_W = None if cloud_W is None else np.asarray(cloud_W, dtype=np.float64)
@@ -53,12 +58,16 @@ class SeabedFinder:
         state: SeabedFinderState,
         estimate: StateEstimate,
         measurement: Measurement,
-    ) -> tuple[SeabedFinderState, Target]:
-        """Look at the seabed in one scan, made when the hull was where `estimate` says.
+    ) -> tuple[SeabedFinderState, Target | None]:
+        """Look at the seabed in one scan, made when the hull was where `estimate` says; None while more are wanted.
 
-        One that shows none that can be worked gives a Target that is not accepted, with the reason.
+        Scans that show none that can be worked give a Target that is not accepted, with the reason.
         """
-        cloud_W = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
+        seen = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
+        clouds = (*state.waiting, seen)
+        if len(clouds) < self._looks:
+            return replace(state, waiting=clouds), None
+        cloud_W = np.concatenate(clouds)
         center = self._B.mean(axis=0)
         reach = float(np.linalg.norm(center - estimate.X_WB[:3, 3]))
         try:

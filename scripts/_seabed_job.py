@@ -11,18 +11,21 @@ from _job_parts import controller, hull_box, undriven
 from _variation import NOMINAL
 from _whole_run import Ready
 
+from controllers.ground_approach import GroundApproach
 from controllers.mkps import Chain
 from controllers.seabed import HeightSearch
 from controllers.seabed_work import SeabedJob, SeabedWork
 from models import sampler, scenes, uuv_puma
 from models.seabed import Kind, seabed
-from models.soil import SOILS, SoilTool, core_tube
+from models.soil import SOILS, SoilTool, box, core_tube
 from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, find
+from perception.ground_plane import GroundBelow
 from perception.navigation import Navigation
 from perception.point_files import read_cloud, read_targets
 from perception.seabed_finder import SeabedFinder, SeabedFinderState
 from sim import hydrodynamics, sensors
 from sim.current import Current
+from sim.dvl_ranges import DvlBeams, DvlRanges
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from sim.plant import PAD_GEOM, Plant
@@ -32,14 +35,16 @@ from sim.seabed_metrics import TrueGround
 from sim.soil import SoilForce
 from sim.sonar import Sonar, SonarBeams
 
-ALTITUDE = 2.5  # [m] of the hull over the middle of the terrain, from which it is scanned
+ALTITUDE = 2.5  # [m] of the hull over the ground, from which it is scanned
 ABOVE = np.array([0.0, 0.0, ALTITUDE])
+HIGHER = (0.8, 1.8)  # [m] over that, where it starts: how far the ground is it does not know
 AHEAD = 0.5  # [m] of the hull's middle, where the targets are where no file says otherwise,
 APART = 0.3  # [m] and between those that a tool is dragged between
 HALF = 3.0  # [m] of the terrain
 BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
 AXES = 0.06  # [m] at which unit axes are drawn in the log
 OWN_ARM = 0.8  # [m] from the sonar, within which an echo is the vehicle's own
+LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm off, mostly noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,8 +54,9 @@ class Setting:
     kind: Kind
     soil: str  # a name of models.soil.SOILS
     job: SeabedJob
-    cloud: Path | None  # believed in place of the scan; hull axes where it scans
-    targets: Path | None  # B_i and z; hull axes where it scans
+    cloud: Path | None  # believed in place of the scan; axes of a level hull ALTITUDE over the terrain's middle
+    targets: Path | None  # B_i and z; in the same axes
+    dead_beams: tuple[int, ...]  # of the Doppler log, from 1
     current: tuple[float, float, float]  # [m/s]
     gust: float  # [m/s]
     without: frozenset[str]  # methods of the controller left out
@@ -72,54 +78,71 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     ground = seabed(setting.kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
     yaw = rng.uniform(-np.pi, np.pi)
     gusts, loop, start = rng.spawn(3)
-    own = with_corer(setting.vehicle).compile()
+    own = with_tool(setting.vehicle, drag=job.drag).compile()
     arm = Vehicle.of(own)
-    box = hull_box(own, arm)
+    hull = hull_box(own, arm)
     X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
+    higher = pose(p=[0.0, 0.0, rng.uniform(*HIGHER)])
+    X_WB_start = higher @ X_WB if setting.cloud is None else X_WB
     B_B, up_B = _targets(setting)
     B_W, up_W = transform_points(X_WB, B_B), X_WB[:3, :3] @ up_B
     cloud_W = None if setting.cloud is None else transform_points(X_WB, read_cloud(setting.cloud))
 
-    model = hydrodynamics.compile(scenes.dig_site(with_corer(setting.vehicle), ground))
+    model = hydrodynamics.compile(scenes.dig_site(with_tool(setting.vehicle, drag=job.drag), ground))
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
-        model, current=Current(setting.current), X_WB=X_WB @ offset, reaction_ticks=REACTION_TICKS if record else 0,
-        soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
+        model, current=Current(setting.current), X_WB=X_WB_start @ offset,
+        reaction_ticks=REACTION_TICKS if record else 0, soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
     )  # fmt: skip
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
     parts = Parts(
         sensors=[
             sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
-            Sonar(model, HULL_BODY, sonar_on_hull(box), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
+            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
+            DvlRanges.on(
+                model, HULL_BODY, dvl_on_hull(hull), DvlBeams(limits=(OWN_ARM, 50.0), dead=setting.dead_beams)
+            ),
         ],
-        estimator=Navigation(),
-        finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W),
+        estimator=GroundBelow(Navigation()),
+        finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W, looks=LOOKS),
         planner=SeabedWork(
-            arm, chain, job, X_WB_scan=X_WB, hull_box=box, search=HeightSearch(jets_above=-float(box[0, 2]))
+            arm, chain, job, X_WB_scan=X_WB_start, hull_box=hull, search=height_search(hull, drag=job.drag),
+            coarse=GroundApproach(height=ALTITUDE, hull_box=hull) if setting.cloud is None else None,
         ),
         controller=controller(setting.controller, own, without=setting.without, water_error=NOMINAL.water_error),
     )  # fmt: skip
     ready = Ready(
         seed=seed, plant=plant, parts=parts, loop=loop,
-        restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
+        restart=lambda: plant.reset(current=flow, X_WB=X_WB_start @ offset),
     )  # fmt: skip
-    truth = TrueGround(ground=ground, hull_box=box, push=None if job.drag else job.push, depth=job.depth)
+    truth = TrueGround(ground=ground, hull_box=hull, push=None if job.drag else job.push, depth=job.depth)
     return SeabedRun(ready=ready, truth=truth)
 
 
-def with_corer(vehicle: str) -> mujoco.MjSpec:
-    """uuv_puma with the corer in place of its pad; any other vehicle as it is."""
-    return uuv_puma.build("corer") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
+def with_tool(vehicle: str, *, drag: bool) -> mujoco.MjSpec:
+    """uuv_puma with the box, or the corer, in place of its pad; any other vehicle as it is."""
+    return uuv_puma.build("box" if drag else "corer") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
 def tool_of(own: mujoco.MjModel) -> SoilTool:
-    """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is no tube."""
+    """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is neither tube nor box."""
     geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
-    kinds = mujoco.mjtGeom
-    if kinds(int(own.geom_type[geom])) not in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
-        raise ConfigurationError(f"--vehicle: its geom {PAD_GEOM!r} must be a cylinder or a capsule, the core tube")
-    return core_tube(float(own.geom_size[geom, 0]), sampler.CORER.wall)
+    kinds, size = mujoco.mjtGeom, own.geom_size[geom]
+    kind = kinds(int(own.geom_type[geom]))
+    if kind == kinds.mjGEOM_BOX:
+        return box(2.0 * float(size[1]), 2.0 * float(size[0]), sampler.BOX.wall, sampler.BOX.rake)
+    if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        return core_tube(float(size[0]), sampler.CORER.wall)
+    raise ConfigurationError(
+        f"--vehicle: its geom {PAD_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
+    )
+
+
+def height_search(hull: Array, *, drag: bool) -> HeightSearch:
+    """What the hull must keep; a box goes with its edge ahead, a tube any way about its axis."""
+    jets = -float(hull[0, 2])
+    return HeightSearch(jets_above=jets, rolls=1) if drag else HeightSearch(jets_above=jets)
 
 
 def _targets(setting: Setting) -> tuple[Array, Array]:
@@ -138,6 +161,11 @@ def sonar_on_hull(box: Array) -> Array:
     """Place (4, 4) of the sonar in B: under the hull's bow, looking down, x to starboard and y aft."""
     R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
+
+
+def dvl_on_hull(hull: Array) -> Array:
+    """Place (3,) [m] of the Doppler log in B: under the stern, where the folded arm leaves its beams free."""
+    return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
 class Story:

@@ -1,9 +1,9 @@
 """Take a sample of an unknown seabed: hover over it, scan it, choose the height, and go into the soil by feel.
 
-The vehicle builds the ground from its sonar's scan, lets the targets down on it, judges the relief and chooses where to
-hover. It pushes a core tube into the soil with a set force, or drags the tool along the profile between two targets at
-a set depth, and draws it out. A cloud that is no ground, or ground that is not fit for it: it stays where it is, one
-line says why, exit code 2.
+The vehicle comes near over the plane that its Doppler log sees, builds the ground from its sonar's scans, lets the
+targets down on it, judges the relief and chooses where to hover. It pushes a core tube into the soil with a set force,
+or drags a box along the profile between two targets at a set depth, and draws it out. A cloud that is no ground, or
+ground that is not fit for it: it stays where it is, one line says why, exit code 2.
 """
 
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -36,19 +36,22 @@ class Options(ScenarioOptions):
     soil: Literal["sand", "mud"] = "sand"
     """That it is of (models/soil.py)."""
     work: Literal["core", "drag"] = "core"
-    """Push a tube in and draw it out, or drag it along the profile between the targets."""
+    """Push a tube in and draw it out, or drag a box along the profile between the targets."""
     push: float = 50.0
     """Of the core [N]; --quick asks for 40 at most."""
     depth: float | None = None
     """Dragged at [mm], default 30; of a core: at which the tube is full, default 180."""
     targets: Path | None = None
-    """Text: points B_i over the seabed, a line `z X Y Z`, in hull axes where it scans; default: ahead of the hull."""
+    """Text: points B_i over the seabed, a line `z X Y Z`, in axes of the level hull 2.5 m over the terrain's middle;
+    default: ahead of the hull."""
     cloud: Path | None = None
-    """Text, PLY or PCD, in the same axes: believed in place of the scan."""
+    """Text, PLY or PCD, in the same axes: believed in place of the scan, and judged before the vehicle comes near."""
+    dead_beams: tuple[int, ...] = ()
+    """Of the Doppler log, 1 to 4, that hear nothing."""
     without: tuple[Method, ...] = ()
     """Methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
-    """It carries a core tube in place of its pad; or an MJCF file with the named parts (README)."""
+    """It carries a core tube or a box in place of its pad; or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 
@@ -66,6 +69,7 @@ def main() -> int:
         job=SeabedJob(push=push, depth=1e-3 * depth, drag=drag, scans=scans),
         cloud=options.cloud,
         targets=options.targets,
+        dead_beams=options.dead_beams,
         current=options.current,
         gust=options.gust,
         without=frozenset(options.without),

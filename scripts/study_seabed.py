@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from _job_parts import hull_box, undriven
-from _seabed_job import ABOVE, AHEAD, APART, BEAMS, sonar_on_hull
+from _seabed_job import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -26,7 +26,7 @@ from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain
 from controllers.placement import tool_poses
-from controllers.seabed import HeightSearch, WorkHeight, arm_gap, choose_height
+from controllers.seabed import WorkHeight, arm_gap, choose_height
 from models import open3d_loader, scenes
 from models.seabed import KINDS, Seabed, seabed
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
@@ -64,7 +64,8 @@ class Options:
 
 
 def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, beam: float, noise: float) -> Array:
-    """Echoes (N, 3) [m] in W of the sonar under a hull at `X_WB` (4, 4); `beam` [rad] apart, `noise` of the range."""
+    """Echoes (N, 3) [m] in W of LOOKS pings of the sonar under a hull at `X_WB` (4, 4); `beam` [rad] apart, `noise` of
+    the range."""
     spec = mujoco.MjSpec()
     ground.add_to(spec)
     model = spec.compile()
@@ -75,7 +76,8 @@ def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, b
         model, "world", X_WB @ X_BS, noise=SonarNoise(range_share=noise),
         beams=SonarBeams(rows=count, columns=count, elevation=SWATH, azimuth=SWATH),
     )  # fmt: skip
-    return points_in_world(X_WB, SonarScan(time=0.0, points=sonar.ping(data, rng), X_BS=X_BS))
+    pings = [SonarScan(time=0.0, points=sonar.ping(data, rng), X_BS=X_BS) for _ in range(LOOKS)]
+    return np.concatenate([points_in_world(X_WB, ping) for ping in pings])
 
 
 def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array) -> dict[str, Any]:
@@ -120,7 +122,7 @@ def _work(
     try:
         found = choose_height(
             vehicle, chain, plan.path, ground=plan.terrain.vertices, hull_box=box, X_WB=X_WB, force=60.0,
-            standoff=STANDOFF, search=HeightSearch(jets_above=-float(box[0, 2])),
+            standoff=STANDOFF, search=height_search(box, drag=True),
         )  # fmt: skip
     except ReachError as error:
         return plan, None, str(error)

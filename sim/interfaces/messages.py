@@ -92,6 +92,16 @@ class DvlMeasurement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DvlRangesMeasurement:
+    """Ranges to the ground along the beams of a Doppler log."""
+
+    time: float  # [s]
+    ranges: Array  # (k,) [m], NaN where no echo came
+    axes_B: Array  # (k, 3) unit axes of the beams
+    p_BD: Array  # (3,) [m] the array on the hull
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressureMeasurement:
     """Pressure gauge."""
 
@@ -144,11 +154,24 @@ Measurement = (
     | TorqueMeasurement
     | ImuMeasurement
     | DvlMeasurement
+    | DvlRangesMeasurement
     | PressureMeasurement
     | VisionMeasurement
     | DepthImage
     | SonarScan
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GroundPlane:
+    """The seabed under the vehicle, on the whole."""
+
+    time: float  # [s] of the last ranges in it
+    p_W: Array  # (3,) [m] a point of the plane; NaN where too few beams make one
+    normal_W: Array  # (3,) unit, upwards; NaN alike
+    scatter: float  # [m] RMS distance of the beams' places from it; 0 of three
+    beams: int  # that see the ground
+    silent: tuple[int, ...]  # beams, from 1, that do not
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -168,6 +191,7 @@ class StateEstimate:
     vision_age: float = math.nan  # [s] since the newest picture that was used was taken; NaN: not said
     dvl_age: float = math.nan  # [s] the same of the DVL; inf: none was ever used
     imu_age: float = math.nan  # [s] the same of the IMU
+    ground: GroundPlane | None = None  # under the hull; None: not said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

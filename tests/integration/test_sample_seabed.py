@@ -1,8 +1,6 @@
 """Sampling the seabed as a user runs it: a core, and clouds and files over which the vehicle does not descend."""
 
 import json
-import subprocess
-import sys
 
 import jsonschema
 import numpy as np
@@ -16,19 +14,14 @@ open3d_loader.load()  # without its system libraries there is no terrain: see te
 BOUNDS = SeabedBounds()
 
 
-def sample_seabed(root, out, *options):
-    command = [sys.executable, "scripts/sample_seabed.py", "--no-record", "--out", str(out), *map(str, options)]
-    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300, check=False)
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _compiled():
     """The notice of a first start is said here, before the runs whose words are tested."""
     hydrodynamics.install()
 
 
-def test_a_core_is_taken(root, tmp_path):
-    done = sample_seabed(root, tmp_path, "--seed", 3, "--quick")
+def test_a_core_is_taken(script, tmp_path):
+    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--seed", 3, "--quick")
     assert done.returncode == 0, done.stdout + done.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     jsonschema.validate(metrics, schema())
@@ -39,19 +32,77 @@ def test_a_core_is_taken(root, tmp_path):
     assert metrics["hull"]["ground_gap_m"] > 0.3
 
 
-def test_over_a_bad_cloud_it_does_not_descend(root, tmp_path):
-    """Two layers 0.4 m apart, in hull axes."""
-    rng = np.random.default_rng(0)
-    xy = rng.uniform(-1.5, 1.5, (4000, 2))
-    np.savetxt(tmp_path / "layers.txt", np.column_stack([xy, -2.5 + 0.4 * (rng.random(4000) < 0.5)]))
-    done = sample_seabed(root, tmp_path, "--cloud", tmp_path / "layers.txt")
+def flat(rng, points=4000):
+    """A seabed 2.5 m below the hull, in hull axes."""
+    return np.column_stack([rng.uniform(-1.5, 1.5, (points, 2)), np.full(points, -2.5)])
+
+
+def layers(rng):
+    cloud = flat(rng)
+    cloud[:, 2] += 0.4 * (rng.random(len(cloud)) < 0.5)
+    return cloud
+
+
+def holed(rng):
+    """Nothing within 0.3 m of the place that the target stands over."""
+    cloud = flat(rng)
+    return cloud[np.hypot(cloud[:, 0] - 0.5, cloud[:, 1]) > 0.3]
+
+
+def line(rng):
+    cloud = flat(rng)
+    cloud[:, 1] = 0.3 * cloud[:, 0]
+    return cloud
+
+
+def not_numbers(rng):
+    cloud = flat(rng)
+    cloud[::50, 1] = np.nan
+    return cloud
+
+
+@pytest.mark.parametrize(
+    ("cloud", "said"),
+    [
+        (layers, "two surfaces one above the other"),
+        (holed, "target B_1: a hole in the cloud lies under it"),
+        (line, "all 4000 points lie in a line"),
+        (not_numbers, "80 of 4000 points are not finite numbers"),
+    ],
+)
+def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
+    np.savetxt(tmp_path / "cloud.txt", cloud(np.random.default_rng(0)))
+    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--cloud", tmp_path / "cloud.txt")
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
-    assert "two surfaces one above the other" in done.stderr
+    assert said in done.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     jsonschema.validate(metrics, schema())
     assert metrics["run"]["state"] == "abort"
-    assert metrics["hull"]["ground_gap_m"] > 2.0  # it scans from 2.5 m, its underside 0.4 m lower
+    assert metrics["hull"]["ground_gap_m"] > 2.0  # it is 2.5 m up, its underside 0.4 m lower
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("", "the file is empty"), ("# x y z\n", "the file is empty"), ("0 0 -2.5\n1 0 -2.5 7\n", "line 2: expected 3")],
+    ids=["empty", "comments alone", "wrong columns"],
+)
+def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_path, text, said):
+    (tmp_path / "cloud.txt").write_text(text, "utf-8")
+    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--cloud", tmp_path / "cloud.txt")
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1
+    assert said in done.stderr
+    assert not (tmp_path / "metrics.json").exists()
+
+
+def test_without_a_plane_from_the_doppler_log_it_does_not_come_near(script, tmp_path):
+    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--dead-beams", 1, 4)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "2 of the Doppler log's beams see it, 3 not in a line are needed, silent: 1, 4" in done.stderr
+    metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    assert metrics["hull"]["ground_gap_m"] > 2.5  # it starts 3.3 m up or higher
 
 
 @pytest.mark.parametrize(
@@ -61,10 +112,11 @@ def test_over_a_bad_cloud_it_does_not_descend(root, tmp_path):
         pytest.param(["--depth", "-5"], "depth: must be > 0", id="depth"),
         pytest.param(["--cloud", "nowhere.txt"], "there is no such file", id="no cloud"),
         pytest.param(["--vehicle", "bluerov2_heavy"], "a geom named 'pad'", id="no tool"),
+        pytest.param(["--dead-beams", "7"], "dead beams must be of 1 to 4", id="no such beam"),
     ],
 )
-def test_bad_input_is_one_line_and_code_2(root, tmp_path, options, said):
-    done = sample_seabed(root, tmp_path, *options)
+def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):
+    done = script("sample_seabed", "--no-record", "--out", tmp_path, *options)
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.startswith("error: ")
     assert done.stderr.count("\n") == 1

@@ -1,0 +1,62 @@
+"""The coarse approach to an unknown seabed: down to the height to scan from, over the plane that the Doppler log sees.
+
+Paper 004, after its reference 11: before anything finer is known the seabed is the plane through the ranges of the
+log's beams. It tells whether the vehicle may come near at all, and how far.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import StateEstimate
+from sim.interfaces.spatial import Array
+
+BEAMS = 3  # that make a plane
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundApproach:
+    """Where the vehicle goes on the plane's word."""
+
+    height: float  # [m] of the hull over the plane, straight up
+    hull_box: Array  # (2, 3) [m] corners of the hull in B
+    clearance: float = 1.2  # [m] of all of the hull to the plane: what stands out of it is not known yet
+    slope: float = float(np.radians(35.0))  # [rad] steeper is nothing to work on
+    oldest: float = 1.0  # [s] of the plane
+
+    def __post_init__(self) -> None:
+        for name in ("height", "clearance", "slope", "oldest"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"ground approach {name}: must be > 0, got {getattr(self, name)}")
+
+    def pose(self, estimate: StateEstimate, X_WB: Array) -> Array:
+        """The hull pose (4, 4) over the place of the level `X_WB` (4, 4), its heading kept, to scan from.
+
+        Raises ReachError where too few beams, or none of late, saw the ground, and for one that is too steep.
+        """
+        ground = estimate.ground
+        if ground is None or not estimate.time - ground.time <= self.oldest:
+            raise ReachError(
+                f"the Doppler log has given no ranges for {self.oldest:g} s: how far the ground is, is unknown"
+            )
+        if not math.isfinite(ground.p_W[0]):
+            silent = f", silent: {', '.join(map(str, ground.silent))}" if ground.silent else ""
+            raise ReachError(
+                f"the plane of the ground is unknown: {ground.beams} of the Doppler log's beams see it, {BEAMS} not in "
+                f"a line are needed{silent}"
+            )
+        slope = math.acos(min(1.0, float(ground.normal_W[2])))
+        if slope > self.slope:
+            raise ReachError(
+                f"the ground slopes by {math.degrees(slope):.0f} deg on the whole, at most "
+                f"{math.degrees(self.slope):.0f} deg can be worked on"
+            )
+        X = np.array(X_WB)
+        n, p = ground.normal_W, ground.p_W
+        X[2, 3] = p[2] - (n[:2] @ (X[:2, 3] - p[:2])) / n[2] + self.height
+        corners = np.array(np.meshgrid(*self.hull_box.T)).reshape(3, -1).T @ X[:3, :3].T + X[:3, 3]
+        gap = float(((corners - p) @ n).min())
+        X[2, 3] += max(0.0, (self.clearance - gap) / n[2])
+        return X

@@ -7,8 +7,9 @@ The paper's Q = sqrt(sum E_i^2) (`perception.projection`) grows with the number 
 miss or meet something before the object, and a few rays at edges dominate it. Here each ray of several curves is
 sorted: both surfaces agree, the scan lies before the model, behind it (it sees through), or something hides the model
 there, which is no evidence at all. A trimmed rms, the shares of these kinds, the coverage and the offset of sharp depth
-edges are held against limits from the sensor's noise and resolution. Two more things must hold: the pose is where the
-fit comes to rest, and no attitude that looks alike (an arm of a starfish further) explains the scan better.
+edges are held against limits from the sensor's noise and resolution. Three more things must hold: the pose is where the
+fit comes to rest, the object is as large as the model, and the scan is far less likely with the model anywhere else
+where it looks alike (an arm of a starfish further) or where another fit came to rest.
 """
 
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ import numpy as np
 from scipy import ndimage
 
 from models import open3d_loader
+from perception.likelihood import OCCLUDER, log_likelihood
 from perception.look_alikes import best_look_alike
 from perception.projection import ACROSS_EDGES, clear_of_edges, curves, direction
 from perception.registration import Evidence, Fit, ModelSurface, edge_offsets, fine_fit
@@ -26,7 +28,6 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m], how truly a model is known
-OCCLUDER = 0.06  # [m] before the model from which on the scan shows something else, not the object, fouled or not
 _SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
 _MIN_RAYS = 40
 _PATCHES = 9.0  # patches to the model's radius
@@ -43,7 +44,8 @@ MAX_GOES_ON = 0.35
 MIN_COVERAGE = 0.25  # of what should be seen, that the scan must show
 WHOLE = 0.5  # coverage from which on a second look is not expected to change what the first one contradicts
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which the fit may move the pose further
-MIN_MARGIN = 0.02  # of score, over an attitude that looks alike
+MAX_SIZE = (0.03, 4.0)  # share by which the object may seem larger or smaller, and that many of its sigma more
+MIN_MARGIN = 6.0  # [nats] over any other pose; right ones among near twins (an uneven starfish) reach 8
 
 
 class Decision(StrEnum):
@@ -74,7 +76,9 @@ class Check:
     goes_on: float  # share of sharp model edges beyond which the scanned surface goes on
     move_m: float  # [m] rms by which a further fit moves the visible model
     move_threshold_m: float  # [m]
-    margin: float  # score above the best attitude that looks alike; inf if none does
+    size: float  # of the object, as a share of the model's, that would fit best
+    size_threshold: float  # by which it may differ from 1
+    margin: float  # [nats] log likelihood above that of the best other pose that was tried; inf if none was
     free: Array  # (k, 6) twists as in `Fit` that nothing in the scan holds
     points_scan: Array  # (K, 3) [m] projections C_i on the scan, in S, rays that hit both
     points_model: Array  # (K, 3) [m] projections C'_i on the model, in S
@@ -102,11 +106,13 @@ class _Rays:
         return np.isfinite(self.E) & ~self.hidden
 
 
-def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | None = None) -> Check:
+def check(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | None = None, others: float = -np.inf
+) -> Check:
     """Judge the pose `X_ST` (4, 4) of the model against the scan.
 
     `fit`: that of `fine_fit` that came to rest at `X_ST` (or at an attitude that looks the same by declaration);
-    None: whether it does is tried.
+    None: whether it does is tried. `others`: log likelihood [nats] of the best different pose that is known.
     """
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if visible.sum() < 10:
@@ -136,7 +142,8 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | Non
     if fit is None:
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
-    margin = best_look_alike(evidence, surface, X_ST)
+    size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
+    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_look_alike(evidence, surface, X_ST))
     undeclared = len(rest.free) - (surface.target.symmetry.axis is not None)
 
     against = [
@@ -152,7 +159,8 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | Non
                 move > move_threshold,
                 f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} mm",
             ),
-            (margin < -MIN_MARGIN, "turned to where it looks alike it fits better"),
+            (abs(rest.size - 1.0) > size_threshold, f"at {rest.size:.2f} times its size it fits better"),
+            (margin < -MIN_MARGIN, "another pose fits better"),
         )
         if failed
     ]
@@ -162,7 +170,7 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | Non
             (coverage < MIN_COVERAGE, f"only {coverage:.0%} of what should be seen is seen, need {MIN_COVERAGE:.0%}"),
             (edge_share < MIN_EDGE_SHARE, f"only {edge_share:.0%} of the model's edges are in the scan"),
             (undeclared > 0, "this view does not hold the whole pose: the model can slide or turn on what is seen"),
-            (abs(margin) <= MIN_MARGIN, "turned to where it looks alike it fits as well"),
+            (abs(margin) <= MIN_MARGIN, "another pose fits as well"),
         )
         if failed
     ]
@@ -187,6 +195,8 @@ def check(evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | Non
         goes_on=goes_on,
         move_m=move,
         move_threshold_m=move_threshold,
+        size=rest.size,
+        size_threshold=size_threshold,
         margin=margin,
         free=rest.free,
         points_scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both],
@@ -288,6 +298,8 @@ def _unmade(reason: str) -> Check:
         goes_on=np.nan,
         move_m=np.nan,
         move_threshold_m=0.0,
+        size=np.nan,
+        size_threshold=0.0,
         margin=np.inf,
         free=np.zeros((0, 6)),
         points_scan=nothing,

@@ -16,6 +16,7 @@ from scipy import ndimage
 from models.targets import TargetModel
 from perception.check import Check, Decision, check
 from perception.initialiser import Expected, initial_poses
+from perception.likelihood import log_likelihood
 from perception.registration import Evidence, Fit, ModelSurface, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from perception.told_turn import told_turn
@@ -46,7 +47,7 @@ class Hypothesis:
     """A pose that the full fit came to rest at."""
 
     X_sensor_target: Array  # (4, 4) pose of T in S
-    score: float  # share of model confirmed and scan explained, up to 2
+    log_likelihood: float  # [nats] of the scan, up to a constant that all poses share
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,9 +66,15 @@ class Identification:
     evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
     surface: ModelSurface  # the model as it was matched
     score: float  # share of model confirmed and scan explained, up to 2
-    margin: float  # score above the best different pose that was fitted; inf if there was none
     hypotheses: tuple[Hypothesis, ...]  # poses that differ, best first: the first is the one reported
     duration_s: float  # [s]
+
+    @property
+    def margin(self) -> float:
+        """Log likelihood [nats] above the best different pose that was fitted; inf if there was none."""
+        if len(self.hypotheses) < 2:
+            return np.inf
+        return self.hypotheses[0].log_likelihood - self.hypotheses[1].log_likelihood
 
     @property
     def decision(self) -> Decision:
@@ -136,7 +143,8 @@ def identify(
     X_told = told_turn(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
-    verdict = check(evidence, surface, X_ST, found.fit)
+    second = found.others[0].log_likelihood if found.others else -np.inf
+    verdict = check(evidence, surface, X_ST, found.fit, second)
     reason = verdict.reason
     if not reason and not expected.admits(X_ST[None], surface)[0]:
         reason = "what was found lies, or is turned, too far from what was expected"
@@ -153,9 +161,11 @@ def identify(
         model_after=readonly(transform_points(X_ST, surface.points[visible])),
         evidence=evidence,
         surface=surface,
-        score=found.score,
-        margin=found.margin,
-        hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), score=found.score), *found.others),
+        score=score(evidence, surface, X_ST),
+        hypotheses=(
+            Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood),
+            *found.others,
+        ),
         duration_s=perf_counter() - started,
     )
 
@@ -200,12 +210,8 @@ def _need(mask: np.ndarray, what: str) -> None:
 class _Found:
     fit: Fit
     X_start: Array
-    score: float
-    others: tuple[Hypothesis, ...]
-
-    @property
-    def margin(self) -> float:
-        return self.score - self.others[0].score if self.others else np.inf
+    log_likelihood: float
+    others: tuple[Hypothesis, ...]  # most likely first
 
 
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
@@ -219,21 +225,22 @@ def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarra
 
 
 def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
-    """Full fits from those of `starts` that score highest, and the best of the fits."""
+    """Full fits from those of `starts` that score highest, and that of the fits which makes the scan most likely."""
     rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
     fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
     fits += [(fit, fits[0][1]) for fit in _slid(evidence, surface, fits[0][0])]
     ranked = sorted(
-        ((score(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits), key=lambda item: -item[0]
+        ((log_likelihood(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits),
+        key=lambda item: -item[0],
     )
-    best_score, fit, X_start = ranked[0]
+    best, fit, X_start = ranked[0]
     poses, others = [fit.X_ST], []
-    for other_score, other, _ in ranked[1:]:
+    for likelihood, other, _ in ranked[1:]:
         apart = [surface.target.symmetry.error(other.X_ST, X) for X in poses]
         if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
             poses.append(other.X_ST)
-            others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), score=other_score))
-    return _Found(fit, X_start, best_score, tuple(others))
+            others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), log_likelihood=likelihood))
+    return _Found(fit, X_start, best, tuple(others))
 
 
 def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:
@@ -279,7 +286,6 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
         evidence=None,
         surface=surface,
         score=-1.0,
-        margin=0.0,
         hypotheses=(),
         duration_s=perf_counter() - started,
     )

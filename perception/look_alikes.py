@@ -9,7 +9,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from perception.registration import Evidence, ModelSurface, fine_fit, score
+from perception.likelihood import log_likelihood
+from perception.registration import Evidence, ModelSurface, fine_fit
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 _FOLDS = (2, 3, 4, 5, 6, 8)
@@ -48,12 +49,10 @@ def _differ(symmetry, A: Array, B: Array) -> bool:
 
 
 def best_look_alike(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Score of the pose `X_ST` (4, 4) above that of the best attitude that looks alike, fitted; inf if none does."""
-    own = score(evidence, surface, X_ST)
-    margin = np.inf
+    """Log likelihood of the scan at the best attitude, fitted, that looks as `X_ST` (4, 4) does; -inf if none does."""
+    best = -np.inf
     for G in look_alikes(surface):
         fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
-        if not _differ(surface.target.symmetry, fitted, X_ST):
-            continue  # it has come back
-        margin = min(margin, own - score(evidence, surface, fitted))
-    return float(margin)
+        if _differ(surface.target.symmetry, fitted, X_ST):  # else it has come back
+            best = max(best, log_likelihood(evidence, surface, fitted))
+    return best

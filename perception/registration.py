@@ -148,6 +148,8 @@ class Fit:
     X_ST: Array  # (4, 4)
     free: Array  # (k, 6) unit twists (linear; angular x radius) in S, about the model's centre, that nothing holds
     residual: float  # [m] robust rms of the point-to-plane distance
+    size: float  # of the object, as a share of the model's, that would fit best
+    size_sigma: float  # standard deviation of `size`, from the sensor's noise
 
 
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> Fit:
@@ -168,9 +170,9 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
-        return Fit(X_ST, np.zeros((0, 6)), np.inf)
+        return Fit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
     H, g, residual = pairing.terms(X_ST, gates[-1])
-    return Fit(X_ST, _moved(X_ST, H, g, surface)[1], residual)
+    return Fit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,7 +197,10 @@ class _Pairing:
         return cls(evidence, surface, points, surface.normals[visible], cKDTree(points), edges)
 
     def terms(self, X_ST: Array, gate: float) -> tuple[Array, Array, float]:
-        """Normal equations (6, 6), (6,) of planes and depth edges, and the robust rms [m] of the planes."""
+        """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.
+
+        For a twist about the model's centre (linear; angular x radius), and growth x radius from there.
+        """
         evidence, surface = self.evidence, self.surface
         H, g, residual = _plane_terms(
             evidence.points,
@@ -278,7 +283,7 @@ def _plane_terms(
     gate: float,
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
-    """Normal equations (6, 6), (6,) of the scan-to-model distances, and their robust rms [m]."""
+    """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
     distance, index = tree.query(transform_points(inverse(X_ST), points), distance_upper_bound=gate)
     paired = np.isfinite(distance)
     R_ST = X_ST[:3, :3]
@@ -291,7 +296,7 @@ def _plane_terms(
     # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
     paired &= distance**2 - along**2 < (1.5 * surface.spacing) ** 2
     if paired.sum() < 6:
-        return np.zeros((6, 6)), np.zeros(6), np.inf
+        return np.zeros((7, 7)), np.zeros(7), np.inf
     along, n, q, sigma = along[paired], n[paired], q[paired], sigma[paired]
     scale = np.maximum(2.0 * sigma, 0.25 * gate)
     weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
@@ -302,14 +307,17 @@ def _plane_terms(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (N, 6) of `direction . at` for a twist about the model's centre, rotation scaled by its radius."""
-    arm = at - transform_points(X_ST, surface.center)
-    return np.hstack([direction, np.cross(arm, direction) / surface.radius])
+    """Jacobian rows (N, 7) of `direction . at` for a twist about the model's centre and growth from there.
+
+    Rotation and growth are scaled by the model's radius.
+    """
+    arm = (at - transform_points(X_ST, surface.center)) / surface.radius
+    return np.column_stack([direction, np.cross(arm, direction), np.einsum("ij,ij->i", arm, direction)])
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
     """One Gauss-Newton step in the directions that the data hold; and the free directions (k, 6)."""
-    radius = surface.radius
+    H, g, radius = H[:6, :6], g[:6], surface.radius
     center = transform_points(X_ST, surface.center)
     axis = surface.target.symmetry.axis
     spin = np.zeros((0, 6))
@@ -328,6 +336,16 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
     R = exp_so3(step[3:] / radius)
     X_SS = pose(R, center + step[:3] - R @ center)
     return X_SS @ X_ST, vectors[:, ~held].T
+
+
+def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
+    """Size that would fit best and its standard deviation; what nothing holds of the pose is left as it is."""
+    values, vectors = np.linalg.eigh(H)
+    if not values[-1] > 0.0:
+        return 1.0, np.inf
+    inverted = vectors[6] / np.maximum(values, _FREE**2 * values[-1])
+    growth, variance = float(inverted @ (vectors.T @ g)), float(inverted @ vectors[6])
+    return 1.0 + growth / surface.radius, np.sqrt(variance) / surface.radius
 
 
 def _step(A: Array, B: Array, surface: ModelSurface) -> float:
@@ -388,7 +406,7 @@ def _edge_terms(
     paired &= np.abs(edges.scan.depth - points[index, 2]) < jump(points[index, 2])
     paired &= np.einsum("ij,ij->i", edges.scan_outward, edges.model_outward[index]) > 0.7
     if paired.sum() < 10:
-        return np.zeros((6, 6)), np.zeros(6)
+        return np.zeros((7, 7)), np.zeros(7)
     index, measured = index[paired], edges.scan.tangents[paired]
     P, m = points[index], edges.model_outward[index]
     across = np.einsum("ij,ij->i", measured - tangents[index], m) * P[:, 2]

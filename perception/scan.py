@@ -20,6 +20,7 @@ from sim.interfaces.spatial import Array, readonly
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
 _ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
+_SEAM = 5  # [px] without depth between what hides and what is hidden
 _EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
 
@@ -352,16 +353,19 @@ class Contour:
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
     """Masked pixels with a 4-neighbour that is farther by a jump, or empty, in `depth_all` (H, W) [m].
 
-    The border of the picture is no edge: there the view ends, not the object.
+    The border of the picture is no edge: there the view ends, not the object. Nor is one that something nearer makes,
+    whose own edge leaves a seam of empty pixels.
     """
     z = np.where(np.isfinite(depth_all), depth_all, np.inf)
     here = np.where(mask, scan.depth, np.inf)
     step = np.where(mask, jump(scan.depth), 0.0)
     far = np.zeros_like(mask)
     with np.errstate(invalid="ignore"):
+        hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step
         for axis in (0, 1):
             for shift in (-1, 1):
-                far |= np.roll(z, shift, axis=axis) - here > step
+                beside = np.roll(z, shift, axis=axis)
+                far |= (beside - here > step) & ~(hidden & np.isinf(beside))
     edge = mask & far
     edge[[0, -1], :] = False
     edge[:, [0, -1]] = False

@@ -92,7 +92,18 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         return float(value) if np.isfinite(value) else None
 
     def figures(check: Check) -> dict[str, float | None]:
-        names = ("figure_m", "threshold_m", "form_m", "form_threshold_m", "agreement", "through", "coverage", "hidden")
+        names = (
+            "figure_m",
+            "threshold_m",
+            "form_m",
+            "form_threshold_m",
+            "agreement",
+            "through",
+            "coverage",
+            "hidden",
+            "size",
+            "margin",
+        )
         return {name: number(getattr(check, name)) for name in names}
 
     return {
@@ -103,14 +114,14 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
         "center_m": transform_points(found.X_sensor_target, target.center).tolist(),
         "check": None if found.check is None else figures(found.check),
         "score": found.score,
-        "margin": number(found.margin),
         "symmetry": {
             "axis": None if found.symmetry.axis is None else found.symmetry.axis.tolist(),
             "turns": found.symmetry.turns,
             "policy": found.symmetry.policy,
         },
         "hypotheses": [
-            {"score": each.score, "X_sensor_target": each.X_sensor_target.tolist()} for each in found.hypotheses
+            {"log_likelihood": each.log_likelihood, "X_sensor_target": each.X_sensor_target.tolist()}
+            for each in found.hypotheses
         ],
         "duration_s": found.duration_s,
         "notes": notes,

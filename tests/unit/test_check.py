@@ -11,7 +11,7 @@ from perception.check import Decision, check
 from perception.identification import segment
 from perception.look_alikes import look_alikes
 from perception.projection import paper_q
-from perception.registration import Evidence, ModelSurface
+from perception.registration import Evidence, ModelSurface, fine_fit
 from perception.scan import Scan, SensorModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -73,6 +73,15 @@ def test_what_is_hidden_is_no_evidence(surface: ModelSurface):
     assert most.hidden > 0.7
     assert most.decision is Decision.RESCAN
     assert most.reason
+
+
+@pytest.mark.parametrize("share", [0.85, 1.15])
+def test_the_object_in_another_size_is_not_accepted(clear: Evidence, surface: ModelSurface, share: float, within):
+    other = ModelSurface.of(replace(BARREL, vertices=share * BARREL.vertices))
+    verdict = check(clear, other, fine_fit(clear, other, VIEW).X_ST)
+    assert verdict.decision is not Decision.ACCEPT
+    assert (verdict.size - 1.0) * (1.0 - share) > 0.0
+    within("size of the right model - 1", check(clear, surface, VIEW).size - 1.0, 0.01)
 
 
 def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(clear: Evidence, surface: ModelSurface, within):

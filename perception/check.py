@@ -33,7 +33,6 @@ _MIN_RAYS = 40
 _PATCHES = 9.0  # patches to the model's radius
 _PATCH_RAYS = 5
 _PATCH_TRIM = 0.25  # share of patches that may be fouled or dented
-_NOISE_LENGTH = 5.0  # [px] over which the errors of a stereo matcher hang together
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise, set between true poses (clean, fouled,
 # up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/study_decisions.py counts what they let through.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
@@ -44,7 +43,7 @@ MAX_GOES_ON = 0.35
 MIN_COVERAGE = 0.25  # of what should be seen, that the scan must show
 WHOLE = 0.5  # coverage from which on a second look is not expected to change what the first one contradicts
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which the fit may move the pose further
-MAX_SIZE = (0.03, 4.0)  # share by which the object may seem larger or smaller, and that many of its sigma more
+MAX_SIZE = (0.03, 3.0)  # share by which the object may seem larger or smaller, and that many of its sigma more
 MIN_MARGIN = 6.0  # [nats] over any other pose; right ones among near twins (an uneven starfish) reach 8
 
 
@@ -130,7 +129,7 @@ def check(
     figure, threshold = _trimmed_rms(E[both], TRIM), MAX_FIGURE * noise
     size = surface.radius / _PATCHES
     form = _form(rays.C_model[both], E[both], size)
-    independent = max(1.0, size / float(np.median(rays.pitch)) / _NOISE_LENGTH)
+    independent = max(1.0, size / float(np.median(rays.pitch)) / evidence.sensor.noise_length)
     form_threshold = MODEL_TOLERANCE + 1.1 * noise / np.sqrt(independent)
 
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)

@@ -12,7 +12,6 @@ from sim.interfaces.spatial import Array
 
 OCCLUDER = 0.06  # [m] before the model from which on the scan shows something else, not the object, fouled or not
 _PIXELS = 40_000  # the scan is thinned to this
-_NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher hang together: one independent reading
 _MOST = 9.0  # cost [sigma^2] of a pixel that contradicts the model
 _UNEXPLAINED = 4.0  # cost of one that may show the object, and that the model does not explain
 
@@ -32,4 +31,4 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
     shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # else hidden: the model is not what is seen there
     cost = np.where(evidence.mask[::step, ::step] & np.isfinite(scan.depth), _UNEXPLAINED, 0.0)
     cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST)
-    return -0.5 * min(1.0, step**2 / _NOISE_AREA) * float(cost.sum())
+    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())

@@ -118,6 +118,7 @@ class Evidence:
     points: Array  # (N, 3) [m] thinned, in S
     normals: Array  # (N, 3) towards the sensor
     sigma: Array  # (N,) [m]
+    independent: Array  # (N,) share of an independent reading: neighbours err alike
     sensor: SensorModel
 
     @classmethod
@@ -127,7 +128,8 @@ class Evidence:
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
         points, normals = points[::step], normals[::step]
-        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor)
+        apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
+        return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor.independent(apart), sensor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,9 +205,7 @@ class _Pairing:
         """
         evidence, surface = self.evidence, self.surface
         H, g, residual = _plane_terms(
-            evidence.points,
-            evidence.normals,
-            evidence.sigma,
+            evidence,
             self.points,
             self.normals,
             self.tree,
@@ -273,9 +273,7 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
 
 
 def _plane_terms(
-    points: Array,
-    normals: Array,
-    sigma: Array,
+    evidence: Evidence,
     model_points: Array,
     model_normals: Array,
     tree: cKDTree,
@@ -284,13 +282,14 @@ def _plane_terms(
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
+    points, sigma = evidence.points, evidence.sigma
     distance, index = tree.query(transform_points(inverse(X_ST), points), distance_upper_bound=gate)
     paired = np.isfinite(distance)
     R_ST = X_ST[:3, :3]
     q = transform_points(X_ST, model_points[np.where(paired, index, 0)])
     n = model_normals[np.where(paired, index, 0)] @ R_ST.T
     n *= np.where(np.einsum("ij,ij->i", n, q) > 0.0, -1.0, 1.0)[:, None]
-    paired &= np.einsum("ij,ij->i", n, normals) > 0.5
+    paired &= np.einsum("ij,ij->i", n, evidence.normals) > 0.5
     offset = points - q
     along = np.einsum("ij,ij->i", n, offset)
     # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
@@ -299,7 +298,7 @@ def _plane_terms(
         return np.zeros((7, 7)), np.zeros(7), np.inf
     along, n, q, sigma = along[paired], n[paired], q[paired], sigma[paired]
     scale = np.maximum(2.0 * sigma, 0.25 * gate)
-    weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
+    weight = evidence.independent[paired] / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
     J = _rows(n, q, X_ST, surface)
     H = J.T @ (weight[:, None] * J)
     g = J.T @ (weight * along)

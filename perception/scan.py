@@ -31,17 +31,24 @@ class SensorModel:
     focal: float = 554.0  # [px]
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
+    noise_length: float = 5.0  # [px] over which its errors hang together: one independent reading
     max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
 
     def __post_init__(self) -> None:
         if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0):
             raise ConfigurationError(f"sensor model: focal, baseline and disparity_sigma must be positive, got {self}")
+        if not 1.0 <= self.noise_length < np.inf:
+            raise ConfigurationError(f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}")
         if not 0.0 < self.max_incidence < 0.5 * np.pi:
             raise ConfigurationError(f"sensor model: max_incidence must lie in (0, pi/2), got {self.max_incidence}")
 
     def sigma(self, z: ArrayLike) -> Array:
         """Standard deviation [m] of depth at depth `z` [m]: z^2 sigma_d / (f b)."""
         return np.square(np.asarray(z, dtype=np.float64)) * (self.disparity_sigma / (self.focal * self.baseline))
+
+    def independent(self, pixels: ArrayLike) -> Array:
+        """Share (0..1) of an independent reading that each of several points is, that lie `pixels` [px] apart."""
+        return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -181,8 +181,8 @@ def fit_times(case: Case, rng: np.random.Generator) -> dict[str, float]:
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
     dense = Evidence(
-        evidence.scan, evidence.mask, points, facing_normals(points), evidence.sensor.sigma(points[:, 2]), np.ones(FIT_POINTS),
-        evidence.sensor,
+        evidence.scan, evidence.mask, points, facing_normals(points), evidence.sensor.sigma(points[:, 2]),
+        np.ones(FIT_POINTS), evidence.sensor,
     )  # fmt: skip
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))

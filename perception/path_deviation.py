@@ -29,8 +29,8 @@ _MEDIAN = 0.025  # [m] along the path
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
 _SMOOTH_LOW = 0.025  # [m] for what is low,
 _SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
-_NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
-_POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
+NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
+POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
 _RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
 _LEAST_RAYS = 3  # of those across the path
 _FADE = (0.05, 4.0)  # [m], and times its size: length over which a deviation fades out into what is not seen
@@ -93,8 +93,8 @@ def deviate(
     # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
     # and one false dent tips the tool: hence 4.5 sigma, not 3.
     doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
-    pose_error = _POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
-    radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
+    pose_error = POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
+    radius = NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
         """Gaussian mean over the `known` points, and its noise: at an end or a gap fewer points take part."""

@@ -17,7 +17,7 @@ Left = Literal[
 ]
 
 _MOST_LOOKS = 40  # that come within the time that a scan is waited for
-_PATCHES = 3  # of growth, or dents, along a path
+_PATCHES = 3  # of growth, or dents
 
 
 @dataclass(kw_only=True)
@@ -52,14 +52,7 @@ class ContactOptions(ScenarioOptions):
 
         Raises ConfigurationError for heights that cannot be.
         """
-        shown = target
-        for name, height in (("fouled", self.fouled), ("dented", self.dented)):
-            if not (np.isfinite(height) and height >= 0.0):
-                raise ConfigurationError(f"--{name}: expected a height >= 0 m, got {height}")
-            if height > 0.0:
-                change = getattr(deformed, name)
-                shown = change(shown, rng, _PATCHES, (0.4 * height, height), near=target.path(path).p).target
-        return None if shown is target else shown
+        return left_by_the_sea(target, self.fouled, self.dented, rng, near=target.path(path).p)
 
     def of_job(self, forces: tuple[float, ...]) -> dict[str, Any]:
         """These options as a ContactJob takes them; `forces` [N] where none are asked for.
@@ -79,6 +72,22 @@ class ContactOptions(ScenarioOptions):
             "arm": self.arm,
             "controller": self.controller,
         }
+
+
+def left_by_the_sea(
+    target: TargetModel, fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
+) -> TargetModel | None:
+    """`target` with growth up to `fouled` [m] and dents up to `dented` [m], `near` points (N, 3) in T or all over.
+
+    None, and nothing drawn, if both are 0. Raises ConfigurationError for heights that cannot be.
+    """
+    shown = target
+    for name, height in (("fouled", fouled), ("dented", dented)):
+        if not (np.isfinite(height) and height >= 0.0):
+            raise ConfigurationError(f"--{name}: expected a height >= 0 m, got {height}")
+        if height > 0.0:
+            shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
+    return None if shown is target else shown
 
 
 def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Array]:

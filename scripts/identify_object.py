@@ -1,4 +1,6 @@
-"""Find a known object in one look: a cloud from a file, or a simulated scene; pose, decision, clouds and a picture.
+"""Find a known object in one look: a cloud from a file, or a simulated scene; pose, decision, clouds and pictures.
+
+Where an accepted object differs from its model (growth, silt, dents) its regions are listed, and shown in colour.
 
 The object is one of the library by name, or a mesh file. Coordinates are those of the sensor (x right, y down, z
 ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
@@ -12,6 +14,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from _contact_options import left_by_the_sea
+from _deformation_report import figures, picture_of_deviations, save_cloud, table
 from _object_scenes import object_scene
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -20,6 +24,7 @@ from models import open3d_loader, targets
 from models.targets import TargetModel
 from perception.check import Check
 from perception.cloud_files import load_cloud
+from perception.deformation import map_deformation
 from perception.identification import Identification, identify
 from perception.scan import SensorModel
 from sim.interfaces.errors import ConfigurationError
@@ -50,10 +55,15 @@ class Options:
     """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
     sensor: Literal["stereo", "white"] = "stereo"
     """Of the simulated scene."""
+    fouled: float = 0.0
+    """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
+    dented: float = 0.0
+    """The same with dents, up to this deep [m]."""
     seed: int = 0
     """Of the simulated scene, and of random samples."""
     out: Path = Path("runs/identify_object")
-    """Folder for identification.json, cloud.ply, model.ply and identification.png."""
+    """Folder for identification.json, cloud.ply, model.ply and identification.png, and where the object differs from
+    its model deformation.ply and deformation.png."""
 
 
 def found_in(options: Options, target: TargetModel) -> tuple[Identification, list[str]]:
@@ -74,7 +84,8 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
                 "millimetres? Give --scale (of the cloud) or --mesh-scale"
             )
         return identify(cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed), [*cloud.notes]
-    scene = object_scene(target, options.seed, options.sensor)
+    there = left_by_the_sea(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
+    scene = object_scene(target, options.seed, options.sensor, there=there)
     approach = scene.approach if options.approach is None else options.approach
     found = identify(
         scene.scan, target, approach, scene.orientation if R is None else R, sensor=scene.sensor.model,
@@ -164,8 +175,20 @@ def main() -> int:
     if found.accepted:
         center = ", ".join(f"{value:.4f}" for value in transform_points(found.X_sensor_target, target.center))
         console.print(f"middle at ({center}) m; {found.symmetry.policy}; {found.duration_s:.2f} s", highlight=False)
+    said = report(found, target, notes)
+    if found.accepted:
+        made = map_deformation(found)
+        said["deformation"] = figures(made)
+        if made.regions:
+            console.print(table(made))
+            save_cloud(made, options.out / "deformation.ply")
+            title = f"{target.name}: off its model by more than {1e3 * made.size_m:.1f} mm"
+            picture_of_deviations(made, title).savefig(options.out / "deformation.png", dpi=120)
+        else:
+            compared = f"of the {made.compared:.0%} of the surface in view that was compared"
+            console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
     file = options.out / "identification.json"
-    file.write_text(json.dumps(report(found, target, notes), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(said, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     save(options.out / "cloud.ply", found.cloud)
     save(options.out / "model.ply", found.model_after)
     picture(found, f"{target.name}: {decision}").savefig(options.out / "identification.png", dpi=120)

@@ -21,6 +21,7 @@ from rich.table import Table
 
 from models import deformed, open3d_loader
 from models.closed_shells import vertex_normals
+from models.deformed import Deformed
 from models.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from perception.identification import Identification, identify
 from perception.looks import Look, on_all_looks
@@ -64,10 +65,15 @@ class Case:
     paths: Mapping[str, ModelPath]
     view: tuple[float, float, float]  # [m] of the camera in T
 
-    def true(self, rng: np.random.Generator) -> TargetModel:
-        """The object as the sea left it."""
+    def seen(
+        self, rng: np.random.Generator, count: int, noise: StereoNoise | None = NOISE
+    ) -> tuple[Deformed, list[Look]]:
+        """The object as the sea left it, and `count` looks at it from about where the camera stands."""
         near = np.vstack([path.p for path in self.paths.values()])
-        return getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near).target
+        true = getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near)
+        eye = np.array(self.view) + rng.uniform(-0.15, 0.15, 3)
+        X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
+        return true, looks_at(true.target, X_TC, count, noise, rng)
 
 
 _BARREL = (barrel(), {"longitudinal": longitudinal(), "transverse": transverse(2.0)}, (0.0, -0.35, 1.2))
@@ -148,10 +154,7 @@ def angles(a: Array, b: Array) -> Array:
 def trial(case: Case, seed: int, options: Options) -> dict[str, Any]:
     """One seed: what came of identification, and of each path."""
     rng = np.random.default_rng(seed)
-    true = case.true(rng)
-    eye = np.array(case.view) + rng.uniform(-0.15, 0.15, 3)
-    X_TC = pose(rotation_from_z(-eye, np.cross(-eye, [0.3, 0.9, 0.2])), eye)
-    looks = looks_at(true, X_TC, options.looks, None if options.exact else NOISE, rng)
+    true, looks = case.seen(rng, options.looks, None if options.exact else NOISE)
     X_CT = inverse(looks[-1].X_WS)
     approach, orientation = coarse_detection(X_CT, rng)
     found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
@@ -163,7 +166,7 @@ def trial(case: Case, seed: int, options: Options) -> dict[str, Any]:
     if options.judged and not found.accepted:
         return result
     found = on_all_looks(replace(found, accepted=True), looks)
-    surface = TrueSurface(true)
+    surface = TrueSurface(true.target)
     for name, path in case.paths.items():
         result["paths"][name] = _of_path(found, path, surface, inverse(X_CT))
     return result

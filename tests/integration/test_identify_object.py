@@ -1,4 +1,4 @@
-"""Finding an object in a user's cloud: what comes out, and inputs that end in one line."""
+"""Finding an object in a cloud or a scene: what comes out, and inputs that end in one line."""
 
 import json
 import sys
@@ -50,3 +50,14 @@ def test_objects_by_name_or_file(tmp_path):
     assert targets.of("rock").name == "rock"
     (tmp_path / "two.obj").write_text("v 0 0 0\nv 900 0 0\nv 0 900 0\nf 1 2 3\n", "utf-8")
     assert targets.of(str(tmp_path / "two.obj"), 0.001).radius < 1.0
+
+
+def test_deformed_object_is_mapped(script, tmp_path):
+    done = script("identify_object", "--object", "rock", "--fouled", 0.04, "--dented", 0.03, "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "identification.json").read_text("utf-8"))["deformation"]
+    assert {np.sign(region["largest_m"]) for region in found["regions"]} == {1.0, -1.0}
+    assert all(found["size_m"] < abs(region["largest_m"]) < 0.06 for region in found["regions"])
+    assert "Off the model" in done.stdout
+    for name in ("deformation.ply", "deformation.png"):
+        assert (tmp_path / name).stat().st_size > 5000

@@ -23,6 +23,7 @@ _WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
 _RASTER = 32  # [px]
 _MAX_SCAN_POINTS = 4000
 _AT_REST = 0.01  # [spacings] a step below which another one with the same pairs is not worth its time
+_STALE = 0.2  # [spacings] that the model may move before the points that are nearest are looked up anew
 _FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
 
 
@@ -162,8 +163,11 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
         pairing, X_paired = _Pairing.of(evidence, surface, X_ST), X_ST
         if pairing is None:
             break
+        index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
         for _ in range(inner):
-            H, g, _ = pairing.terms(X_ST, gate)
+            if _step(X_looked_up, X_ST, surface) > _STALE * surface.spacing:
+                index, X_looked_up = pairing.nearest(X_ST, gate), X_ST
+            H, g, _ = pairing.terms(X_ST, gate, index)
             X_before = X_ST
             X_ST, _ = _moved(X_ST, H, g, surface)
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
@@ -173,7 +177,7 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
         pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
         return Fit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
-    H, g, residual = pairing.terms(X_ST, gates[-1])
+    H, g, residual = pairing.terms(X_ST, gates[-1], pairing.nearest(X_ST, gates[-1]))
     return Fit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface))
 
 
@@ -198,21 +202,22 @@ class _Pairing:
         edges = _edges(evidence, surface, X_ST)
         return cls(evidence, surface, points, surface.normals[visible], cKDTree(points), edges)
 
-    def terms(self, X_ST: Array, gate: float) -> tuple[Array, Array, float]:
+    def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
+        """Index (N,) of the visible model point that is nearest to each scan point; M where none is near."""
+        points = transform_points(inverse(X_ST), self.evidence.points)
+        return self.tree.query(points, distance_upper_bound=self._reach(gate))[1]
+
+    def _reach(self, gate: float) -> float:
+        return gate + 3.0 * float(np.median(self.evidence.sigma))
+
+    def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
         """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.
 
         For a twist about the model's centre (linear; angular x radius), and growth x radius from there.
+        `index`: that of `nearest`.
         """
         evidence, surface = self.evidence, self.surface
-        H, g, residual = _plane_terms(
-            evidence,
-            self.points,
-            self.normals,
-            self.tree,
-            X_ST,
-            gate + 3.0 * float(np.median(evidence.sigma)),
-            surface,
-        )
+        H, g, residual = _plane_terms(evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface)
         if self.edges is not None:
             H_edge, g_edge = _edge_terms(self.edges, evidence, X_ST, gate, surface)
             H, g = H + H_edge, g + g_edge
@@ -276,27 +281,26 @@ def _plane_terms(
     evidence: Evidence,
     model_points: Array,
     model_normals: Array,
-    tree: cKDTree,
+    index: np.ndarray,
     X_ST: Array,
     gate: float,
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
-    points, sigma = evidence.points, evidence.sigma
-    distance, index = tree.query(transform_points(inverse(X_ST), points), distance_upper_bound=gate)
-    paired = np.isfinite(distance)
-    R_ST = X_ST[:3, :3]
-    q = transform_points(X_ST, model_points[np.where(paired, index, 0)])
-    n = model_normals[np.where(paired, index, 0)] @ R_ST.T
+    paired = np.nonzero(index < len(model_points))[0]
+    q = transform_points(X_ST, model_points[index[paired]])
+    n = model_normals[index[paired]] @ X_ST[:3, :3].T
     n *= np.where(np.einsum("ij,ij->i", n, q) > 0.0, -1.0, 1.0)[:, None]
-    paired &= np.einsum("ij,ij->i", n, evidence.normals) > 0.5
-    offset = points - q
+    offset = evidence.points[paired] - q
     along = np.einsum("ij,ij->i", n, offset)
+    square = np.einsum("ij,ij->i", offset, offset)
     # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
-    paired &= distance**2 - along**2 < (1.5 * surface.spacing) ** 2
-    if paired.sum() < 6:
+    fit = (square < gate**2) & (square - along**2 < (1.5 * surface.spacing) ** 2)
+    fit &= np.einsum("ij,ij->i", n, evidence.normals[paired]) > 0.5
+    if fit.sum() < 6:
         return np.zeros((7, 7)), np.zeros(7), np.inf
-    along, n, q, sigma = along[paired], n[paired], q[paired], sigma[paired]
+    along, n, q, paired = along[fit], n[fit], q[fit], paired[fit]
+    sigma = evidence.sigma[paired]
     scale = np.maximum(2.0 * sigma, 0.25 * gate)
     weight = evidence.independent[paired] / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
     J = _rows(n, q, X_ST, surface)

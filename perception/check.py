@@ -22,14 +22,16 @@ from models import open3d_loader
 from perception.likelihood import OCCLUDER, log_likelihood
 from perception.look_alikes import best_look_alike
 from perception.projection import ACROSS_EDGES, clear_of_edges, curves, direction
-from perception.registration import Evidence, Fit, ModelSurface, edge_offsets, fine_fit
-from perception.scan import triangulate
+from perception.registration import Evidence, Fit, ModelSurface, edge_offsets, explained, fine_fit
+from perception.scan import hang_together, triangulate
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 TRIM = 0.15  # share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m], how truly a model is known
 _SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
 _MIN_RAYS = 40
+_TOGETHER = 3.0  # [spacings] between points of one surface
+_PART = 0.1  # share of a surface from which on, where the model explains it, the rest should be the model's too
 _PATCHES = 9.0  # patches to the model's radius
 _PATCH_RAYS = 5
 _PATCH_TRIM = 0.25  # share of patches that may be fouled or dented
@@ -40,6 +42,7 @@ MIN_AGREEMENT = 0.70
 MAX_THROUGH = 0.12
 MIN_EDGE_SHARE = 0.25
 MAX_GOES_ON = 0.35
+MAX_BEYOND = 0.25  # of the surface that hangs together with what the model explains; fouled objects reach 0.13
 MIN_COVERAGE = 0.25  # of what should be seen, that the scan must show
 WHOLE = 0.5  # coverage from which on a second look is not expected to change what the first one contradicts
 MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which the fit may move the pose further
@@ -73,6 +76,7 @@ class Check:
     edge_threshold_m: float  # [m]
     edge_share: float  # share of sharp depth edges found in the scan; NaN without any in view
     goes_on: float  # share of sharp model edges beyond which the scanned surface goes on
+    beyond: float  # share of the scanned surface, of what hangs together with the model, that it does not explain
     move_m: float  # [m] rms by which a further fit moves the visible model
     move_threshold_m: float  # [m]
     size: float  # of the object, as a share of the model's, that would fit best
@@ -133,6 +137,7 @@ def check(
     form_threshold = MODEL_TOLERANCE + 1.1 * noise / np.sqrt(independent)
 
     offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
+    beyond = _beyond(evidence, surface, X_ST)
     edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
     edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
     rest = fit or fine_fit(evidence, surface, X_ST, rounds=2)
@@ -154,6 +159,7 @@ def check(
             (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
             (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
             (goes_on > MAX_GOES_ON, f"the surface goes on beyond {goes_on:.0%} of the model's edges"),
+            (beyond > MAX_BEYOND, f"{beyond:.0%} of the surface that it lies on is not the model's"),
             (
                 move > move_threshold,
                 f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} mm",
@@ -192,6 +198,7 @@ def check(
         edge_threshold_m=edge_threshold,
         edge_share=edge_share,
         goes_on=goes_on,
+        beyond=beyond,
         move_m=move,
         move_threshold_m=move_threshold,
         size=rest.size,
@@ -278,6 +285,14 @@ def _form(points: Array, E: Array, size: float) -> float:
     return _trimmed_rms(medians, _PATCH_TRIM) if len(medians) >= 4 else 0.0
 
 
+def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Share of the scanned surfaces that the model at `X_ST` is part of, and that it does not explain."""
+    on_model = explained(evidence, surface, X_ST)
+    label = hang_together(evidence.points, _TOGETHER * surface.spacing)
+    taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
+    return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
+
+
 def _unmade(reason: str) -> Check:
     nothing = np.zeros((0, 3))
     return Check(
@@ -295,6 +310,7 @@ def _unmade(reason: str) -> Check:
         edge_threshold_m=0.0,
         edge_share=np.nan,
         goes_on=np.nan,
+        beyond=np.nan,
         move_m=np.nan,
         move_threshold_m=0.0,
         size=np.nan,

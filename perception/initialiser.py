@@ -11,13 +11,10 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from models.closed_shells import sphere
 from perception.registration import ModelSurface
-from perception.scan import Scan, SensorModel, facing_normals, voxel_means
+from perception.scan import Scan, SensorModel, facing_normals, hang_together, voxel_means
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
 _SPINS = 12  # about the line of sight, for each view
@@ -185,9 +182,7 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 def _patches(points: Array, radius: float) -> list[np.ndarray]:
     """Indices of points (N, 3) that may be the object: what hangs together, and that with what lies around it."""
-    pairs = cKDTree(points).query_pairs(_TOGETHER * radius, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
-    label = connected_components(graph, directed=False)[1]
+    label = hang_together(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
     for k in np.argsort(-size, kind="stable")[:_PATCHES]:

@@ -240,9 +240,19 @@ def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     behind = measured - points[:, 2]
     agree = float(np.mean(np.abs(behind) < tolerance))
     through = float(np.mean(behind > 2.0 * tolerance))
-    distance, _ = cKDTree(points).query(evidence.points, distance_upper_bound=0.1)
-    explained = float(np.mean(distance < 2.0 * surface.spacing + 3.0 * evidence.sigma))
-    return agree - through + explained
+    return agree - through + float(np.mean(_near(evidence, surface, points)))
+
+
+def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndarray:
+    """Mask (N,) of the scan's points that lie on the visible model at `X_ST` (4, 4)."""
+    visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+    return _near(evidence, surface, transform_points(X_ST, surface.points[visible]))
+
+
+def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
+    """Mask (N,) of the scan's points that lie by the noise and the spacing near one of the `points` (M, 3) [m] in S."""
+    limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
+    return cKDTree(points).query(evidence.points, distance_upper_bound=float(limit.max()))[0] < limit
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:

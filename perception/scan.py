@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from models import open3d_loader
@@ -280,6 +282,13 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
         normal = np.linalg.eigh(np.cov((points[inliers] - center).T))[1][:, 0]
         inliers = np.abs((points - center) @ normal) < tolerance
     return _Plane(center, normal, inliers)
+
+
+def hang_together(points: Array, reach: float) -> np.ndarray:
+    """Label (N,) of the surface that each of the points (N, 3) belongs to: neighbours within `reach` [m] share one."""
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
+    return connected_components(graph, directed=False)[1]
 
 
 def voxel_means(points: Array, size: float) -> Array:

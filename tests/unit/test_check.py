@@ -15,7 +15,7 @@ from perception.registration import Evidence, ModelSurface, fine_fit
 from perception.scan import Scan, SensorModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
-from tests.unit.depth_scenes import look, seen_from
+from tests.unit.depth_scenes import dented_barrel, look, seen_from
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
@@ -73,6 +73,16 @@ def test_what_is_hidden_is_no_evidence(surface: ModelSurface):
     assert most.hidden > 0.7
     assert most.decision is Decision.RESCAN
     assert most.reason
+
+
+def test_a_model_of_a_part_of_what_is_seen_is_not_accepted(clear: Evidence, surface: ModelSurface):
+    """Half a barrel fits the barrel as truly as the whole; the other half of the surface is then nobody's."""
+    fine = dented_barrel(0.0)
+    half = replace(fine, triangles=fine.triangles[fine.vertices[fine.triangles, 0].mean(axis=1) < 0.0])
+    verdict = check(clear, ModelSurface.of(half), VIEW)
+    assert 0.35 < verdict.beyond < 0.65
+    assert verdict.decision is not Decision.ACCEPT
+    assert check(clear, surface, VIEW).beyond < 0.02
 
 
 @pytest.mark.parametrize("share", [0.85, 1.15])

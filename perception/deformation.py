@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from perception.check import OCCLUDER
 from perception.identification import Identification
-from perception.path_deviation import NOISE_PATCH, POSE_ERROR, SEEN_WELL
+from perception.likelihood import OCCLUDER
+from perception.path_deviation import POSE_ERROR, SEEN_WELL
 from perception.registration import Evidence, ModelSurface, fine_fit
 from perception.scan import MIN_POINTS, jump, without_flying_pixels
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -125,7 +125,7 @@ class _Comparison:
         # White noise through a Gaussian of width s, as stereo's is, and then through one of width w, keeps
         # s^2 / (s^2 + w^2) of its variance; where part of the window is unknown, so much more.
         middle = float(np.median(z[known]))
-        patch = NOISE_PATCH / (sensor.focal * scan.pitch)  # [px] of this grid
+        patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid
         excess = max(0.0, (float(sensor.sigma(middle)) / _NOISE) ** 2 - 1.0)
         width = np.clip(patch * np.sqrt(excess), *(np.array(_WIDTH) / (scan.pitch * middle)))
         share = np.maximum(ndimage.gaussian_filter(known.astype(float), width, mode="constant"), 1e-3)

@@ -4,10 +4,10 @@ Crop around the coarse detection, background and outliers out, the model moved n
 removed, ICP again, check by projected trajectories.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,11 +17,14 @@ from models.targets import TargetModel
 from perception.check import Check, Decision, check
 from perception.initialiser import Expected, initial_poses
 from perception.likelihood import log_likelihood
+from perception.paper_icp import laid_on, paper_fit
 from perception.registration import Evidence, Fit, ModelSurface, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
 from perception.told_turn import told_turn
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
+
+Method = Literal["planes", "paper"]
 
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _REFINED = 3  # starts that are worth a full fit
@@ -95,6 +98,7 @@ def identify(
     sensor: SensorModel | None = None,
     approach_error: float = APPROACH_ERROR,
     seed: int = 0,
+    method: Method = "planes",
 ) -> Identification:
     """Find `target` in one look of a depth sensor.
 
@@ -103,6 +107,7 @@ def identify(
     `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
     `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
     `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
+    `method`: "planes", or "paper" for the papers' own fit (`paper_icp`), which searches nothing: give `orientation`.
 
     An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
     reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without Open3D.
@@ -118,6 +123,8 @@ def identify(
         raise ConfigurationError(f"seed: must be a whole number >= 0, got {seed!r}")
     if not approach_error > 0.0:
         raise ConfigurationError(f"approach_error: must be positive [m], got {approach_error}")
+    if method not in get_args(Method):
+        raise ConfigurationError(f"method: expected one of {', '.join(get_args(Method))}, got {method!r}")
     surface = _surface(target, seed)
     sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
@@ -127,7 +134,10 @@ def identify(
         scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
         mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
         expected = Expected(p=p_approach, error=1.5 * approach_error, R=R_prior)
-        starts = initial_poses(scan, mask, surface, sensor, expected)
+        if method == "planes":
+            starts = initial_poses(scan, mask, surface, sensor, expected)
+        else:
+            starts = [laid_on(scan.points[mask], surface, X_prior[:3, :3])]
         mask &= _around(starts, surface, scan)
         _need(mask, "lie where the object could be")
         evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
@@ -136,8 +146,8 @@ def identify(
     except PerceptionError as error:
         return _refused(surface, X_prior, str(error), started)
 
-    found = _best(evidence, surface, starts)
-    X_ST = found.fit.X_ST.copy()
+    found = (_best if method == "planes" else _as_in_paper)(evidence, surface, starts)
+    X_ST = found.X_ST.copy()
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], X_start[:3, :3] if R_prior is None else R_prior)
     X_told = told_turn(evidence, surface, X_ST)
@@ -145,6 +155,8 @@ def identify(
         X_ST = X_told
     second = found.others[0].log_likelihood if found.others else -np.inf
     verdict = check(evidence, surface, X_ST, found.fit, second)
+    if found.asks and verdict.decision is Decision.ACCEPT:
+        verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
     reason = verdict.reason
     if not reason and not expected.admits(X_ST[None], surface)[0]:
         reason = "what was found lies, or is turned, too far from what was expected"
@@ -154,7 +166,7 @@ def identify(
         accepted=not reason,
         reason=reason,
         check=verdict,
-        symmetry=_free_motion(surface.target, found.fit.free, X_told is not None, R_prior is not None),
+        symmetry=_free_motion(surface.target, verdict.free, X_told is not None, R_prior is not None),
         X_sensor_start=readonly(X_start),
         cloud=readonly(evidence.points),
         model_before=readonly(transform_points(X_start, surface.points)),
@@ -208,10 +220,12 @@ def _need(mask: np.ndarray, what: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    fit: Fit
+    X_ST: Array
+    fit: Fit | None  # that came to rest there; None for another method's
     X_start: Array
     log_likelihood: float
-    others: tuple[Hypothesis, ...]  # most likely first
+    others: tuple[Hypothesis, ...] = ()  # most likely first
+    asks: str = ""  # why the method asks for a new scan
 
 
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
@@ -240,7 +254,16 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
         if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
             poses.append(other.X_ST)
             others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), log_likelihood=likelihood))
-    return _Found(fit, X_start, best, tuple(others))
+    return _Found(fit.X_ST, fit, X_start, best, tuple(others))
+
+
+def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+    """The papers' fit from the only start, and their rule for a new scan."""
+    fit = paper_fit(evidence, surface, starts[0])
+    asks = ""
+    if fit.error > fit.required:
+        asks = f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are {1e3 * fit.required:.1f} mm"
+    return _Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
 
 
 def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:

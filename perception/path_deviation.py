@@ -29,7 +29,7 @@ _MEDIAN = 0.025  # [m] along the path
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
 _SMOOTH_LOW = 0.025  # [m] for what is low,
 _SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
-NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
+_NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
 _RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
 _LEAST_RAYS = 3  # of those across the path
@@ -94,7 +94,7 @@ def deviate(
     # and one false dent tips the tool: hence 4.5 sigma, not 3.
     doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
     pose_error = POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
-    radius = NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
+    radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
         """Gaussian mean over the `known` points, and its noise: at an end or a gap fewer points take part."""

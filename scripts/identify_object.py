@@ -25,7 +25,7 @@ from models.targets import TargetModel
 from perception.check import Check
 from perception.cloud_files import load_cloud
 from perception.deformation import map_deformation
-from perception.identification import Identification, identify
+from perception.identification import Identification, Method, identify
 from perception.scan import SensorModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, transform_points
@@ -55,6 +55,8 @@ class Options:
     """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
     sensor: Literal["stereo", "white"] = "stereo"
     """Of the simulated scene."""
+    method: Method = "planes"
+    """How the model is fitted; paper: as the papers have it, to compare with."""
     fouled: float = 0.0
     """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
     dented: float = 0.0
@@ -83,13 +85,16 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
                 f"{target.name!r} is {2.0 * target.radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
                 "millimetres? Give --scale (of the cloud) or --mesh-scale"
             )
-        return identify(cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed), [*cloud.notes]
+        found = identify(
+            cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed, method=options.method
+        )
+        return found, [*cloud.notes]
     there = left_by_the_sea(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
     scene = object_scene(target, options.seed, options.sensor, there=there)
     approach = scene.approach if options.approach is None else options.approach
     found = identify(
         scene.scan, target, approach, scene.orientation if R is None else R, sensor=scene.sensor.model,
-        seed=options.seed,
+        seed=options.seed, method=options.method,
     )  # fmt: skip
     position, angle = scene.error(found.X_sensor_target)
     said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {scene.range_m:.2f} m"

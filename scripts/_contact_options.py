@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+from _job import ContactJob
 
 from models import deformed
 from models.targets import TargetModel
@@ -44,34 +45,54 @@ class ContactOptions(ScenarioOptions):
     """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
     arm: Path | None = None
     """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
+    range: float = 1.25
+    """From camera to object [m] at which it is scanned."""
+    vehicle: str = "uuv_puma"
+    """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 
-    def there(self, target: TargetModel, path: str, rng: np.random.Generator) -> TargetModel | None:
+    def job(
+        self, scenario: str, target: TargetModel, path: str, X_WT: Array, rng: np.random.Generator, *,
+        forces: tuple[float, ...], least_share: float,
+    ) -> ContactJob:  # fmt: skip
+        """Work along `path` of `target`, which lies at `X_WT` (4, 4); `forces` [N] where none are asked for.
+
+        What is coarsely known of it, and what the sea has made of it, is drawn from `rng`. Raises ConfigurationError
+        for a number of looks, or heights of growth, that cannot be.
+        """
+        if not 1 <= self.looks <= _MOST_LOOKS:
+            raise ConfigurationError(f"--looks: expected 1 to {_MOST_LOOKS} depth frames, got {self.looks}")
+        approach, orientation = coarse_detection(X_WT, rng)
+        return ContactJob(
+            scenario=scenario,
+            title=f"Cleaning: {target.name}, path {path!r}, seed {self.seed}",
+            target=target,
+            path=path,
+            forces=self.forces or forces,
+            speed=self.speed,
+            least_share=least_share,
+            X_WT=X_WT,
+            approach_W=approach,
+            orientation_W=orientation,
+            scan_range=self.range,
+            vehicle=self.vehicle,
+            controller=self.controller,
+            without=frozenset(self.without),
+            arm_errors=self.arm_errors,
+            calibrated=self.calibrated,
+            arm=self.arm,
+            contactless=self.contactless,
+            looks=self.looks,
+            there=self._there(target, path, rng),
+        )
+
+    def _there(self, target: TargetModel, path: str, rng: np.random.Generator) -> TargetModel | None:
         """What the sea has made of `target`, mostly along its path `path`; None: nothing. Draws only if asked to.
 
         Raises ConfigurationError for heights that cannot be.
         """
         return left_by_the_sea(target, self.fouled, self.dented, rng, near=target.path(path).p)
-
-    def of_job(self, forces: tuple[float, ...]) -> dict[str, Any]:
-        """These options as a ContactJob takes them; `forces` [N] where none are asked for.
-
-        Raises ConfigurationError for a number of looks that cannot be.
-        """
-        if not 1 <= self.looks <= _MOST_LOOKS:
-            raise ConfigurationError(f"--looks: expected 1 to {_MOST_LOOKS} depth frames, got {self.looks}")
-        return {
-            "forces": self.forces or forces,
-            "speed": self.speed,
-            "contactless": self.contactless,
-            "looks": self.looks,
-            "without": frozenset(self.without),
-            "arm_errors": self.arm_errors,
-            "calibrated": self.calibrated,
-            "arm": self.arm,
-            "controller": self.controller,
-        }
 
 
 def left_by_the_sea(

@@ -10,10 +10,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _job import LONGEST, NOT_ACCEPTED, REACTION_TICKS
+from _contact_options import coarse_detection
 from _job_parts import controller, hull_box, scan_pose, undriven
 from _variation import NOMINAL
-from _whole_run import Ran, Ready, progress, run, run_shown, write
+from _whole_run import NOT_ACCEPTED, REACTION_TICKS, Judging, Ran, Ready, progress, rehearse, run_shown, run_through
 from rich.console import Console
 from rich.table import Table
 
@@ -28,7 +28,7 @@ from sim import hydrodynamics, sensors
 from sim.current import Current
 from sim.depth_camera import DepthCamera
 from sim.insertion_figures import insertion_figures
-from sim.insertion_metrics import TrueHole, assess_insertion, crashed
+from sim.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment
@@ -83,13 +83,9 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
         raise ConfigurationError(f"--error: must be finite, got {setting.error} m")
     block = manifold(tool_radius + setting.clearance, setting.depth + BOTTOM, setting.chamfer)
     bore, target = block.hole(setting.hole), block.target
-    # Where the manifold lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
     lean = exp_so3([*rng.uniform(-TILT, TILT, 2), 0.0])
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]) @ lean, rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
-    way, axis = rng.standard_normal((2, 3))
-    centre = X_WT[:3, :3] @ target.center + X_WT[:3, 3]
-    approach = centre + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
-    turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))
+    approach, orientation = coarse_detection(X_WT @ pose(p=target.center), rng)
     gusts, loop, start, sampling = rng.spawn(4)
 
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), arm.hull)
@@ -109,7 +105,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
         ],
         estimator=Navigation(),
         finder=KnownObjectFinder(
-            target, f"beside_{setting.hole}", approach, turn @ X_WT[:3, :3], seed=int(sampling.integers(2**31))
+            target, f"beside_{setting.hole}", approach, orientation, seed=int(sampling.integers(2**31))
         ),
         planner=HoleInsertion(
             arm, chain, target, aimed_at,
@@ -143,22 +139,16 @@ def judge(insertion: Insertion, ran: Ran) -> Assessment:
     )  # fmt: skip
 
 
-def run_and_write(
-    setting: Setting, options: ScenarioOptions, folder: Path, console: Console, started: float, said: dict[str, Any]
-) -> int:
+def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, console: Console, started: float) -> int:
     """One insertion with its log, table and report. Returns the exit code."""
     insertion = prepare(setting, options.seed, record=options.record)
+    judging = Judging(
+        assess=lambda ran: judge(insertion, ran),
+        pictures=lambda ran: insertion_figures(ran.recording, insertion.truth),
+        begun=AT_THE_HOLE,
+    )
     title = f"A sampler into hole {setting.hole}, seed {options.seed}"
-    ran = run_shown(insertion.ready, title, options, folder, console, started)
-    assessment = judge(insertion, ran)
-    code = write(
-        assessment, ran.recording, title, options, said, folder, console,
-        lambda: insertion_figures(ran.recording, insertion.truth),
-    )  # fmt: skip
-    if assessment.metrics["insertion"]["time_s"] == 0.0:
-        note = ran.last.reference.note or f"not within {LONGEST:.0f} s"
-        raise ConfigurationError(f"the work could not begin: {note}")
-    return code
+    return run_shown(insertion.ready, judging, title, options, folder, console, started)
 
 
 def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Console) -> list[dict[str, Any]]:
@@ -185,7 +175,8 @@ def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Co
 def _trial(setting: Setting, seed: int) -> dict[str, Any]:
     try:
         insertion = prepare(setting, seed)
-        ran = run(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
+        rehearse(insertion.ready)
+        ran = run_through(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
         return dict(judge(insertion, ran).metrics)
     except UuvError as error:  # one trial that blows up is a failure, not the end of the others
         return crashed(seed, str(error))

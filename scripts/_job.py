@@ -1,19 +1,15 @@
 """A contact job: its parts wired together as a value, run without a word, or run and written for a scenario."""
 
-import math
-import sys
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 from _job_parts import Misplacing, believed_and_built, controller, hull_box, scan_pose, undriven
 from _variation import NOMINAL, Variation, vary
+from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers import drive
 from controllers.mkps import Chain
@@ -28,20 +24,13 @@ from perception.target_finder import FinderState, KnownObjectFinder
 from sim import hydrodynamics, sensors
 from sim.current import Current
 from sim.depth_camera import DepthCamera
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
 from sim.plant import PAD_GEOM, Plant
 from sim.recording import Recorder, Recording
-from sim.results_table import results_table
-from sim.rollout import Moment, Observer, Parts, rollout
+from sim.rollout import Moment, Observer, Parts
 from sim.startup import ScenarioOptions
-
-REHEARSAL = 0.1  # [s] simulated
-REACTION_TICKS = 10  # physics steps between measurements of the arm's wrench on the hull, for the report
-LONGEST = 400.0  # [s] simulated, whatever happens
-NOT_ACCEPTED = 1  # exit code
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,6 +80,14 @@ class Built:
         """The current of the job, from its beginning."""
         options = self.options
         return Current(options.current, gust=options.gust, timestep=self.plant.timestep, rng=self.gusts)
+
+    @property
+    def ready(self) -> Ready:
+        """What runs it."""
+        return Ready(
+            seed=self.options.seed, plant=self.plant, parts=self.parts, loop=self.noise,
+            restart=lambda: self.plant.reset(current=self.current(), X_WB=self.X_WB),
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,18 +169,18 @@ def run(
     UuvError for a motion that blows up, or parts that do not fit together.
     """
     recorder = recorder or Recorder(built.plant.model, full=built.options.record)
-    built.plant.reset(current=built.current(), X_WB=built.X_WB)
-    began = time.perf_counter()
-    last = rollout(built.plant, built.parts, duration=longest, rng=built.noise, observers=[recorder, *observers])
-    wall_s = time.perf_counter() - began
-    state = last.found
+    ran = run_through(built.ready, recorder, observers, longest)
+    return Outcome(job=built.job, recording=ran.recording, assessment=judge(built, ran), last=ran.last)
+
+
+def judge(built: Built, ran: Ran) -> Assessment:
+    """The figures of a job that was run."""
+    state = ran.last.found
     found = state.last if isinstance(state, FinderState) else None
-    recording = recorder.recording()
-    assessment = assess(
-        recording, built.truth, seed=built.options.seed, wall_s=wall_s,
+    return assess(
+        ran.recording, built.truth, seed=built.options.seed, wall_s=ran.wall_s,
         identification_s=found.duration_s if found is not None else None,
     )  # fmt: skip
-    return Outcome(job=built.job, recording=recording, assessment=assessment, last=last)
 
 
 def run_contact_job(
@@ -198,91 +195,11 @@ def run_contact_job(
     built = build(job, options, rng, variation)
     if built.said:
         console.print(built.said, highlight=False)
-    recorder = Recorder(built.plant.model, full=options.record)
-    observers: list[Observer] = []
-    log: Any = None
-    if options.record or options.view:
-        from sim.rerun_log import RerunLog
 
-        log = RerunLog(folder / "run.rrd", built.plant.model, title=job.title, view=options.view)
-        observers.append(log)
-    progress = Progress(
-        TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
-        console=console, disable=not sys.stdout.isatty(),
-    )  # fmt: skip
-    observers += [Clouds(recorder, log), Teller(progress, console)]
-    # A short rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once. The parts'
-    # state is explicit, so nothing of it is left but in the plant.
-    rollout(built.plant, built.parts, duration=REHEARSAL, rng=np.random.default_rng(options.seed))
-    console.print(f"[bold]{job.title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
-    try:
-        with progress:
-            outcome = run(built, recorder=recorder, observers=observers)
-    finally:
-        if log is not None:
-            log.close()
-    _write(folder, built, outcome, console)
-    if not outcome.recording.within(WorkState.WORK).any():
-        note = outcome.last.reference.note or f"not within {LONGEST:.0f} s"
-        raise ConfigurationError(f"the work could not begin: {note}")
-    return 0 if outcome.assessment.accepted else NOT_ACCEPTED
+    def pictures(ran: Ran) -> Pictures:
+        from sim.report_figures import path_figures
 
+        return path_figures(ran.recording, built.truth)
 
-class Clouds:
-    """Puts the clouds of each identification into the recording and the log."""
-
-    def __init__(self, recorder: Recorder, log: Any) -> None:
-        self._recorder, self._log = recorder, log
-
-    def observe(self, moment: Moment) -> None:
-        if moment.frame is None or not isinstance(moment.found, FinderState) or moment.found.last is None:
-            return
-        for name in ("cloud", "model_before", "model_after"):
-            points_W = moment.found.in_world(getattr(moment.found.last, name))
-            self._recorder.add_cloud(name, points_W)
-            if self._log is not None:
-                self._log.log_cloud(name, points_W, moment.truth.time)
-
-
-class Teller:
-    """Says on screen how far the work is."""
-
-    def __init__(self, progress: Progress, console: Console) -> None:
-        self._progress, self._console = progress, console
-        self._bar = progress.add_task("", total=1.0, note="")
-        self._state: WorkState | None = None
-
-    def observe(self, moment: Moment) -> None:
-        reference, truth = moment.reference, moment.truth
-        if reference.state is not self._state:
-            self._state = reference.state
-            note = f"  {reference.note}" if reference.note else ""
-            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
-        if moment.tick % 250 == 0:
-            felt = moment.command.felt_normal
-            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
-            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)
-
-
-def _write(folder: Path, built: Built, outcome: Outcome, console: Console) -> None:
-    """metrics.json, the table, and the report."""
-    assessment = outcome.assessment
-    assessment.write(folder / "metrics.json")
-    console.print(results_table(assessment))
-    run = assessment.metrics["run"]
-    console.print(
-        f"{run['simulated_s']:.0f} s simulated in {run['wall_s']:.1f} s, {run['real_time_factor']:.1f} times real time",
-        highlight=False,
-    )
-    verdict = (
-        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
-    )
-    console.print(verdict)
-    if built.options.record:
-        from sim.report import write_report
-
-        write_report(
-            folder / "report.html", outcome.recording, built.truth, assessment, title=built.job.title,
-            options=asdict(built.options),
-        )  # fmt: skip
-    console.print(f"written to {folder}/", highlight=False)
+    judging = Judging(assess=lambda ran: judge(built, ran), pictures=pictures, begun=(WorkState.WORK,))
+    return run_shown(built.ready, judging, job.title, options, folder, console, started)

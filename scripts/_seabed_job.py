@@ -6,10 +6,9 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from _job import REACTION_TICKS
 from _job_parts import controller, hull_box, undriven
 from _variation import NOMINAL
-from _whole_run import Ready
+from _whole_run import REACTION_TICKS, Ready
 
 from controllers.ground_approach import GroundApproach
 from controllers.mkps import Chain

@@ -1,24 +1,35 @@
 """One run wired and ready, and all that a user sees of it: rehearsal, visual log, progress, table, report."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from _job import LONGEST, NOT_ACCEPTED, REHEARSAL, Clouds, Teller
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from perception.target_finder import FinderState
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
 from sim.metrics import Assessment
 from sim.plant import Plant
 from sim.recording import Recorder, Recording
 from sim.results_table import results_table
 from sim.rollout import Moment, Observer, Parts, rollout
 from sim.startup import ScenarioOptions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
+REHEARSAL = 0.1  # [s] simulated
+REACTION_TICKS = 10  # physics steps between measurements of the arm's wrench on the hull, for the report
+LONGEST = 400.0  # [s] simulated, whatever happens
+NOT_ACCEPTED = 1  # exit code
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,23 +52,41 @@ class Ran:
     wall_s: float
 
 
-def run(ready: Ready, recorder: Recorder, observers: Sequence[Observer] = ()) -> Ran:
-    """Run to the end, without a word."""
-    # A rehearsal loads all compiled code before the clock runs, and lets a bad plug-in fail at once.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judging:
+    """How a run is judged, and what is shown of it."""
+
+    assess: Callable[[Ran], Assessment]
+    pictures: Callable[[Ran], Pictures]  # of the report
+    begun: tuple[WorkState, ...]  # states of which it must have come to one, or it is refused
+
+
+def rehearse(ready: Ready) -> None:
+    """Load all compiled code before the clock runs, and let a bad plug-in fail at once.
+
+    The parts' state is explicit, so nothing of it is left but in the plant.
+    """
     rollout(ready.plant, ready.parts, duration=REHEARSAL, rng=np.random.default_rng(ready.seed))
+
+
+def run_through(
+    ready: Ready, recorder: Recorder, observers: Sequence[Observer] = (), longest: float = LONGEST
+) -> Ran:  # fmt: skip
+    """Run from the start to the end, or for `longest` [s] simulated, without a word."""
     ready.restart()
     began = time.perf_counter()
-    last = rollout(ready.plant, ready.parts, duration=LONGEST, rng=ready.loop, observers=[recorder, *observers])
+    last = rollout(ready.plant, ready.parts, duration=longest, rng=ready.loop, observers=[recorder, *observers])
     return Ran(recording=recorder.recording(), last=last, wall_s=time.perf_counter() - began)
 
 
 def run_shown(
-    ready: Ready, title: str, options: ScenarioOptions, folder: Path, console: Console, started: float,
-    story: Callable[[Recorder, Any], Observer] = Clouds,
-) -> Ran:  # fmt: skip
-    """Run to the end with a log in `folder`, if asked for, and progress on screen.
+    ready: Ready, judging: Judging, title: str, options: ScenarioOptions, folder: Path, console: Console,
+    started: float, story: Callable[[Recorder, Any], Observer] | None = None,
+) -> int:  # fmt: skip
+    """Run to the end with progress on screen, judge, and write all there is of it to `folder`. Returns the exit code.
 
-    `story` makes the observer that puts what was found into the recording and the log (None: there is none).
+    `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
+    and the log (None: there is none). Raises ConfigurationError where the work never began.
     """
     recorder = Recorder(ready.plant.model, full=options.record)
     observers: list[Observer] = []
@@ -68,40 +97,44 @@ def run_shown(
         log = RerunLog(folder / "run.rrd", ready.plant.model, title=title, view=options.view)
         observers.append(log)
     bar = progress(console)
-    observers += [story(recorder, log), Teller(bar, console)]
+    observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
+    rehearse(ready)
     console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
     try:
         with bar:
-            return run(ready, recorder, observers)
+            ran = run_through(ready, recorder, observers)
     finally:
         if log is not None:
             log.close()
-
-
-def write(
-    assessment: Assessment, recording: Recording, title: str, options: ScenarioOptions, said: dict[str, Any],
-    folder: Path, console: Console, pictures: Callable[[], Iterable[tuple[str, str, Figure]]],
-) -> int:  # fmt: skip
-    """metrics.json, the table, and the report with its `pictures`. Returns the exit code."""
+    assessment = judging.assess(ran)
     assessment.write(folder / "metrics.json")
+    _say(assessment, console)
+    if options.record:
+        from sim.report import write_report
+
+        write_report(
+            folder / "report.html", ran.recording, assessment, title=title, options=asdict(options),
+            pictures=judging.pictures(ran),
+        )  # fmt: skip
+    console.print(f"written to {folder}/", highlight=False)
+    if not ran.recording.within(*judging.begun).any():
+        raise ConfigurationError(
+            f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"
+        )
+    return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def _say(assessment: Assessment, console: Console) -> None:
+    """The table, the pace and the verdict."""
     console.print(results_table(assessment))
-    figures = assessment.metrics["run"]
+    run = assessment.metrics["run"]
     console.print(
-        f"{figures['simulated_s']:.0f} s simulated in {figures['wall_s']:.1f} s, {figures['real_time_factor']:.1f} "
-        "times real time",
+        f"{run['simulated_s']:.0f} s simulated in {run['wall_s']:.1f} s, {run['real_time_factor']:.1f} times real time",
         highlight=False,
     )
     console.print(
         "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
     )
-    if options.record:
-        from sim.report import write_report
-
-        write_report(
-            folder / "report.html", recording, None, assessment, title=title, options=said, pictures=pictures()
-        )
-    console.print(f"written to {folder}/", highlight=False)
-    return 0 if assessment.accepted else NOT_ACCEPTED
 
 
 def progress(console: Console) -> Progress:
@@ -110,3 +143,39 @@ def progress(console: Console) -> Progress:
         TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
         console=console, disable=not sys.stdout.isatty(),
     )  # fmt: skip
+
+
+class Clouds:
+    """Puts the clouds of each identification into the recording and the log."""
+
+    def __init__(self, recorder: Recorder, log: Any) -> None:
+        self._recorder, self._log = recorder, log
+
+    def observe(self, moment: Moment) -> None:
+        if moment.frame is None or not isinstance(moment.found, FinderState) or moment.found.last is None:
+            return
+        for name in ("cloud", "model_before", "model_after"):
+            points_W = moment.found.in_world(getattr(moment.found.last, name))
+            self._recorder.add_cloud(name, points_W)
+            if self._log is not None:
+                self._log.log_cloud(name, points_W, moment.truth.time)
+
+
+class Teller:
+    """Says on screen how far the work is."""
+
+    def __init__(self, progress: Progress, console: Console) -> None:
+        self._progress, self._console = progress, console
+        self._bar = progress.add_task("", total=1.0, note="")
+        self._state: WorkState | None = None
+
+    def observe(self, moment: Moment) -> None:
+        reference, truth = moment.reference, moment.truth
+        if reference.state is not self._state:
+            self._state = reference.state
+            note = f"  {reference.note}" if reference.note else ""
+            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
+        if moment.tick % 250 == 0:
+            felt = moment.command.felt_normal
+            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -22,6 +22,7 @@ import mujoco
 import numpy as np
 from _job import Built, Outcome, build, run
 from _start import parse, run_scenario
+from _whole_run import rehearse
 from rich.console import Console
 from rich.table import Table
 
@@ -29,11 +30,10 @@ from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import UuvError
 from sim.interfaces.messages import WorkState
 from sim.recording import Recorder
-from sim.rollout import Moment, rollout
+from sim.rollout import Moment
 
 GOAL = 20.0  # times real time
 SLOWEST = 0.01  # share of a part's calls that is left out: those in which the machine did something else
-REHEARSAL = 0.1  # [s] simulated, so that all compiled code is loaded before the clock runs
 
 
 @dataclass(kw_only=True)
@@ -147,7 +147,7 @@ def fresh(options: Options) -> Built:
     """The job, built from the seed, its code loaded."""
     rng = np.random.default_rng(options.seed)
     built = build(clean_barrel.barrel_job(options, rng), options, rng)
-    rollout(built.plant, built.parts, duration=REHEARSAL, rng=np.random.default_rng(options.seed))
+    rehearse(built.ready)
     return built
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from _contact_options import ContactOptions, coarse_detection
+from _contact_options import ContactOptions
 from _job import ContactJob, run_contact_job
 
 from models.targets import barrel
@@ -30,10 +30,6 @@ class Options(ContactOptions):
     """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
     azimuth: float = 0.0
     """Of the path around the barrel [deg], from the top; far enough round and it is out of reach."""
-    range: float = 1.25
-    """From camera to barrel [m] at which it is scanned."""
-    vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
 
 
 def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
@@ -42,23 +38,12 @@ def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
     azimuth = np.radians(options.azimuth)
     length = 0.2 if options.quick else options.length
     target = barrel(line_length=length, line_azimuth=azimuth, arc=np.radians(arc), arc_azimuth=azimuth)
-    # Where the barrel lies, and what a coarse detection says of it: 10-30 cm and up to 30 deg wrong.
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
-    approach, orientation = coarse_detection(X_WT, rng)
-    return ContactJob(
-        scenario="clean_barrel",
-        title=f"Cleaning a barrel, {options.path} path, seed {options.seed}",
-        target=target,
-        path=options.path,
-        least_share=min(1.0, 150.0 / arc) if options.path == "transverse" else 1.0,
-        there=options.there(target, options.path, rng),
-        X_WT=X_WT,
-        approach_W=approach,
-        orientation_W=orientation,
-        scan_range=options.range,
-        vehicle=options.vehicle,
-        **options.of_job((60.0, 90.0, 60.0) if options.path == "longitudinal" else (60.0, 90.0)),
-    )
+    along = options.path == "longitudinal"
+    return options.job(
+        "clean_barrel", target, options.path, X_WT, rng,
+        forces=(60.0, 90.0, 60.0) if along else (60.0, 90.0), least_share=1.0 if along else min(1.0, 150.0 / arc),
+    )  # fmt: skip
 
 
 def main() -> int:

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from _contact_options import ContactOptions, coarse_detection
+from _contact_options import ContactOptions
 from _job import ContactJob, run_contact_job
 
 from models import targets
@@ -32,9 +32,6 @@ class Options(ContactOptions):
     least: float = 0.6
     """Share of the path that must be within reach; the rest is left out at both ends, and said."""
     range: float = 1.2
-    """From camera to object [m] at which it is scanned."""
-    vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
 
 
 def model_of(options: Options) -> TargetModel:
@@ -54,21 +51,8 @@ def object_job(options: Options, rng: np.random.Generator) -> ContactJob:
     path = options.path or next(iter(target.paths), "none")
     target.path(path)  # raises for an unknown one, with those there are
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
-    approach, orientation = coarse_detection(X_WT, rng)
-    return ContactJob(
-        scenario="clean_object",
-        title=f"Cleaning: {target.name}, path {path!r}, seed {options.seed}",
-        target=target,
-        path=path,
-        least_share=options.least,
-        there=options.there(target, path, rng),
-        X_WT=X_WT,
-        approach_W=approach,
-        orientation_W=orientation,
-        scan_range=options.range,
-        vehicle=options.vehicle,
-        **options.of_job((60.0,) if options.quick else (60.0, 90.0, 60.0)),
-    )
+    forces = (60.0,) if options.quick else (60.0, 90.0, 60.0)
+    return options.job("clean_object", target, path, X_WT, rng, forces=forces, least_share=options.least)
 
 
 def main() -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from _contact_options import ContactOptions, coarse_detection
+from _contact_options import ContactOptions
 from _job import ContactJob, run_contact_job
 
 from models.targets import helix, pile, ring, vertical
@@ -36,7 +36,6 @@ class Options(ContactOptions):
     range: float = 1.8
     """From camera to the pile's axis [m] at which it is scanned."""
     vehicle: str = "uuv_puma_side"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
 
 
 def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
@@ -53,22 +52,12 @@ def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
     # The vehicle comes from -x: there azimuth 0 is, give or take. The pile leans by up to a degree or so.
     lean = np.radians(0.5) * rng.standard_normal(3) * [1.0, 1.0, 0.0]
     X_WT = pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
-    approach, orientation = coarse_detection(X_WT, rng)
     target = pile({options.path: path})
-    return ContactJob(
-        scenario="clean_pile",
-        title=f"Cleaning a pile, {options.path} path, seed {options.seed}",
-        target=target,
-        path=options.path,
-        least_share=1.0 if options.path == "vertical" else min(1.0, 80.0 / arc),
-        there=options.there(target, options.path, rng),
-        X_WT=X_WT,
-        approach_W=approach,
-        orientation_W=orientation,
-        scan_range=options.range,
-        vehicle=options.vehicle,
-        **options.of_job((60.0, 90.0, 60.0) if options.path == "vertical" else (60.0, 90.0)),
-    )
+    up = options.path == "vertical"
+    return options.job(
+        "clean_pile", target, options.path, X_WT, rng,
+        forces=(60.0, 90.0, 60.0) if up else (60.0, 90.0), least_share=1.0 if up else min(1.0, 80.0 / arc),
+    )  # fmt: skip
 
 
 def main() -> int:

@@ -9,7 +9,7 @@ from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import json
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
 from _insertion import Setting, run_and_write, run_trials, say_trials
@@ -68,7 +68,7 @@ def main() -> int:
     console = Console()
     folder = options.folder("insert_sampler")
     if not options.trials:
-        return run_and_write(setting, options, folder, console, started, asdict(options))
+        return run_and_write(setting, options, folder, console, started)
     trials = run_trials(setting, range(options.seed, options.seed + options.trials), options.workers, console)
     figures = summary(trials)
     (folder / "trials.json").write_text(json.dumps({"summary": figures, "trials": trials}, indent=2) + "\n", "utf-8")

@@ -9,19 +9,17 @@ ground that is not fit for it: it stays where it is, one line says why, exit cod
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from _job import LONGEST
 from _seabed_job import Setting, Story, prepare
-from _whole_run import run_shown, write
+from _whole_run import Judging, run_shown
 from rich.console import Console
 
 from controllers.seabed_work import SeabedJob
 from controllers.work_controller import Method
 from models.seabed import Kind
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.seabed_figures import seabed_figures
 from sim.seabed_metrics import assess_seabed_work
@@ -82,17 +80,12 @@ def main() -> int:
     title = (
         f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"
     )
-    ran = run_shown(work.ready, title, options, folder, console, started, Story)
-    assessment = assess_seabed_work(ran.recording, work.truth, seed=options.seed, wall_s=ran.wall_s)
-    code = write(
-        assessment, ran.recording, title, options, asdict(options), folder, console,
-        lambda: seabed_figures(ran.recording, work.truth),
-    )  # fmt: skip
-    if not ran.recording.within(WorkState.APPROACH).any():
-        raise ConfigurationError(
-            f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"
-        )
-    return code
+    judging = Judging(
+        assess=lambda ran: assess_seabed_work(ran.recording, work.truth, seed=options.seed, wall_s=ran.wall_s),
+        pictures=lambda ran: seabed_figures(ran.recording, work.truth),
+        begun=(WorkState.APPROACH,),
+    )
+    return run_shown(work.ready, judging, title, options, folder, console, started, Story)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _job import NOT_ACCEPTED
 from _steps import StepTask, figures, responses, times
+from _whole_run import NOT_ACCEPTED
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table

@@ -17,12 +17,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from _job import NOT_ACCEPTED, run_contact_job
+from _job import run_contact_job
 from _pool import run_all
 from _study import KEPT, PATHS, Bounds, Ranges, Task, draw, one_run
 from _study_figures import METHODS, summary
 from _study_log import Log, died, in_order
 from _study_report import rich_tables, write_report
+from _whole_run import NOT_ACCEPTED
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 

@@ -65,15 +65,13 @@ def assess_insertion(
     side, axial = np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
     in_bore = inside & (tip_H[:, 2] > 0.0) & (np.linalg.norm(tip_H[:, :2], axis=1) < truth.radius)
     depth = float(tip_H[in_bore, 2].max()) if in_bore.any() else 0.0
-    collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
     out = float(tip_H[-1, 2])
-    final = recording.final
 
     def peak(values: Array) -> float | None:
         return float(values[at_hole].max()) if at_hole.any() else None
 
     position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
-    metrics: dict[str, Any] = {
+    metrics = {
         "identification": {
             "accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle,
         },
@@ -88,39 +86,20 @@ def assess_insertion(
             "searched_s": float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
             "tip_at_end_m": out,
         },
-        "run": {
-            "simulated_s": recording.duration,
-            "wall_s": wall_s,
-            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
-            "seed": seed,
-            "state": final.state.value,
-            "note": final.note,
-            "collision_s": collision_s,
-        },
     }  # fmt: skip
     mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
     checks = (
-        Check(name="hole as found, off its axis", value=position, bound=None, unit="mm", scale=mm),
-        Check(name="hole as found, tilt", value=angle, bound=None, unit="deg", scale=degrees),
-        Check(name="depth reached", value=depth, bound=None, unit="mm", scale=mm),
-        Check(name="short of the depth asked for", value=truth.depth - depth, bound=bounds.short, unit="mm", scale=mm),
-        Check(name="side force, peak", value=insertion["side_force_max_n"], bound=bounds.side_force, unit="N"),
-        Check(name="side force, RMS in the bore", value=insertion["side_force_rms_n"], bound=None, unit="N"),
-        Check(name="axial force, peak", value=insertion["axial_force_max_n"], bound=bounds.axial_force, unit="N"),
-        Check(name="time at the hole", value=insertion["time_s"], bound=None, unit="s"),
-        Check(name="tip at the end, below the mouth", value=out, bound=0.0, unit="mm", scale=mm),
-        Check(name="collision", value=collision_s, bound=0.0, unit="s"),
+        Check("hole as found, off its axis", position, None, "mm", mm),
+        Check("hole as found, tilt", angle, None, "deg", degrees),
+        Check("depth reached", depth, None, "mm", mm),
+        Check("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
+        Check("side force, peak", insertion["side_force_max_n"], bounds.side_force, "N"),
+        Check("side force, RMS in the bore", insertion["side_force_rms_n"], None, "N"),
+        Check("axial force, peak", insertion["axial_force_max_n"], bounds.axial_force, "N"),
+        Check("time at the hole", insertion["time_s"], None, "s"),
+        Check("tip at the end, below the mouth", out, 0.0, "mm", mm),
     )
-    failed = [
-        f"{check.name}: {'none' if check.value is None else f'{check.value * check.scale:.2f}'} {check.unit}, bound "
-        f"{(check.bound or 0.0) * check.scale:.2f}"
-        for check in checks
-        if not check.ok
-    ]
-    if final.state is not WorkState.DONE:
-        failed.append(f"the run ended in state {final.state.value}{f': {final.note}' if final.note else ''}")
-    metrics["accepted"], metrics["failed"] = not failed, failed
-    return Assessment(metrics=metrics, checks=checks, failed=tuple(failed))
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
 def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:

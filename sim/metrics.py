@@ -5,7 +5,7 @@ live to produce is None (null in JSON) and counts as missed.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -57,7 +57,7 @@ class TrueObject:
         object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Check:
     """One figure against its bound."""
 
@@ -71,6 +71,16 @@ class Check:
     def ok(self) -> bool:
         return self.bound is None or (self.value is not None and self.value <= self.bound * (1.0 + 1e-9))
 
+    @property
+    def failure(self) -> str:
+        """What is wrong, in a line; empty if nothing is."""
+        if self.ok or self.bound is None:
+            return ""
+        if self.value is None:
+            return f"{self.name}: no figure"
+        value, bound = self.value * self.scale, self.bound * self.scale
+        return f"{self.name}: {value:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
@@ -79,6 +89,39 @@ class Assessment:
     metrics: Mapping[str, Any]  # as written to metrics.json
     checks: tuple[Check, ...]
     failed: tuple[str, ...]  # one line each
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        figures: Mapping[str, Any],
+        checks: Sequence[Check],
+        *,
+        seed: int,
+        wall_s: float,
+        others: Iterable[str] = (),
+    ) -> "Assessment":
+        """The verdict on a run: `checks` that it missed, `others` (a line each) beside them, an end other than done.
+
+        The metrics are `figures`, those that every run has whatever its work, and the verdict. No run may collide.
+        `wall_s` [s] it took.
+        """
+        final = recording.final
+        run = {
+            "simulated_s": recording.duration,
+            "wall_s": wall_s,
+            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
+            "seed": seed,
+            "state": final.state.value,
+            "note": final.note,
+            "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
+        }
+        checks = (*checks, Check("collision", run["collision_s"], 0.0, "s"))
+        failed = [*filter(None, (check.failure for check in checks)), *others]
+        if final.state is not WorkState.DONE:
+            failed.append(f"the run ended in state {final.state.value}{f': {final.note}' if final.note else ''}")
+        metrics = {**figures, "run": run, "accepted": not failed, "failed": failed}
+        return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
     def accepted(self) -> bool:
@@ -110,8 +153,7 @@ def assess(
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
     gap = gap_figures(recording, truth)
-    collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
-    metrics: dict[str, Any] = {
+    metrics = {
         "identification": identification,
         "contact": {**contact, "segments": segments},
         "gap": gap,
@@ -119,15 +161,6 @@ def assess(
         "force_estimate": force_estimate_figures(recording),
         "hull": hull,
         "thrusters": {"saturated_s": float(recording["saturated"].scalar.sum() * recording.timestep)},
-        "run": {
-            "simulated_s": recording.duration,
-            "wall_s": wall_s,
-            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
-            "seed": seed,
-            "state": recording.final.state.value,
-            "note": recording.final.note,
-            "collision_s": collision_s,
-        },
     }
     range_m = identification["range_m"]
     position_bound = bounds.position_error
@@ -136,37 +169,29 @@ def assess(
     mm, degrees = 1e3, float(np.degrees(1.0))
     if gap is None:
         of_tool = (
-            _check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
-            _check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
-            _check("contact lost", contact["lost_s"], bounds.lost, "s"),
+            Check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
+            Check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
+            Check("contact lost", contact["lost_s"], bounds.lost, "s"),
         )
     else:
         of_tool = (
-            _check("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
-            _check("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
-            _check("touched", gap["touched_s"], 0.0, "s"),
+            Check("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
+            Check("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
+            Check("touched", gap["touched_s"], 0.0, "s"),
         )
     checks = (
-        _check("identified position", identification["position_error_m"], position_bound, "mm", mm),
-        _check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
+        Check("identified position", identification["position_error_m"], position_bound, "mm", mm),
+        Check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
         *of_tool,
-        _check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
-        _check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
-        _check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
-        _check("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
-        _check("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
-        _check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
-        _check("collision", collision_s, 0.0, "s"),
+        Check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
+        Check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
+        Check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
+        Check("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        Check("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
+        Check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
     )
-    failed = [_failure(check) for check in checks if not check.ok]
-    if not identification["accepted"]:
-        failed.append("the object was not identified")
-    if recording.final.state is not WorkState.DONE:
-        note = f": {recording.final.note}" if recording.final.note else ""
-        failed.append(f"the run ended in state {recording.final.state.value}{note}")
-    metrics["accepted"] = not failed
-    metrics["failed"] = failed
-    return Assessment(metrics=metrics, checks=checks, failed=tuple(failed))
+    others = () if identification["accepted"] else ("the object was not identified",)
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s, others=others)
 
 
 def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
@@ -402,14 +427,3 @@ def _identification(recording: Recording, truth: TrueObject, duration_s: float |
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
-
-
-def _check(name: str, value: float | None, bound: float | None, unit: str, scale: float = 1.0) -> Check:
-    return Check(name=name, value=value, bound=bound, unit=unit, scale=scale)
-
-
-def _failure(check: Check) -> str:
-    if check.value is None:
-        return f"{check.name}: no figure"
-    bound = 0.0 if check.bound is None else check.bound
-    return f"{check.name}: {check.value * check.scale:.3g} {check.unit}, allowed {bound * check.scale:.3g} {check.unit}"

@@ -7,9 +7,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from sim.interfaces.errors import ConfigurationError
-from sim.metrics import Assessment, Bounds, Check, TrueObject
+from sim.metrics import Assessment, Check
 from sim.recording import Recording
-from sim.report_figures import figures
 from sim.report_page import page, provenance, section, text
 from sim.results_table import figures_of
 
@@ -17,24 +16,20 @@ from sim.results_table import figures_of
 def write_report(
     file: str | Path,
     recording: Recording,
-    truth: TrueObject | None,
     assessment: Assessment,
     *,
     title: str,
     options: Mapping[str, Any],
-    bounds: Bounds | None = None,
     pictures: Iterable[tuple[str, str, Figure]] = (),
 ) -> None:
-    """Write the page to `file`. `options` are the scenario's own, shown as they are.
+    """Write the page to `file`. `options` are the scenario's own, shown as they are; `pictures` have title and caption.
 
-    Its pictures are those of work along a path on the object of `truth`, where there is one, and `pictures` (title,
-    caption, figure). Raises ConfigurationError if the folder does not exist.
+    Raises ConfigurationError if the folder does not exist.
     """
     path = Path(file)
     if not path.parent.is_dir():
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
-    of_path = () if truth is None else figures(recording, truth, bounds or Bounds())
-    drawn = "\n".join(section(name, figure, caption) for name, caption, figure in (*of_path, *pictures))
+    drawn = "\n".join(section(name, figure, caption) for name, caption, figure in pictures)
     body = "\n".join(
         (
             _headline(title, recording, assessment),

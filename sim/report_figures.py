@@ -22,8 +22,11 @@ CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREA
 WIDTH = 10.0  # [in]
 
 
-def figures(recording: Recording, truth: TrueObject, bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of every picture that the run lived to give, in the order of reading."""
+def path_figures(
+    recording: Recording, truth: TrueObject, bounds: Bounds | None = None
+) -> Iterator[tuple[str, str, Figure]]:
+    """Of work along a path on an object: title, caption and figure of every picture that the run lived to give."""
+    bounds = bounds or Bounds()
     settled = (
         f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
     )

@@ -65,62 +65,38 @@ def assess_seabed_work(
     core = _core(recording, truth) if worked == (True, True) else None
     drag = _drag(recording, truth) if worked == (False, True) else None
     hull = hull_in_the_soil(recording)
-    collision_s = float(recording["collision"].scalar.sum() * recording.timestep)
-    final = recording.final
-    metrics: dict[str, Any] = {
+    gap = hull_gap(recording, truth)
+    metrics = {
         "surface": surface,
         "core": core,
         "drag": drag,
-        "hull": {**hull, "ground_gap_m": hull_gap(recording, truth)},
-        "run": {
-            "simulated_s": recording.duration,
-            "wall_s": wall_s,
-            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
-            "seed": seed,
-            "state": final.state.value,
-            "note": final.note,
-            "collision_s": collision_s,
-        },
+        "hull": {**hull, "ground_gap_m": gap},
     }
-    mm = {"unit": "mm", "scale": 1e3}
+    mm, percent = 1e3, 100.0
     if truth.push is not None:
         of_core = core or {}
         of_tool = (
-            _check("push, worst while held", of_core.get("push_error_share"), bounds.push, unit="%", scale=100.0),
-            _check("push, peak", of_core.get("push_max_n"), unit="N"),
-            _check("depth of the core", of_core.get("depth_m"), **mm),
+            Check("push, worst while held", of_core.get("push_error_share"), bounds.push, "%", percent),
+            Check("push, peak", of_core.get("push_max_n"), None, "N"),
+            Check("depth of the core", of_core.get("depth_m"), None, "mm", mm),
         )
     else:
         of_drag = drag or {}
         of_tool = (
-            _check("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, **mm),
-            _check("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, **mm),
-            _check("depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), **mm),
-            _check("force on the tool, peak", of_drag.get("force_max_n"), unit="N"),
+            Check("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, "mm", mm),
+            Check("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, "mm", mm),
+            Check("depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), None, "mm", mm),
+            Check("force on the tool, peak", of_drag.get("force_max_n"), None, "N"),
         )
     checks = (
-        _check("target's height, of what is allowed", surface["target_error_share"], 1.0, unit="%", scale=100.0),
-        _check("target's height, error", surface["target_error_max_m"], **mm),
+        Check("target's height, of what is allowed", surface["target_error_share"], 1.0, "%", percent),
+        Check("target's height, error", surface["target_error_max_m"], None, "mm", mm),
         *of_tool,
-        _check("hull, rise", hull["rise_max_m"], bounds.rise, **mm),
-        _check("hull, excursion", hull["excursion_max_m"], **mm),
-        _check("hull over the true ground, least", metrics["hull"]["ground_gap_m"], **mm),
-        _check("collision", collision_s, 0.0, unit="s"),
+        Check("hull, rise", hull["rise_max_m"], bounds.rise, "mm", mm),
+        Check("hull, excursion", hull["excursion_max_m"], None, "mm", mm),
+        Check("hull over the true ground, least", gap, None, "mm", mm),
     )
-    failed = [
-        f"{check.name}: {'no figure' if check.value is None else f'{check.value * check.scale:.2f} {check.unit}'}, "
-        f"allowed {(check.bound or 0.0) * check.scale:.2f} {check.unit}"
-        for check in checks
-        if not check.ok
-    ]
-    if final.state is not WorkState.DONE:
-        failed.append(f"the run ended in state {final.state.value}{f': {final.note}' if final.note else ''}")
-    metrics["accepted"], metrics["failed"] = not failed, failed
-    return Assessment(metrics=metrics, checks=checks, failed=tuple(failed))
-
-
-def _check(name: str, value: float | None, bound: float | None = None, *, unit: str, scale: float = 1.0) -> Check:
-    return Check(name=name, value=value, bound=bound, unit=unit, scale=scale)
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from sim.interfaces.spatial import pose
 from sim.metrics import Assessment, TrueObject, assess
 from sim.recording import STATES, Event, Recording, Series
 from sim.report import write_report
+from sim.report_figures import path_figures
 from sim.results_table import results_table
 
 DT = 0.01  # [s]
@@ -70,7 +71,10 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
 def written(folder: Path, recording: Recording) -> tuple[str, Assessment]:
     assessment = assess(recording, TRUTH, seed=0, wall_s=1.0)
     file = folder / "report.html"
-    write_report(file, recording, TRUTH, assessment, title="clean <barrel>", options={"path": "longitudinal"})
+    write_report(
+        file, recording, assessment, title="clean <barrel>", options={"path": "longitudinal"},
+        pictures=path_figures(recording, TRUTH),
+    )  # fmt: skip
     return file.read_text(encoding="utf-8"), assessment
 
 

@@ -6,7 +6,8 @@ couples gravity into the acceleration and cannot be told from it, stay what they
 
 What a sensor is worth it says itself: the noise that its maker states travels with the measurement; where it states
 none, the filter's own belief of that sensor stands. A sensor whose innovations are larger than that is believed less,
-never more (`Watch.scale`).
+never more (`Watch.scale`). What the DVL says beside the inertial unit is white noise while the accelerometer's bias is
+what it was; a mean of it that noise does not explain is a bias that jumped, which is then learnt anew.
 
 Vision arrives late, and not always in order. The filter goes back to the step at which the picture was taken, takes it
 in there and runs forward again over the stored IMU samples with every fix that has come since: the result is that of
@@ -37,17 +38,18 @@ from perception.navigation_kernel import (
     FIX,
     HAS,
     INPUT,
+    JUMP,
     MOST_STATES,
     SHIFT,
     TIME,
     VALUE,
     VARIANCE,
     VISION,
-    distance,
     hand_on,
     inertial,
     replay,
     sound,
+    surprise,
 )
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
@@ -69,6 +71,8 @@ _REPEATS = 3  # readings equal to the last bit, one after another, that are too 
 _IMU_REPEATS = 25
 _IMU_SILENCE = 0.05  # [s] without a sample, after which the filter goes on without
 _BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of a hull's acceleration that nobody measures
+_MEAN_TIME = 0.25  # [s] of the mean innovation; a bias that jumps by 0.05 m/s^2 is beyond noise after twice that
+_MEAN_GATE = 45.0  # chi-square of three: noise alone exceeds it once in 10^9 fixes
 _AGREEING = 5  # rejected fixes in a row that agree with one another: it is the filter that is wrong
 _MOST_SCALE = 100.0  # of a sensor's variance
 _SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2
@@ -85,7 +89,24 @@ class Watch:
     scale: float = 1.0  # by which its variance is larger than stated, from the innovations
     agreeing: int = 0  # rejected in a row, and like one another
     rejected: Array = field(default_factory=lambda: np.zeros(3))  # (3,) innovation of the last rejected
+    mean: Array = field(default_factory=lambda: np.zeros(3))  # (3,) of recent innovations, by their deviations
+    mean_variance: float = 0.0  # of each of its axes, were they white
+    mean_time: float = -math.inf  # [s] of the last one in it
     refused: int = 0  # since the start, for the log
+
+    def take(self, white: Array, time: float, most: float) -> float:
+        """Take an innovation by its deviations (3,) into the mean, no more of it than `most`.
+
+        Returns its mean square beside the mean so far, 1 for a sensor that is as noisy as stated: what is steady is no
+        noise.
+        """
+        off = white - self.mean
+        square = float(off @ off) / (3.0 + 3.0 * self.mean_variance)
+        share = 1.0 - math.exp(-max(time - self.mean_time, 0.0) / _MEAN_TIME)
+        self.mean_time = max(time, self.mean_time)
+        self.mean = self.mean + share * (white * min(1.0, most / max(math.hypot(*white.tolist()), 1e-9)) - self.mean)
+        self.mean_variance = (1.0 - share) ** 2 * self.mean_variance + share**2
+        return square
 
 
 @dataclass(slots=True, eq=False)
@@ -118,6 +139,7 @@ class NavigationState:
     past_fix: Array  # (_HISTORY, 2, FIX)
     head: int  # newest row of the past
     watches: tuple[Watch, Watch]
+    bias_jumps: int  # of the accelerometer since the start, for the log
     q: Array
     qd: Array
     tau: Array
@@ -142,7 +164,7 @@ class Navigation:
     vision: VisionNoise = _VISION
     bias_walk: float = 5e-6  # [m/s^2] per square root of second
     rate_bias_walk: float = 1e-7  # [rad/s] per square root of second
-    adapt: bool = True  # believe a sensor less when its innovations are too large
+    adapt: bool = True  # believe a sensor less when its innovations are too large; learn a bias anew that jumped
     gate: float = 27.9  # chi-square of three: a sound fix is refused 4 times in a million
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
@@ -228,6 +250,7 @@ class Navigation:
                 Watch(vision.p_WB, vision.time, vision.time),
                 Watch(speed.v_WB_B, speed.time, speed.time) if speed else Watch(np.zeros(3), -math.inf, -math.inf),
             ),
+            bias_jumps=0,
             q=encoders.q,
             qd=encoders.qd,
             tau=torque.tau,
@@ -363,7 +386,16 @@ class Navigation:
         fix[VALUE : VALUE + 3] = value if kind == VISION else R @ value
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
-        if not self._admit(state, watch, kind, fix, at):
+        innovation, white = np.empty(3), np.empty(3)
+        squared = surprise(
+            kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation, white
+        )  # fmt: skip
+        square = watch.take(white, time, math.sqrt(self.gate))
+        if self.adapt:
+            excess = min(square, _SCALE_CAP) - _SCALE_SLACK
+            watch.scale = min(max(watch.scale * math.exp(_SCALE_GAIN * excess), 1.0), _MOST_SCALE)
+        first = self._bias_jumped(state, watch, innovation, time) if kind == DVL and self.adapt else -1
+        if first < 0 and not self._admit(state, watch, kind, fix, at, innovation, squared):
             watch.refused += 1
             return
         slot = state.past_fix[at, kind]
@@ -374,19 +406,37 @@ class Navigation:
         slot[:] = fix
         before = state.x[:6].copy()
         replay(
-            at, state.head, state.layout, state.walks, state.past_input, state.past_x, state.past_P, state.past_fix,
-            state.x, state.P,
+            at if first < 0 else first, state.head, state.layout, state.walks, state.past_input, state.past_x,
+            state.past_P, state.past_fix, state.x, state.P,
         )  # fmt: skip
         state.held += (state.x[:6] - before).reshape(2, 3)
         watch.used = max(watch.used, time)
 
-    def _admit(self, state: NavigationState, watch: Watch, kind: int, fix: Array, at: int) -> bool:
-        """Chi-square gate on the innovation. It learns from all, and gives way to many that agree with one another."""
-        innovation = np.empty(3)
-        squared = distance(kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation)
-        if self.adapt:
-            surprise = min(squared / 3.0, _SCALE_CAP) - _SCALE_SLACK
-            watch.scale = min(max(watch.scale * math.exp(_SCALE_GAIN * surprise), 1.0), _MOST_SCALE)
+    @staticmethod
+    def _bias_jumped(state: NavigationState, watch: Watch, innovation: Array, time: float) -> int:
+        """Row of the past before the accelerometer's bias jumped, where the DVL's mean innovation tells of it; else -1.
+
+        The bias is then believed to have changed, twice the time of the mean ago, by what explains the innovation:
+        a velocity that runs away.
+        """
+        if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
+            return -1
+        ago = 2.0 * _MEAN_TIME
+        at, _ = _step_of(state, time - ago)
+        before = (at - 1) % _HISTORY
+        if at < 0 or not -math.inf < state.past_input[before, TIME] < state.past_input[at, TIME]:
+            return -1  # not remembered
+        state.past_input[at, JUMP] += float(innovation @ innovation) / ago**2
+        state.bias_jumps += 1
+        watch.mean, watch.mean_variance = np.zeros(3), 0.0
+        for blamed in state.watches:  # for what was the accelerometer's
+            blamed.scale, blamed.agreeing = 1.0, 0
+        return before
+
+    def _admit(
+        self, state: NavigationState, watch: Watch, kind: int, fix: Array, at: int, innovation: Array, squared: float
+    ) -> bool:
+        """Chi-square gate on the innovation, which gives way to many that agree with one another."""
         if squared <= self.gate:
             watch.agreeing = 0
             return True

@@ -20,7 +20,8 @@ VISION, DVL = 0, 1  # kinds of fix
 # Rows of `past_input`, one for each step kept
 TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3  # [s], [s], variances of the velocity [m^2/s^2] added by the step
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
-INPUT = 16
+JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, where it is believed to have jumped
+INPUT = 17
 
 # Rows of `past_fix`, for each step one of each kind
 HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time after the step [s]
@@ -121,7 +122,7 @@ def propagate(row, layout, walks, x, P):
         P[i, 3 + i] += 0.5 * v * dt
         P[3 + i, i] += 0.5 * v * dt
         P[3 + i, 3 + i] += v
-        P[6 + i, 6 + i] += walks[0] * dt
+        P[6 + i, 6 + i] += walks[0] * dt + row[JUMP]
     if wander >= 0:
         kept = np.exp(-dt / walks[2])
         for i in range(wander, wander + 3):
@@ -226,7 +227,7 @@ def inertial(
     turn(R, R_meas, w_B, dt, rate_bias, gyro, turning)
     row = past_input[head]
     row[TIME] = time
-    row[DT], row[NOISE_XY], row[NOISE_Z] = dt, across, along
+    row[DT], row[NOISE_XY], row[NOISE_Z], row[JUMP] = dt, across, along, 0.0
     for i in range(3):
         row[FORCE + i] = specific_force_B[i]
         for j in range(3):
@@ -242,14 +243,25 @@ def inertial(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def distance(kind, fix, at, layout, past_input, past_x, past_P, innovation):
-    """Mahalanobis distance squared of a fix from what was believed at step `at`; gives its innovation (3,) too."""
+def surprise(kind, fix, at, layout, past_input, past_x, past_P, innovation, white):
+    """Mahalanobis distance squared of a fix from what was believed at step `at`.
+
+    Gives its innovation (3,) too, and that by its standard deviations, `white` (3,).
+    """
     cross, S = np.empty((MOST_STATES, 3)), np.empty((3, 3))
     compare(kind, fix, past_input[at], layout, past_x[at], past_P[at], innovation, cross, S)
-    inv, total = inverse3(S), 0.0
+    L, total = S, 0.0  # Cholesky's factor, in place
     for i in range(3):
-        for j in range(3):
-            total += innovation[i] * inv[i, j] * innovation[j]
+        white[i] = innovation[i]
+        for j in range(i):
+            for k in range(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] /= L[j, j]
+            L[i, i] -= L[i, j] * L[i, j]
+            white[i] -= L[i, j] * white[j]
+        L[i, i] = np.sqrt(L[i, i])
+        white[i] /= L[i, i]
+        total += white[i] * white[i]
     return total
 
 

@@ -224,6 +224,34 @@ def test_a_sound_sensor_keeps_its_word():
     assert all(watch.scale < 1.3 for watch in course.state.watches)
 
 
+@pytest.mark.parametrize("rig", [{}, {"delay": 0.25, "noise": 5e-3}], ids=["vision as it is", "vision late and rough"])
+@pytest.mark.parametrize("size", [0.01, 0.2])
+def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(size: float, rig: dict[str, float], rng, within):
+    """Within a second, before the place has run away by more than a centimetre."""
+    way = size * unit(rng)
+
+    def spoil(tick: int, arrived: list[Measurement]) -> list[Measurement]:
+        return [
+            replace(m, specific_force_B=m.specific_force_B + way)
+            if tick > 1500 and isinstance(m, ImuMeasurement)
+            else m
+            for m in arrived
+        ]
+
+    course = slow(**rig).run(30.0, rng, spoil=spoil)
+    assert course.state.bias_jumps >= 1
+    within("place from the jump on [m]", np.abs(course.error[1500:]).max(), 0.08)
+    within("bias at the end [m/s^2]", np.abs(course.state.x[6:9] - course.bias_B - way).max(), 3e-3)
+
+
+def test_a_sound_accelerometer_is_not_thought_to_jump(rng: np.random.Generator):
+    """Nor by pictures that jump and go missing."""
+    course = slow(noise=5e-3).run(60.0, rng)
+    jump = with_pictures(lambda tick, m: None if 1000 < tick < 1300 else replace(m, p_WB=m.p_WB + 0.05 * (tick > 2000)))
+    spoilt = slow().run(40.0, rng, spoil=jump)
+    assert (course.state.bias_jumps, spoilt.state.bias_jumps) == (0, 0)
+
+
 def test_outliers_are_refused():
     """One picture in seven is 5 cm to 1 m off: the error stays what it is without them, less the pictures lost."""
     rng = np.random.default_rng(1)

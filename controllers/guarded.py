@@ -4,12 +4,15 @@ Wraps any controller (`sim.interfaces.protocols.Controller`):
 - every step the vehicle's health is looked at (`controllers.health`), and what is wrong goes out with the command;
 - a torque sensor found wrong, or that shows no number, is replaced by its motor: what the drive is asked for, less
   rotor inertia and friction, with the offset that the sensor had against it while it was sound;
+- a drive whose encoder is found wrong cannot be servoed: it only bears the arm's weight, so that it gives way to what
+  the tool touches, and its gear's friction holds it;
 - an estimate with numbers that are none, or whose time stands still, never reaches the controller. For `patience` the
   last command is repeated; after that the arm is braked and the thrusters are stopped, for good. The same holds for
   a controller whose own commands are not numbers.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -88,7 +91,11 @@ class Guarded:
             return state, self._without(state, estimate, FaultKind.CONTROLLER)
         faults = self._health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
-        return state, replace(command, faults=faults) if faults else command
+        if not faults:
+            return state, command
+        return state, replace(
+            command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults
+        )
 
     def _replaced(self, health: HealthState, estimate: StateEstimate) -> StateEstimate:
         """The estimate with the motors' word in place of torque sensors that were found wrong, and told to be doubted.
@@ -112,6 +119,15 @@ class Guarded:
             tau[j] = motor + health.usual[j]
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
+    def _servoed(self, torque: Array, estimate: StateEstimate, faults: Sequence[Fault]) -> Array:
+        """`torque` (n,) [N m], but no more than the arm's weight where an encoder is wrong."""
+        wrong = [fault.index for fault in faults if fault.kind is FaultKind.ENCODER]
+        if not wrong:
+            return torque
+        torque = np.array(torque)
+        torque[wrong] = self._borne(estimate.q, estimate.X_WB[:3, :3])[wrong]
+        return torque
+
     def _without(self, state: GuardedState, estimate: StateEstimate, kind: FaultKind) -> Command:
         """What to command without a controller: the same again, and after a while nothing but brakes."""
         state.blind_for += self.period
@@ -127,18 +143,22 @@ class Guarded:
 
     def _brake(self, state: GuardedState, estimate: StateEstimate) -> Array:
         """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake it where it moves."""
-        if self._arm is None:
-            return np.zeros(0)
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
-        rest = np.zeros(len(q))
-        borne = self._arm.inverse(
-            q, rest, rest, R_WB=state.sound.X_WB[:3, :3], nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
-            wrench_tip_G=np.zeros(6),
-        )[0]  # fmt: skip
+        borne = self._borne(q, state.sound.X_WB[:3, :3])
         braked = borne - self._limits * np.clip(_BRAKING_SHARE * qd / _BRAKING_SPEED, -_BRAKING_SHARE, _BRAKING_SHARE)
         return np.clip(braked, -self._limits, self._limits)
+
+    def _borne(self, q: Array, R_WB: Array) -> Array:
+        """Torques (n,) [N m] that bear the arm at rest, in still water."""
+        if self._arm is None:
+            return np.zeros(0)
+        rest = np.zeros(len(q))
+        return self._arm.inverse(
+            q, rest, rest, R_WB=R_WB, nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+            wrench_tip_G=np.zeros(6),
+        )[0]  # fmt: skip
 
 
 def _numbers(values: Array) -> bool:

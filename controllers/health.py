@@ -9,8 +9,8 @@ Nothing here sees the plant; a fault is found where two things disagree that sho
 - the hull's momentum (De Luca, Mattone 2003, of the hull as one body): what it gains beyond the thrust asked for, the
   arm's wrench, weight, drag. A missing wrench along one thruster's column, in proportion to what that thruster was
   asked for, is that thruster's. Any other is a gust, or a snag: what matters of it is whether the hull holds its place.
-  A thruster whose column is all but a pure force (one sway thruster amidships) is never suspected: its loss and a
-  current that has just come up look alike. There too the hull's place has to tell.
+  A thruster whose column is all but a pure force (one sway thruster amidships) is suspected for longer: its loss and
+  a current that has just come up look alike, until the controller has learnt the current.
 
 Each reading is compared with what it was on average before (`learning_time`), so that biases and model errors that
 have always been there are no fault. Thresholds are `Limits`; the tests measure how far sound runs stay below them.
@@ -39,7 +39,8 @@ class Limits:
 
     vision_age: float = 1.0  # [s] of the newest picture
     warm_up: float = 4.0  # [s] in which it only learns
-    frozen_time: float = 0.05  # [s] that a reading may stand still,
+    frozen_time: float = 0.05  # [s] that a torque sensor may stand still,
+    frozen_encoder_time: float = 0.02  # [s] or an encoder: till then its drive is servoed on what is not so,
     frozen_factor: float = 5.0  # and times the longest that it did while sound
     torque_time: float = 0.1  # [s] filter of sensor against motor
     torque_share: float = 0.08  # of the reading,
@@ -57,9 +58,10 @@ class Limits:
     hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
     lever: float = 0.5  # [m]
     thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
-    thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which it is not suspected
+    thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which a current looks like it
     thruster_leftover: float = 0.4  # share of what is missing that the thruster need not explain
     thruster_confirm: float = 0.35  # [s]
+    current_confirm: float = 0.8  # [s] where it may be a current; one that doubles within 1 s is beyond bounds for 0.5
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -122,7 +124,8 @@ class Health:
         self._quadratic = np.array(water.quadratic_damping)
         self._scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
         force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(self._scale[:, None] * self._B, 2))
-        self._telling = moment > limits.thruster_moment * force
+        telling = moment > limits.thruster_moment * force
+        self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
 
     def init(self, estimate: StateEstimate) -> HealthState:
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
@@ -166,7 +169,7 @@ class Health:
 
     def _judge_joints(self, state: HealthState, time: float) -> None:
         limits = self.limits
-        least = round(limits.frozen_time / self._period)
+        least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
         frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
         torque = frozen[0] | (state.beyond > limits.torque_confirm)
         encoder = frozen[1] | (np.abs(state.slip) > limits.encoder_slip)
@@ -204,7 +207,7 @@ class Health:
         limits = self.limits
         size, asked, changed, best, share = _explain(
             state.missing, state.missing_usual, self._scale, self._B, self._curves, state.speed, state.thrust,
-            state.thrust_usual, self._telling, limits.thruster_leftover,
+            state.thrust_usual, limits.thruster_leftover,
         )  # fmt: skip
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
@@ -218,7 +221,7 @@ class Health:
         state.lost_for[:] = 0.0
         if lost_for > 0.0:
             state.lost_for[best] = lost_for
-            if lost_for > limits.thruster_confirm:
+            if lost_for > self._confirm[best]:
                 self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time)
 
 
@@ -316,7 +319,7 @@ def _hull(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, telling, leftover):
+def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, leftover):
     """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together, and
     how much of that is other than usual; the thruster that explains what is missing best, -1 if none leaves less than
     the share `leftover`, and the share of its thrust. Writes the thrusts [N] to `thrust` (m,).
@@ -331,8 +334,6 @@ def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, telli
         thrust[t] = thrust_at(curve[t], speed[t])
         asked += abs(thrust[t])
         changed += abs(thrust[t] - thrust_usual[t])
-        if not telling[t]:
-            continue
         along, own = 0.0, 0.0
         for k in range(6):
             column = scale[k] * B[k, t]

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import models
+from controllers.arm_dynamics import ArmDynamics
 from controllers.guarded import Guarded
+from controllers.health import Limits
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
 
@@ -96,6 +98,33 @@ def test_a_few_missing_numbers_are_passed_over():
     commands = run([estimate(i, q=np.full(N, np.nan)) if 20 <= i < 30 else estimate(i) for i in range(60)])
     assert all(c.faults == () for c in commands)
     assert commands[-1].joint_torque[0] == pytest.approx(0.01 * 49)  # ten steps were left out
+
+
+def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
+    """Whatever the controller makes of an angle that stands still; the other drives do as it says."""
+    joint, limits = 1, Limits(warm_up=0.1)
+
+    def frozen(i: int) -> StateEstimate:
+        now, then = estimate(i), estimate(min(i, 100))
+        stuck = np.arange(N) == joint
+        return replace(now, q=np.where(stuck, then.q, now.q), qd=np.where(stuck, then.qd, now.qd))
+
+    guarded, commands = Guarded(Inner(), MODEL, limits=limits), []
+    state = guarded.init(estimate(0))
+    for i in range(150):
+        state, command = guarded.step(state, frozen(i), REFERENCE)
+        commands.append(command)
+    found = next(i for i, command in enumerate(commands) if command.faults)
+    assert 0.0 < (found - 100) * DT - limits.frozen_encoder_time < 3.0 * DT
+    assert [fault.index for fault in commands[-1].faults] == [joint]
+    rest = np.zeros(N)
+    borne = ArmDynamics(MODEL).inverse(
+        frozen(149).q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+        wrench_tip_G=np.zeros(6),
+    )[0]  # fmt: skip
+    assert abs(borne[joint]) > 5.0
+    assert commands[-1].joint_torque[joint] == borne[joint]
+    assert np.all(np.delete(commands[-1].joint_torque, joint) == 0.01 * 149)
 
 
 def test_an_estimate_whose_time_stands_still_is_lost():

@@ -1,43 +1,60 @@
-"""The picture of one fault: force, hull, thrusters and states over time."""
+"""The picture of one fault: force, hull, tilt, thrusters and states over time."""
 
 from pathlib import Path
 
 import numpy as np
 from _fault_cases import Trace
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-_SHADES = ("0.93", "0.85")
+from sim.report_figures import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
+
+_SHADES = ("0.97", "0.9")
+_NARROW = 0.07  # of the time shown: a state so short has its name upright
 
 
 def draw(trace: Trace, title: str, file: Path) -> None:
     """Draw `trace` into `file` (PNG)."""
-    figure = Figure(figsize=(8.0, 7.0), layout="constrained")
-    force, hull, thrusters = figure.subplots(3, sharex=True)
+    figure = Figure(figsize=(10.0, 8.0), layout="constrained")
+    force, hull, tilt, thrusters = panels = figure.subplots(4, sharex=True, height_ratios=(3, 3, 2, 3))
     rows = trace.rows
     time = rows[:, 0]
-    force.plot(time, rows[:, 3], color="0.5", drawstyle="steps-post", label="set")
-    force.plot(time, rows[:, 1], color="C0", label="true")
-    force.plot(time, rows[:, 2], color="C1", linewidth=0.8, label="felt")
+    pressing = rows[:, 3] > 0.0
+    force.plot(time, rows[:, 3], color=FAINT, drawstyle="steps-post", label="set")
+    force.plot(time, np.where(pressing, rows[:, 2], np.nan), color=ORANGE, linewidth=0.8, label="felt, pressing")
+    force.plot(time, rows[:, 1], color=BLUE, label="true")
     force.set_ylabel("force on the object [N]")
-    force.set_title(title)
     for i, axis in enumerate("xyz"):
-        hull.plot(time, 1e3 * rows[:, 4 + i], label=axis)
-    hull.set_ylabel("hull from where it was [mm]")
-    tilt = hull.twinx()
-    tilt.plot(time, np.degrees(rows[:, 7]), color="0.4", linestyle=":", label="tilt")
-    tilt.set_ylabel("tilt (dotted) [deg]")
+        hull.plot(time, 1e3 * rows[:, 4 + i], color=CYCLE[i], label=axis)
+    hull.set_ylabel("hull moved [mm]")
+    tilt.plot(time, np.degrees(rows[:, 7]), color=INK, label="tilt")
+    tilt.set_ylabel("hull tilted [deg]")
     for i, name in enumerate(trace.thruster_names):
-        thrusters.plot(time, rows[:, 9 + i], label=name)
+        thrusters.plot(time, rows[:, 9 + i], color=CYCLE[i % len(CYCLE)], label=name)
     thrusters.set_ylabel("thrust [N]")
     thrusters.set_xlabel("time after the fault [s]")
-    ends = [t for t, _, _ in trace.states[1:]] + [float(time[-1])]
-    for i, ((start, state, _), end) in enumerate(zip(trace.states, ends, strict=True)):
-        for axes in (force, hull, thrusters):
-            axes.axvspan(start, end, color=_SHADES[i % 2], zorder=0, linewidth=0)
-        force.text(start, 1.0, f" {state}", transform=force.get_xaxis_transform(), va="top", fontsize=8)
-    for when, kind, part in trace.found:
-        force.axvline(when, color="C3", linewidth=0.8)
-        force.text(when, 0.0, f" {kind} {part} found", transform=force.get_xaxis_transform(), color="C3", fontsize=8)
-    for axes in (force, hull, thrusters):
-        axes.legend(loc="center right", fontsize=8)
+    for axes in panels:
+        axes.margins(x=0.0)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+        for when, _, _ in trace.found:
+            axes.axvline(when, color=VERMILION, linewidth=0.8)
+    _states(trace, panels)
+    found = "; ".join(f"{kind} {part} found after {when:.2f} s".replace("  ", " ") for when, kind, part in trace.found)
+    figure.suptitle(title)
+    force.set_title(found or "no fault found", color=VERMILION if found else INK, fontsize=9, loc="left")
     figure.savefig(file, dpi=120)
+
+
+def _states(trace: Trace, panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> None:
+    """Shade the states of the work in all `panels`, and name them in the first."""
+    whole = float(trace.rows[-1, 0])
+    ends = [t for t, _, _ in trace.states[1:]] + [whole]
+    first: Axes = panels[0]
+    for i, ((start, state, _), end) in enumerate(zip(trace.states, ends, strict=True)):
+        for axes in panels:
+            axes.axvspan(start, end, color=_SHADES[i % 2], zorder=0, linewidth=0)
+        upright = end - start < _NARROW * whole
+        first.text(
+            0.5 * (start + end), 0.5, str(state), transform=first.get_xaxis_transform(), ha="center", va="center",
+            fontsize=8, color=FAINT, rotation=90 if upright else 0, zorder=0.5,
+        )  # fmt: skip

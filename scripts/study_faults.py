@@ -32,10 +32,10 @@ class Options:
     """Of clean_barrel."""
     only: tuple[str, ...] = ()
     """Cases whose name holds one of these words."""
-    picture: str = "vertical"
-    """The first case whose name holds this is drawn."""
+    picture: str = "dead"
+    """Cases whose name holds this are drawn."""
     out: Path = Path("runs/study_faults")
-    """Folder for faults.json and the picture."""
+    """Folder for faults.json, what each case was, and the pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,6 @@ def main() -> int:
     made_folder(options.out)
     console = Console(width=max(Console().width, 160))
     found: list[Figures] = []
-    drawn = False
     for path in options.paths:
         for seed in options.seeds:
             if path not in ("longitudinal", "transverse"):
@@ -96,16 +95,13 @@ def main() -> int:
             rng = np.random.default_rng(seed)
 
             def said(trace: Trace, path: str = path, seed: int = seed) -> None:
-                nonlocal drawn
                 one = figures(trace, path, seed)
                 found.append(one)
                 console.print(_line(one), highlight=False)
-                np.savez_compressed(
-                    options.out / f"{path}_{seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz", rows=trace.rows
-                )
-                if not drawn and options.picture in trace.case:
-                    drawn = True
-                    draw(trace, f"{trace.case}, {path} path, seed {seed}", options.out / "fault.png")
+                file = options.out / f"{path}_{seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz"
+                np.savez_compressed(file, rows=trace.rows)
+                if options.picture in trace.case:
+                    draw(trace, f"{trace.case}, {path} path, seed {seed}", file.with_suffix(".png"))
 
             run_branched(build(clean_barrel.barrel_job(barrel, rng), barrel, rng), options.only, said)
     console.print(_table(found))

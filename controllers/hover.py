@@ -16,7 +16,9 @@ from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate
-from sim.interfaces.spatial import Array, checked, log_so3, skew
+from sim.interfaces.spatial import Array, checked, log_so3, readonly, skew
+
+_STILL = readonly(np.zeros(3))
 
 
 @dataclass(slots=True, eq=False)
@@ -98,10 +100,11 @@ class Hover:
 
     def step(
         self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,
-        dt: float,
+        dt: float, w_WB_W_wanted: Array = _STILL,
     ) -> Array:  # fmt: skip
         """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
 
+        `v_WB_W_wanted` (3,) [m/s] and `w_WB_W_wanted` (3,) [rad/s] are the motion of the pose wanted.
         `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M). Who knows
         better than "as wanted" what the thrusters will give until the next step says so in `state.given_B`.
         """
@@ -113,7 +116,7 @@ class Hover:
         acceleration = np.concatenate(
             [
                 self._stiffness * (R_WB.T @ p_error) + self._damping * (R_WB.T @ v_WB_W_wanted - v_B),
-                self._stiffness * turn_error - self._damping * w_B,
+                self._stiffness * turn_error + self._damping * (R_WB.T @ w_WB_W_wanted - w_B),
             ]
         )
         unknown = self._observer.unknown(state.observer, R_WB, R_WB.T @ v_WB_W_wanted, state.given_B)

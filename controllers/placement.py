@@ -139,7 +139,7 @@ def place(
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(obstacle)
-    planes, skin = hull.equations, _skin(obstacle, hull)
+    planes, skin = hull.equations, skin_of(obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
     # As the hull sees them: on a path that comes towards it as it goes.
@@ -158,7 +158,7 @@ def place(
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
         if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + hull_box[0, 2] < floor + search.clearance:
             return False
-        if min(_hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
+        if min(hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
             return False
         better = False
         for roll, tool in zip(rolls, poses, strict=True):
@@ -239,7 +239,7 @@ class _Mounting:
         return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
 
 
-def _skin(obstacle: Array, hull: ConvexHull) -> Array:
+def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
     """Points (k, 3) [m] all over the convex hull's edges, no further apart than _SKIN_STEP."""
     edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
@@ -300,7 +300,7 @@ def _seen(poses: list[Array], gone: Array) -> list[Array]:
     return poses
 
 
-def _hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
+def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
     outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])

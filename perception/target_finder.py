@@ -40,7 +40,7 @@ class KnownObjectFinder:
     def __init__(
         self,
         target: TargetModel,
-        path: str | ModelPath,
+        path: str | ModelPath | None,
         approach_W: ArrayLike,
         orientation_W: ArrayLike | None = None,
         *,
@@ -52,9 +52,9 @@ class KnownObjectFinder:
     ) -> None:
         """Look for `target` around `approach_W` (3,) [m], the coarse position of its centre in W.
 
-        `path`: name of one of the target's paths, or a path of its own. `orientation_W` (3, 3): coarse rotation of
-        T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool path's samples. `looks`: depth
-        frames in a row whose median the path is planned on.
+        `path`: name of one of the target's paths, a path of its own, or None: no path is wanted. `orientation_W`
+        (3, 3): coarse rotation of T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool
+        path's samples. `looks`: depth frames in a row whose median the path is planned on.
         Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
         """
         self._path = target.path(path) if isinstance(path, str) else path
@@ -107,7 +107,7 @@ class KnownObjectFinder:
             seed=self._seed,
         )
         path, reason = None, found.reason
-        if found.accepted:
+        if found.accepted and self._path is not None:
             try:
                 path = _in_world(X_WC, plan_path(on_all_looks(found, looks), self._path, spacing=self._spacing))
             except PerceptionError as error:  # found, but what is on the path was not seen: another look may tell
@@ -115,7 +115,7 @@ class KnownObjectFinder:
         target = Target(
             time=measurement.time,
             X_WT=readonly(X_WC @ found.X_sensor_target),
-            accepted=path is not None,
+            accepted=found.accepted if self._path is None else path is not None,
             check_m=found.check.figure_m if found.check is not None else float("inf"),
             range_m=float(np.linalg.norm(transform_points(found.X_sensor_target, self._surface.center))),
             reason=reason,

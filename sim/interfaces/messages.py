@@ -14,6 +14,7 @@ import numpy as np
 from sim.interfaces.spatial import Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)
+_STILL = readonly([0.0] * 3)
 
 
 class WorkState(StrEnum):
@@ -261,6 +262,7 @@ class Reference:
     note: str = ""  # why the work was broken off, once it was
     compliant: bool = False  # give way to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # not to be counted on
+    w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

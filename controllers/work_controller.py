@@ -356,9 +356,7 @@ class WorkController:
         arm_wrench_B = self._wrench_free_B + contact_B
         fed = arm_wrench_B - self._left_out(state, estimate, contact_B) if self._without else arm_wrench_B
         dt = self._hover_ticks * self.period
-        wanted_B = self._hover.step(
-            state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, dt, reference.w_WB_W
-        )
+        wanted_B = self._hover.step(state.hover, estimate, reference.X_WB, reference.v_WB_W, fed, dt, reference.w_WB_W)
         state.current_W = self._hover.current(state.hover)
         lost = reference.lost_thrusters
         if lost not in self._left:

@@ -1,21 +1,19 @@
 """Wires the parts of an insertion together, runs it, and says what came of it."""
 
-import os
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import _trials
 import mujoco
 import numpy as np
 from _contact_options import coarse_detection
 from _job_parts import controller, hull_box, scan_pose, undriven
 from _variation import NOMINAL
-from _whole_run import NOT_ACCEPTED, REACTION_TICKS, Judging, Ran, Ready, progress, rehearse, run_shown, run_through
+from _whole_run import REACTION_TICKS, Judging, Ran, Ready, rehearse, run_shown, run_through
 from rich.console import Console
-from rich.table import Table
 
 from controllers.insertion import HoleInsertion, InsertionJob
 from controllers.mkps import Chain
@@ -28,8 +26,8 @@ from sim import hydrodynamics, sensors
 from sim.current import Current
 from sim.depth_camera import DepthCamera
 from sim.insertion_figures import insertion_figures
-from sim.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed
-from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed, summary
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment
 from sim.plant import PAD_GEOM, Plant
@@ -39,7 +37,6 @@ from sim.startup import ScenarioOptions
 
 TILT = float(np.radians(5.0))  # largest lean of the manifold on the seabed, about x and about y
 BOTTOM = 0.02  # [m] of hole below the depth asked for
-WANTED = 0.95  # share of the trials
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,66 +148,27 @@ def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, cons
     return run_shown(insertion.ready, judging, title, options, folder, console, started)
 
 
-def run_trials(setting: Setting, seeds: Iterable[int], workers: int, console: Console) -> list[dict[str, Any]]:
-    """Metrics of one insertion for each seed, in their order, on `workers` processes (0: one a core)."""
-    seeds = list(seeds)
+def run_trials(setting: Setting, seeds: Sequence[int], workers: int, folder: Path, console: Console) -> int:
+    """An insertion for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit
+    code."""
     prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
-    found: dict[int, dict[str, Any]] = {}
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # read by the workers when they load
-    with (
-        progress(console) as shown,
-        ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool,
-    ):
-        bar = shown.add_task("trials", total=len(seeds), note="")
-        waiting = {pool.submit(_trial, setting, seed): seed for seed in seeds}
-        for done in as_completed(waiting):
-            found[waiting[done]] = one = done.result()
-            if not one["accepted"]:
-                shown.console.print(f"seed {waiting[done]}: {'; '.join(one['failed'])}", highlight=False)
-            good = sum(bool(each["accepted"]) for each in found.values())
-            shown.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
-    return [found[seed] for seed in seeds]
+    trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
+    figures = summary(trials)
+    return _trials.say_trials(trials, figures, _ROWS, folder, console, f"; searched in {figures['searched']}")
 
 
-def _trial(setting: Setting, seed: int) -> dict[str, Any]:
-    try:
-        insertion = prepare(setting, seed)
-        rehearse(insertion.ready)
-        ran = run_through(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
-        return dict(judge(insertion, ran).metrics)
-    except UuvError as error:  # one trial that blows up is a failure, not the end of the others
-        return crashed(seed, str(error))
+def _one(setting: Setting, seed: int) -> dict[str, Any]:
+    insertion = prepare(setting, seed)
+    rehearse(insertion.ready)
+    ran = run_through(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
+    return dict(judge(insertion, ran).metrics)
 
 
-def trials_table(figures: dict[str, Any]) -> Table:
-    """The summary of many trials, for `rich.print`."""
-    table = Table()
-    for name in ("figure", "median", "95 %", "worst", "unit"):
-        table.add_column(name, justify="left" if name in ("figure", "unit") else "right")
-    for label, key, unit, scale, worst in (
-        ("side force, peak", "side_force_max_n", "N", 1.0, "max"),
-        ("axial force, peak", "axial_force_max_n", "N", 1.0, "max"),
-        ("depth reached", "depth_m", "mm", 1e3, "min"),
-        ("time at the hole", "time_s", "s", 1.0, "max"),
-        ("hole as found, off its axis", "found_aside_m", "mm", 1e3, "max"),
-        ("hole as found, tilt", "found_tilt_rad", "deg", float(np.degrees(1.0)), "max"),
-    ):
-        spread = figures[key]
-        if spread is not None:
-            row = (f"{spread[name] * scale:.2f}" for name in ("median", "p95", worst))
-            table.add_row(label, *row, unit)
-    return table
-
-
-def say_trials(figures: dict[str, Any], console: Console) -> int:
-    """Print the summary of many trials. Returns the exit code."""
-    console.print(trials_table(figures))
-    console.print(
-        f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "
-        f"{figures['share_low']:.1%} to {figures['share_high']:.1%}; searched in {figures['searched']}",
-        highlight=False,
-    )
-    if figures["failures"]:
-        kinds = ", ".join(f"{kind} {count}" for kind, count in figures["failures"].items())
-        console.print(f"failures: {kinds} (seeds {figures['failed_seeds']})", highlight=False)
-    return 0 if figures["share"] >= WANTED else NOT_ACCEPTED
+_ROWS: tuple[_trials.Row, ...] = (
+    ("side force, peak", "side_force_max_n", "N", 1.0, "max"),
+    ("axial force, peak", "axial_force_max_n", "N", 1.0, "max"),
+    ("depth reached", "depth_m", "mm", 1e3, "min"),
+    ("time at the hole", "time_s", "s", 1.0, "max"),
+    ("hole as found, off its axis", "found_aside_m", "mm", 1e3, "max"),
+    ("hole as found, tilt", "found_tilt_rad", "deg", float(np.degrees(1.0)), "max"),
+)

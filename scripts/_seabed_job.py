@@ -1,21 +1,25 @@
 """Wires the parts of work in the seabed together: the terrain, the soil, the sonar, the planner, the judge."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import _trials
 import mujoco
 import numpy as np
 from _job_parts import controller, hull_box, undriven
 from _variation import NOMINAL
-from _whole_run import REACTION_TICKS, Ready
+from _whole_run import REACTION_TICKS, Ready, rehearse, run_through
+from rich.console import Console
 
 from controllers.ground_approach import GroundApproach
 from controllers.mkps import Chain
 from controllers.seabed import HeightSearch
 from controllers.seabed_work import SeabedJob, SeabedWork
 from models import sampler, scenes, uuv_puma
-from models.seabed import Kind, seabed
+from models.seabed import KINDS, Kind, seabed
 from models.soil import SOILS, SoilTool, box, core_tube
 from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, find
 from perception.ground_plane import GroundBelow
@@ -30,7 +34,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from sim.plant import PAD_GEOM, Plant
 from sim.recording import Recorder
 from sim.rollout import Moment, Parts
-from sim.seabed_metrics import TrueGround
+from sim.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
 from sim.soil import SoilForce
 from sim.sonar import Sonar, SonarBeams
 
@@ -41,7 +45,8 @@ AHEAD = 0.5  # [m] of the hull's middle, where the targets are where no file say
 APART = 0.3  # [m] and between those that a tool is dragged between
 HALF = 3.0  # [m] of the terrain
 BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
-AXES = 0.06  # [m] at which unit axes are drawn in the log
+AXES = 0.06  # [m] at which unit axes are drawn in the log,
+PLANE = 0.5  # [m] and the upright of the plane that the Doppler log saw
 OWN_ARM = 0.8  # [m] from the sonar, within which an echo is the vehicle's own
 LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm off, mostly noise
 
@@ -50,7 +55,7 @@ LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm
 class Setting:
     """What is asked for."""
 
-    kind: Kind
+    kind: Kind | Literal["any"]  # any: the kinds in turn, by the seed
     soil: str  # a name of models.soil.SOILS
     job: SeabedJob
     cloud: Path | None  # believed in place of the scan; axes of a level hull ALTITUDE over the terrain's middle
@@ -74,7 +79,8 @@ class SeabedRun:
 def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
     job, rng = setting.job, np.random.default_rng(seed)
-    ground = seabed(setting.kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
+    kind = KINDS[seed % len(KINDS)] if setting.kind == "any" else setting.kind
+    ground = seabed(kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
     yaw = rng.uniform(-np.pi, np.pi)
     gusts, loop, start = rng.spawn(3)
     own = with_tool(setting.vehicle, drag=job.drag).compile()
@@ -117,6 +123,36 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     )  # fmt: skip
     truth = TrueGround(ground=ground, hull_box=hull, push=None if job.drag else job.push, depth=job.depth)
     return SeabedRun(ready=ready, truth=truth)
+
+
+def run_trials(setting: Setting, seeds: Sequence[int], workers: int, folder: Path, console: Console) -> int:
+    """One run for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit code."""
+    prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
+    trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
+    return _trials.say_trials(trials, summary(trials), _ROWS, folder, console)
+
+
+def _one(setting: Setting, seed: int) -> dict[str, Any]:
+    work = prepare(setting, seed)
+    rehearse(work.ready)
+    ran = run_through(work.ready, Recorder(work.ready.plant.model, full=False))
+    return dict(assess_seabed_work(ran.recording, work.truth, seed=seed, wall_s=ran.wall_s).metrics)
+
+
+_ROWS: tuple[_trials.Row, ...] = (
+    ("target's height, of what is allowed", "target_error_share", "%", 100.0, "max"),
+    ("push, worst while held", "push_error_share", "%", 100.0, "max"),
+    ("push, peak", "push_max_n", "N", 1.0, "max"),
+    ("depth of the core", "depth_m", "mm", 1e3, "min"),
+    ("depth error, peak", "depth_error_max_m", "mm", 1e3, "max"),
+    ("aside of the profile, peak", "side_max_m", "mm", 1e3, "max"),
+    ("depth under the true surface, error, peak", "true_depth_error_max_m", "mm", 1e3, "max"),
+    ("the same, RMS", "true_depth_error_rms_m", "mm", 1e3, "max"),
+    ("force on the tool, peak", "force_max_n", "N", 1.0, "max"),
+    ("hull, rise", "rise_max_m", "mm", 1e3, "max"),
+    ("hull, excursion", "excursion_max_m", "mm", 1e3, "max"),
+    ("hull over the true ground, least", "ground_gap_m", "mm", 1e3, "min"),
+)
 
 
 def with_tool(vehicle: str, *, drag: bool) -> mujoco.MjSpec:
@@ -168,7 +204,7 @@ def dvl_on_hull(hull: Array) -> Array:
 
 
 class Story:
-    """Puts the seabed as it was found, the targets and the profile into the recording and the log."""
+    """Puts the seabed as it was found, coarsely and then finely, the targets and the profile into recording and log."""
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log
@@ -184,6 +220,9 @@ class Story:
         if self._log is None:
             return
         self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
+        ground = moment.estimate.ground
+        if ground is not None and np.isfinite(ground.p_W).all():
+            self._log.log_arrows("coarse_plane", ground.p_W[None], PLANE * ground.normal_W[None], time)
         if plan is None:
             return
         self._log.log_mesh("seabed", plan.terrain.vertices, plan.terrain.triangles, time)

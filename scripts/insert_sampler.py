@@ -7,16 +7,13 @@ With --trials N, N seeds from --seed on run on all cores, and a table says how m
 
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
-import json
 import time
 from dataclasses import dataclass
 from typing import Literal
 
-from _insertion import Setting, run_and_write, run_trials, say_trials
+from _insertion import Setting, run_and_write, run_trials
+from _trials import check_trials
 from rich.console import Console
-
-from sim.insertion_metrics import summary
-from sim.interfaces.errors import ConfigurationError
 
 
 @dataclass(kw_only=True)
@@ -50,8 +47,7 @@ class Options(ScenarioOptions):
 def main() -> int:
     started = time.perf_counter()
     options = parse(Options)
-    if options.trials < 0 or options.workers < 0:
-        raise ConfigurationError(f"--trials and --workers: must be >= 0, got {options.trials} and {options.workers}")
+    check_trials(options.trials, options.workers)
     setting = Setting(
         hole=options.hole,
         clearance=1e-3 * options.clearance,
@@ -69,12 +65,8 @@ def main() -> int:
     folder = options.folder("insert_sampler")
     if not options.trials:
         return run_and_write(setting, options, folder, console, started)
-    trials = run_trials(setting, range(options.seed, options.seed + options.trials), options.workers, console)
-    figures = summary(trials)
-    (folder / "trials.json").write_text(json.dumps({"summary": figures, "trials": trials}, indent=2) + "\n", "utf-8")
-    code = say_trials(figures, console)
-    console.print(f"written to {folder}/trials.json", highlight=False)
-    return code
+    seeds = range(options.seed, options.seed + options.trials)
+    return run_trials(setting, seeds, options.workers, folder, console)
 
 
 if __name__ == "__main__":

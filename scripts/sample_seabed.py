@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from _seabed_job import Setting, Story, prepare
+from _seabed_job import Setting, Story, prepare, run_trials
+from _trials import check_trials
 from _whole_run import Judging, run_shown
 from rich.console import Console
 
@@ -29,8 +30,8 @@ from sim.seabed_metrics import assess_seabed_work
 class Options(ScenarioOptions):
     """Take a sample of the seabed."""
 
-    terrain: Kind = "ripples"
-    """Of the seabed, drawn from the seed."""
+    terrain: Kind | Literal["any"] = "ripples"
+    """Of the seabed, drawn from the seed; any: the kinds in turn."""
     soil: Literal["sand", "mud"] = "sand"
     """That it is of (models/soil.py)."""
     work: Literal["core", "drag"] = "core"
@@ -50,6 +51,10 @@ class Options(ScenarioOptions):
     """Methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
     """It carries a core tube or a box in place of its pad; or an MJCF file with the named parts (README)."""
+    trials: int = 0
+    """Run so many seeds, without recording, instead of one."""
+    workers: int = 0
+    """Processes for the trials; 0: one for each core."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 
@@ -74,8 +79,12 @@ def main() -> int:
         vehicle=options.vehicle,
         controller=options.controller,
     )
+    check_trials(options.trials, options.workers)
     console = Console()
     folder = options.folder("sample_seabed")
+    if options.trials:
+        seeds = range(options.seed, options.seed + options.trials)
+        return run_trials(setting, seeds, options.workers, folder, console)
     work = prepare(setting, options.seed, record=options.record)
     title = (
         f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"

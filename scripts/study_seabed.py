@@ -182,13 +182,13 @@ def speed(options: Options, console: Console) -> dict[str, Any]:
     ground = seabed("ripples", rng)
     B = np.array([[-0.4, -0.2, 2.0], [0.4, 0.2, 2.0]])
     plan_seabed_work(_scatter(ground, 5_000, rng), B)  # loads all compiled code
-    for points in (3_000, 10_000, 30_000, 100_000, 200_000, 400_000):
+    for points in (5_000, 20_000, 50_000, 100_000, 200_000, 400_000):
         cloud = _scatter(ground, points, rng)
         ours = min(_timed(lambda cloud=cloud: plan_seabed_work(cloud, B))[0] for _ in range(3))
         row: dict[str, Any] = {"points": points, "cloud_to_path_s": ours}
         at = np.column_stack([rng.uniform(-1.5, 1.5, (2_000, 2)), np.full(2_000, 2.0)])
         row["ours_mm"], row["ours_missed"] = _off(build_terrain(cloud).scene, at - cloud.mean(axis=0), ground, at)
-        if points <= 30_000:
+        if points <= 20_000:
             shape = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud))
             for name, make in (("ball_pivoting", _pivot), ("poisson", _poisson)):
                 seconds, mesh = _timed(lambda make=make, shape=shape: make(o3d, shape))

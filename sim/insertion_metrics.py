@@ -5,19 +5,19 @@ the physics rate, from the stand-off to the stand-off again.
 """
 
 import json
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.metrics import Assessment, Check
 from sim.recording import Recording
+from sim.trials import crashed_run, kind_of_failure, spread, verdicts
 
 AT_THE_HOLE = (
     WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW,
@@ -109,84 +109,36 @@ def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
     return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
 
 
-def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share, `good` of `of`; `z` = 1.96 for 95 %.
-
-    Raises ConfigurationError for counts that cannot be.
-    """
-    if not 0 <= good <= of or of < 1:
-        raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
-    share = good / of
-    middle = share + z * z / (2.0 * of)
-    half = z * np.sqrt(share * (1.0 - share) / of + z * z / (4.0 * of * of))
-    whole = 1.0 + z * z / of
-    return float((middle - half) / whole), float((middle + half) / whole)
+_KINDS = (
+    ("identified", "not identified"), ("reach", "out of reach"), ("no hole", "hole not found"), ("stopped", "jammed"),
+    ("depth was not", "too slow"), ("limit", "force limit"), ("hull", "hull adrift"),
+    ("before the mouth", "touched early"),
+)  # fmt: skip
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that broke down, with what there is to say of it."""
     insertion = ("clearance_m", "depth_asked_m", "depth_m", "side_force_max_n", "side_force_rms_n",
                  "axial_force_max_n", "time_s", "searched_s", "tip_at_end_m")  # fmt: skip
-    run = ("simulated_s", "wall_s", "real_time_factor", "collision_s")
     return {
         "identification": {"accepted": False, "aside_m": None, "tilt_rad": None},
         "insertion": dict.fromkeys(insertion),
-        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason},
-        "accepted": False,
-        "failed": [reason],
+        **crashed_run(seed, reason),
     }
-
-
-def kind_of_failure(metrics: Mapping[str, Any]) -> str:
-    """In a word or two, why a trial was not accepted; empty if it was."""
-    if metrics["accepted"]:
-        return ""
-    note = metrics["run"]["note"]
-    if metrics["run"]["state"] == "crashed":
-        return "crashed"
-    for words, kind in (
-        ("identified", "not identified"), ("reach", "out of reach"), ("no hole", "hole not found"),
-        ("stopped", "jammed"), ("depth was not", "too slow"), ("limit", "force limit"), ("hull", "hull adrift"),
-        ("before the mouth", "touched early"),
-    ):  # fmt: skip
-        if words in note:
-            return kind
-    if metrics["run"]["state"] != WorkState.DONE.value:
-        return "not ended"
-    return metrics["failed"][0].split(":")[0]
 
 
 def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:
     """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
     bounds = bounds or InsertionBounds()
-    good = sum(bool(trial["accepted"]) for trial in trials)
-    low, high = wilson(good, len(trials))
     insertions = [trial["insertion"] for trial in trials]
     return {
-        "trials": len(trials),
-        "accepted": good,
-        "share": good / len(trials),
-        "share_low": low,
-        "share_high": high,
-        "side_force_max_n": _spread(one["side_force_max_n"] for one in insertions),
-        "axial_force_max_n": _spread(one["axial_force_max_n"] for one in insertions),
-        "depth_m": _spread(one["depth_m"] for one in insertions),
-        "time_s": _spread(one["time_s"] for one in insertions),
-        "found_aside_m": _spread(trial["identification"]["aside_m"] for trial in trials),
-        "found_tilt_rad": _spread(trial["identification"]["tilt_rad"] for trial in trials),
+        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        "side_force_max_n": spread(one["side_force_max_n"] for one in insertions),
+        "axial_force_max_n": spread(one["axial_force_max_n"] for one in insertions),
+        "depth_m": spread(one["depth_m"] for one in insertions),
+        "time_s": spread(one["time_s"] for one in insertions),
+        "found_aside_m": spread(trial["identification"]["aside_m"] for trial in trials),
+        "found_tilt_rad": spread(trial["identification"]["tilt_rad"] for trial in trials),
         "searched": sum((one["searched_s"] or 0.0) > 0.0 for one in insertions),
-        "failures": dict(Counter(kind for trial in trials if (kind := kind_of_failure(trial)))),
-        "failed_seeds": [trial["run"]["seed"] for trial in trials if not trial["accepted"]],
         "side_force_bound_n": bounds.side_force,
     }
-
-
-def _spread(values: Iterable[float | None]) -> dict[str, float] | None:
-    """Median, 95th percentile and worst of what is there."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return None
-    return {
-        "median": float(np.median(known)), "p95": float(np.percentile(known, 95.0)), "max": float(np.max(known)),
-        "min": float(np.min(known)),
-    }  # fmt: skip

@@ -6,7 +6,9 @@ are against the commanded path; its depth under the true surface has the scan's 
 """
 
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from typing import Any
 
@@ -18,6 +20,7 @@ from sim.interfaces.messages import Target, WorkState
 from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
 from sim.metrics import Assessment, Check, path_error
 from sim.recording import Recording
+from sim.trials import crashed_run, kind_of_failure, spread, verdicts
 
 SCHEMA = "schemas/seabed_work.schema.json"
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
@@ -99,6 +102,40 @@ def assess_seabed_work(
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
+_KINDS = (
+    ("relief", "relief unsuitable"), ("no height", "no height to work at"), ("hole", "hole in the cloud"),
+    ("plane", "no plane"), ("was not held", "push not held"), ("full", "tube full"), ("limit", "force limit"),
+    ("hull", "hull adrift"), ("stands", "something in the way"),
+)  # fmt: skip
+_OF_CORE = ("push_error_share", "push_max_n", "depth_m")
+_OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_depth_error_rms_m", "force_max_n")
+
+
+def crashed(seed: int, reason: str) -> dict[str, Any]:
+    """Metrics of a trial that broke down, with what there is to say of it."""
+    hull = ("rise_max_m", "sink_max_m", "excursion_max_m", "ground_gap_m")
+    surface = ("target_error_max_m", "target_error_share", "range_m")
+    return {
+        "surface": {"accepted": False, **dict.fromkeys(surface)}, "core": None, "drag": None,
+        "hull": dict.fromkeys(hull), **crashed_run(seed, reason),
+    }  # fmt: skip
+
+
+def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+
+    def of(part: str, key: str) -> dict[str, float] | None:
+        return spread(trial[part][key] for trial in trials if trial[part] is not None)
+
+    return {
+        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        "target_error_share": of("surface", "target_error_share"),
+        **{key: of("core", key) for key in _OF_CORE},
+        **{key: of("drag", key) for key in _OF_DRAG},
+        **{key: of("hull", key) for key in ("rise_max_m", "excursion_max_m", "ground_gap_m")},
+    }
+
+
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:
     """Heights at which the targets were found against the true ones, where the path begins and ends."""
     figures: dict[str, Any] = {
@@ -145,6 +182,7 @@ def _drag(recording: Recording, truth: TrueGround) -> dict[str, Any]:
         "depth_error_rms_m": None if error is None else float(np.sqrt(np.mean(error.normal**2))),
         "side_max_m": None if error is None else float(np.abs(error.lateral).max()),
         "true_depth_error_max_m": float(np.abs(depth - truth.depth).max()),
+        "true_depth_error_rms_m": float(np.sqrt(np.mean((depth - truth.depth) ** 2))),
         "force_max_n": float(force.max()),
         "dragged_s": float(work.sum() * recording.timestep),
     }

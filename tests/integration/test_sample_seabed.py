@@ -1,13 +1,16 @@
 """Sampling the seabed as a user runs it: a core, and clouds and files over which the vehicle does not descend."""
 
 import json
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
 import pytest
 
 from models import open3d_loader
+from perception.seabed_finder import SeabedFinder
 from sim import hydrodynamics
+from sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
 from sim.seabed_metrics import SeabedBounds, schema
 
 open3d_loader.load()  # without its system libraries there is no terrain: see tests/conftest.py
@@ -20,8 +23,8 @@ def _compiled():
     hydrodynamics.install()
 
 
-def test_a_core_is_taken(script, tmp_path):
-    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--seed", 3, "--quick")
+def test_a_core_is_taken_and_its_log_tells_all_of_it(script, tmp_path):
+    done = script("sample_seabed", "--out", tmp_path, "--seed", 3, "--quick")
     assert done.returncode == 0, done.stdout + done.stderr
     metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
     jsonschema.validate(metrics, schema())
@@ -30,6 +33,19 @@ def test_a_core_is_taken(script, tmp_path):
     assert metrics["core"]["pull_max_n"] > 0.5  # it was in the soil, and came out
     assert metrics["hull"]["rise_max_m"] <= BOUNDS.rise
     assert metrics["hull"]["ground_gap_m"] > 0.3
+    shown = entities(tmp_path / "run.rrd")
+    assert shown >= {
+        "/world/scene/world/shape", "/world/found/coarse_plane", "/world/clouds/scan", "/world/found/seabed",
+        "/world/clouds/targets", "/world/vehicle/hull", "/world/vehicle/link3", "/world/vehicle/pad",
+        "/world/arrows/contact", "/world/arrows/arm_on_hull", "/series/force", "/series/thrust", "/state/now",
+    }  # fmt: skip
+
+
+def entities(file):
+    """Names of all that a log shows."""
+    from rerun.chunk import RrdReader
+
+    return {chunk.entity_path for chunk in RrdReader(file).stream().to_chunks()}
 
 
 def flat(rng, points=4000):
@@ -94,6 +110,34 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
     assert not (tmp_path / "metrics.json").exists()
+
+
+def test_the_story_of_a_drag_has_its_profile_with_both_axes(monkeypatch, root):
+    """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
+    monkeypatch.syspath_prepend(str(root / "scripts"))
+    from _seabed_job import Story
+
+    rng = np.random.default_rng(2)
+    finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))
+    zero = np.zeros(3)
+    plane = GroundPlane(time=0.0, p_W=zero, normal_W=np.array([0.0, 0.0, 1.0]), scatter=0.0, beams=4, silent=())
+    estimate = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero, tau=zero, ground=plane
+    )
+    scan = SonarScan(time=0.0, points=np.zeros((1, 1, 3)), X_BS=np.eye(4))
+    found, _ = finder.step(finder.init(), estimate, scan)
+    shown: dict[str, np.ndarray] = {}
+    log = SimpleNamespace(
+        log_cloud=lambda name, points, *_, **__: shown.update({name: points}),
+        log_mesh=lambda name, vertices, *_: shown.update({name: vertices}),
+        log_arrows=lambda name, _, vectors, *__: shown.update({name: vectors}),
+    )
+    recorder = SimpleNamespace(add_cloud=lambda *_: None)
+    moment = SimpleNamespace(frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0))
+    Story(recorder, log).observe(moment)  # pyright: ignore[reportArgumentType]
+    assert shown.keys() == {"scan", "coarse_plane", "seabed", "targets", "profile_a", "profile_n"}
+    assert len(shown["profile_a"]) == len(shown["profile_n"]) > 2
+    assert np.allclose(np.einsum("ij,ij->i", shown["profile_a"], shown["profile_n"]), 0.0)
 
 
 def test_without_a_plane_from_the_doppler_log_it_does_not_come_near(script, tmp_path):

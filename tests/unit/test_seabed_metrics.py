@@ -12,7 +12,7 @@ from models.vehicle import Vehicle
 from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation, readonly
 from sim.recording import STATES, Event, Recording, Series
-from sim.seabed_metrics import TrueGround, assess_seabed_work, schema
+from sim.seabed_metrics import TrueGround, assess_seabed_work, crashed, schema, summary
 
 DT, SPEED = 0.002, 0.02  # [s], [m/s]
 STEPS = 3000
@@ -133,6 +133,18 @@ def test_work_that_was_refused_has_no_figures():
     assert not result.accepted
     assert any("no figure" in line for line in result.failed)
     assert "the run ended in state abort: two layers" in result.failed
+
+
+def test_many_trials_are_summed_up():
+    broken = crashed(3, "no height to work at: too high")
+    jsonschema.validate(broken, schema())
+    broken["run"]["state"] = "abort"
+    trials = [assess().metrics, assess(core=False).metrics, broken]
+    figures = summary(trials)
+    assert (figures["accepted"], figures["failures"]) == (2, {"no height to work at": 1})
+    assert figures["push_error_share"]["max"] == pytest.approx(0.0, abs=1e-12)
+    assert figures["depth_error_max_m"]["max"] == pytest.approx(0.0, abs=1e-3)
+    assert figures["target_error_share"]["median"] == pytest.approx(0.004 / 0.0225, rel=0.2)
 
 
 def test_the_hull_against_the_ground_when_it_is_turned(within):

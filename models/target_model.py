@@ -223,10 +223,17 @@ class TargetModel:
         o3d = open3d_loader.load()
         try:
             mesh = o3d.io.read_triangle_mesh(str(path))
+            if not len(mesh.triangles):  # faces of four corners and more are cut into triangles by this reader alone
+                mesh = o3d.t.io.read_triangle_mesh(str(path)).to_legacy()
         except (RuntimeError, UnicodeError) as error:
             raise ConfigurationError(f"target mesh {str(path)!r}: {error}") from error
+        except IndexError as error:
+            raise ConfigurationError(
+                f"target mesh {str(path)!r}: a face points at a vertex that is not there"
+            ) from error
         mesh.remove_duplicated_vertices()
         mesh.remove_degenerate_triangles()
+        mesh.remove_unreferenced_vertices()  # they would count for its size and middle
         triangles = np.asarray(mesh.triangles)
         if not len(triangles):
             raise ConfigurationError(

@@ -21,7 +21,7 @@ from sim.interfaces.spatial import Array, inverse, readonly, transform_points
 _NOISE = 0.0015  # [m] that is to be left of the sensor's after averaging,
 _WIDTH = (0.006, 0.025)  # [m] within these widths of the Gaussian: a wider one blurs what is to be found
 _DOUBT = 4.5  # standard deviations of what is left, beyond which a deviation is beyond doubt: there are many places
-_RIM = 2  # [px] beside an edge of the model where an error of the pose decides what is seen
+_RIM = 2  # [px] of the sensor beside an edge of the model where an error of the pose decides what is seen
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,7 +111,7 @@ class _Comparison:
         slant = np.sqrt(1.0 + scan.tangent_x**2 + (scan.tangent_y**2)[:, None])
         normal = cosine * slant  # of a step in depth, the share along the model's normal
         off = (z - scan.depth) * normal
-        around = 2 * _RIM + 1
+        around = 2 * max(1, round(_RIM / (sensor.focal * scan.pitch))) + 1  # [px] of this grid
         nearest = ndimage.minimum_filter(np.where(covered, z, np.inf), around, mode="nearest")
         farthest = ndimage.maximum_filter(np.where(covered, z, np.inf), around, mode="nearest")
         with np.errstate(invalid="ignore"):  # inf - inf beyond the model
@@ -125,7 +125,7 @@ class _Comparison:
         # White noise through a Gaussian of width s, as stereo's is, and then through one of width w, keeps
         # s^2 / (s^2 + w^2) of its variance; where part of the window is unknown, so much more.
         middle = float(np.median(z[known]))
-        patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid
+        patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid too
         excess = max(0.0, (float(sensor.sigma(middle)) / _NOISE) ** 2 - 1.0)
         width = np.clip(patch * np.sqrt(excess), *(np.array(_WIDTH) / (scan.pitch * middle)))
         share = np.maximum(ndimage.gaussian_filter(known.astype(float), width, mode="constant"), 1e-3)

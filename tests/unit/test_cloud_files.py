@@ -6,7 +6,10 @@ import pytest
 from models import open3d_loader, targets
 from models.target_model import TargetModel
 from perception.cloud_files import MOST, load_cloud
+from perception.identification import identify
+from perception.scan import Scan
 from sim.interfaces.errors import ConfigurationError
+from tests.unit.depth_scenes import look, seen_from
 
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 1.0], [0.5, 0.5, 2.0], (500, 3))
 
@@ -65,3 +68,45 @@ def test_more_points_than_are_kept(tmp_path):
     found = load_cloud(save(tmp_path / "many.ply", many))
     assert len(found.points) == MOST
     assert "thinned" in found.notes[-1]
+
+
+def test_file_that_is_cut_short(tmp_path):
+    whole = tmp_path / "whole.ply"
+    save(whole, POINTS)
+    (tmp_path / "short.ply").write_bytes(whole.read_bytes()[:5000])
+    with pytest.raises(ConfigurationError, match="cut short"):
+        load_cloud(tmp_path / "short.ply")
+
+
+def test_awkward_meshes(tmp_path, within):
+    """The same pose, whatever is the matter with the mesh: doubled and zero-area faces, a fin, strays, turned in."""
+    o3d, rock = open3d_loader.load(), targets.named("rock")
+    V, F = np.array(rock.vertices), np.array(rock.triangles)
+    n = len(V)
+    view = seen_from(np.array([0.3, -0.6, 1.0]))
+    scan = Scan.from_depth(look(rock, view, np.random.default_rng(0)))
+    cases = {
+        "fin and doubled faces": (np.vstack([V, V[F[0]].mean(axis=0) * 1.05]), [*F, *F[:200], [F[0, 0], F[0, 1], n]]),
+        "no area": (np.vstack([V, V[:1], V[:1], 0.5 * (V[F[:1, 0]] + V[F[:1, 1]])]),
+                    [*F, [0, 0, 1], [n, n + 1, 0], [F[0, 0], F[0, 1], n + 2]]),
+        "strays": (np.vstack([V, [[9.0, 9.0, 9.0], [np.nan, 0.0, 0.0]]]), F),
+        "turned in": (V, F[:, ::-1]),
+    }  # fmt: skip
+    for name, (vertices, faces) in cases.items():
+        mesh = o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(np.array(faces, dtype=np.int32))
+        )
+        assert o3d.io.write_triangle_mesh(str(tmp_path / "awkward.ply"), mesh)
+        target = TargetModel.from_file(tmp_path / "awkward.ply")
+        found = identify(scan, target, view[:3, 3], view[:3, :3])
+        position, angle = rock.symmetry.error(found.X_sensor_target, view)
+        within(f"{name}: position [m]", position, 0.01)
+        within(f"{name}: angle [rad]", angle, 0.1)
+
+
+def test_faces_of_four_corners(tmp_path):
+    (tmp_path / "quads.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    assert len(TargetModel.from_file(tmp_path / "quads.obj").triangles) == 2
+    (tmp_path / "beyond.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
+    with pytest.raises(ConfigurationError, match="not there"):
+        TargetModel.from_file(tmp_path / "beyond.obj")

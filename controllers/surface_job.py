@@ -46,7 +46,7 @@ class Job:
     settle_time: float = 4.0  # [s] that it must be quiet
     settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
     lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
-    lost_place_at_work: float = 0.15  # [m] and while the tool approaches or touches
+    lost_place_at_work: float = 0.08  # [m] and while the tool approaches or touches: the arm has that much in hand
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     roomy: float = 0.6  # margin of the placement under which the hull travels with the tool, or less is worked

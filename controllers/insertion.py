@@ -62,7 +62,7 @@ class InsertionJob:
     longest: float = 90.0  # [s] from the stand-off to the depth
     compliance: bool = True  # False: the tool does not give way (ablation)
     force_limit: float = 60.0  # [N] felt in any direction that ends the work
-    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away
+    lost_place: float = 0.08  # [m] off its place at which the hull counts as carried away: the arm has that in hand
 
     def __post_init__(self) -> None:
         for name in ("depth", "standoff", "speed", "approach_speed", "touch_speed", "force", "search_force"):

@@ -53,7 +53,7 @@ class SeabedJob:
     touch: float = 8.0  # [N] felt above `guard` that counts as something in the way
     longest: float = 60.0  # [s] from the stand-off to the work
     force_limit: float = 160.0  # [N] felt in any direction that ends the work
-    lost_place: float = 0.25  # [m] off its place at which the hull counts as carried away
+    lost_place: float = 0.08  # [m] off its place at which the hull counts as carried away: the arm has that in hand
     scans: int = 3  # views taken before giving up
 
     def __post_init__(self) -> None:

@@ -39,7 +39,9 @@ def ground(kind: str = "ripples", seed: int = 1) -> Seabed:
 
 
 def find(finder: SeabedFinder, scan: SonarScan) -> Target:
-    return finder.step(finder.init(), ESTIMATE, scan)[1]
+    target = finder.step(finder.init(), ESTIMATE, scan)[1]
+    assert target is not None
+    return target
 
 
 @pytest.mark.parametrize("kind", ["flat", "ripples", "slope"])

@@ -103,9 +103,12 @@ class Displacement:
         slope = sums[4] / (sums[3] + self.prior**2)
         state.compliance = min(max(slope, 0.0), self.softest)
 
-    def release(self, state: DisplacementState, dt: float) -> float:
-        """Let the displacement go back to zero at the limited speed, with the force loop open."""
+    def release(self, state: DisplacementState, dt: float, *, inwards: bool = True) -> float:
+        """Let the displacement go back to zero at the limited speed, with the force loop open.
+
+        `inwards` False: one that holds the tool off stays, for the surface is not where it was expected.
+        """
         most = self.speed * dt
-        state.k -= min(max(state.k, -most), most)
+        state.k -= min(max(state.k, -most if inwards else 0.0), most)
         state.integral, state.error, state.wanted = state.k, 0.0, None
         return state.k

@@ -301,7 +301,7 @@ class WorkController:
             state.holding = True
             return
         if not reference.force_control:
-            k = self._displacement.release(state.displacement, dt)
+            k = self._displacement.release(state.displacement, dt, inwards=False)
         elif "force-control" in self._without:
             # Ablation: press by a depth computed from the pad's nominal stiffness, and hope.
             k = state.displacement.k = reference.force / tuning.nominal_stiffness

@@ -105,6 +105,19 @@ def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bum
     assert loop.step(state, 0.0, 0.0, SERVO, DT) == 0.0
 
 
+def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back():
+    loop = Displacement()
+    for wanted, felt in ((0.0, 60.0), (60.0, 0.0)):  # the surface nearer than expected, and farther
+        state = DisplacementState()
+        for _ in range(500):
+            loop.step(state, wanted, felt, SERVO, DT)
+        start = state.k
+        for _ in range(2000):
+            loop.release(state, DT, inwards=False)
+        assert abs(start) > 0.01
+        assert state.k == min(start, 0.0)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [("bandwidth", 0.0), ("proportional_time", float("nan")), ("derivative_time", -1e-9), ("limit", 0.0),

@@ -5,10 +5,11 @@ is beyond a size, to the map when it is in a region of a map of that size; overl
 pixels that the map compares. Undeformed objects are those of the library in random scenes: every region is false.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,15 +32,19 @@ SIZES = (0.005, 0.01, 0.015)  # [m] asked for, beside the size that follows from
 
 
 @dataclass(kw_only=True)
-class Options(ScenarioOptions):
+class Options:
     """Maps of deformation on what is deformed, and on what is not."""
 
+    seed: int = 0
+    """The first one."""
     trials: int = 5
     """Seeds of each deformed object, from --seed on."""
     looks: int = 16
     """Depth frames whose median is compared; one alone is compared too."""
     clean: int = 5
     """Scenes of each undeformed object."""
+    out: Path = field(default_factory=lambda: Path("runs/study_deformation"))
+    """Folder of the figures."""
 
 
 def trial(case: Case, seed: int, count: int) -> dict[str, Any]:
@@ -103,13 +108,15 @@ def main() -> int:
     options = parse(Options)
     if options.trials < 1 or options.looks < 3 or options.clean < 0:
         raise ConfigurationError("--trials must be at least 1, --looks at least 3, --clean at least 0")
-    folder, console = options.folder("study_deformation"), Console()
+    if options.seed < 0:
+        raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
+    made_folder(options.out)
+    console = Console()
     console.width = max(console.width, 125)  # the table is wider than a terminal must be
-    trials, scenes = (1, min(1, options.clean)) if options.quick else (options.trials, options.clean)
-    seeds = range(options.seed, options.seed + trials)
+    seeds = range(options.seed, options.seed + options.trials)
     results = {name: [trial(case, seed, options.looks) for seed in seeds] for name, case in CASES.items()}
     table = Table(
-        title=f"Maps of deformation, {trials} seeds from {options.seed}",
+        title=f"Maps of deformation, {options.trials} seeds from {options.seed}",
         caption="noise: what the sensor explains, and what the map is off the truth, in mm; size: in mm, of the map; "
         "overlap of all seeds with the truth, of the worst in brackets, at that size and at those asked for",
     )
@@ -120,17 +127,18 @@ def main() -> int:
         for count in (1, options.looks):
             by_size = list(zip(*(each["maps"][count] for each in found), strict=True))
             means = [1e3 * float(np.mean([row[key] for row in by_size[0]])) for key in ("noise_m", "error_m", "size_m")]
-            accepted = f"{sum(each['accepted'] for each in found)} of {trials}"
+            accepted = f"{sum(each['accepted'] for each in found)} of {options.trials}"
             table.add_row(
                 name, accepted, str(count), *(f"{mean:.1f}" for mean in means), *(overlap([*rows]) for rows in by_size)
             )
     console.print(table)
-    clean = [undeformed(name, options.seed + i) for name in targets.available() for i in range(scenes)]
+    clean = [undeformed(name, options.seed + i) for name in targets.available() for i in range(options.clean)]
     compared = [row for row in clean if row is not None]
     false = [f"{row['object']} of seed {row['seed']}" for row in compared if row["regions"]]
     console.print(f"undeformed: regions on {len(false)} of {len(compared)} accepted objects {false or ''}")
-    (folder / "deformation.json").write_text(json.dumps({"deformed": results, "undeformed": clean}, indent=1), "utf-8")
-    console.print(f"written to {folder}/", highlight=False)
+    text = json.dumps({"deformed": results, "undeformed": clean}, indent=1)
+    (options.out / "deformation.json").write_text(text, "utf-8")
+    console.print(f"written to {options.out}/", highlight=False)
     worst = min(
         row["both"] / max(1, row["either"]) for found in results.values() for each in found
         for row in each["maps"][options.looks][:1]

@@ -6,11 +6,12 @@ from the model alone; the tool's tilt is against the true normal at its tip, bes
 pad. What the camera saw and what it did not are told apart.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -42,9 +43,11 @@ _SWAY = 0.005  # [m] from frame to frame, which the vehicle knows
 
 
 @dataclass(kw_only=True)
-class Options(ScenarioOptions):
+class Options:
     """Paths on objects that are not as their models."""
 
+    seed: int = 0
+    """The first one."""
     trials: int = 10
     """Seeds of each object, from --seed on."""
     looks: int = 1
@@ -53,6 +56,8 @@ class Options(ScenarioOptions):
     """Depth without errors: what the grid of the camera and the smoothing of the path cost alone."""
     judged: bool = True
     """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
+    out: Path = field(default_factory=lambda: Path("runs/study_paths"))
+    """Folder of the figures."""
 
 
 @dataclass(frozen=True)
@@ -255,13 +260,16 @@ def main() -> int:
         raise ConfigurationError(f"--trials: must be at least 1, got {options.trials}")
     if options.looks < 1:
         raise ConfigurationError(f"--looks: must be at least 1, got {options.looks}")
-    folder, console = options.folder("study_paths"), Console()
+    if options.seed < 0:
+        raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
+    made_folder(options.out)
+    console = Console()
     console.width = max(console.width, 125)  # the table is wider than a terminal must be
-    trials = 2 if options.quick else options.trials
-    results = {name: [trial(case, options.seed + i, options) for i in range(trials)] for name, case in CASES.items()}
+    seeds = range(options.seed, options.seed + options.trials)
+    results = {name: [trial(case, seed, options) for seed in seeds] for name, case in CASES.items()}
     looks = f"{options.looks} {'exact ' * options.exact}looks"
     table = Table(
-        title=f"Paths on the true surface, {trials} seeds from {options.seed}, {looks}; RMS and largest",
+        title=f"Paths on the true surface, {options.trials} seeds from {options.seed}, {looks}; RMS and largest",
         caption="model, path (where seen) and unseen: off the true surface in mm; tilt of the tool and turn of the "
         "true normal within the pad, where seen, in deg",
     )
@@ -270,11 +278,11 @@ def main() -> int:
         table.add_column(column, justify="left" if column in columns[:2] else "right", no_wrap=True)
     for name, found in results.items():
         for path in CASES[name].paths:
-            table.add_row(name, path, *row_of([each["paths"][path] for each in found if each["paths"]], trials))
+            table.add_row(name, path, *row_of([each["paths"][path] for each in found if each["paths"]], options.trials))
     console.print(table)
-    (folder / "paths.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    picture(results, str(folder / "paths.png"))
-    console.print(f"written to {folder}/", highlight=False)
+    (options.out / "paths.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+    picture(results, str(options.out / "paths.png"))
+    console.print(f"written to {options.out}/", highlight=False)
     planned = [path for found in results.values() for each in found for path in each["paths"].values()]
     worst = max((path["path_m"]["max"] for path in planned if path.get("path_m")), default=np.inf)
     return 0 if worst < BOUND else 1

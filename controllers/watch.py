@@ -8,7 +8,7 @@
 | a thruster lost | no more push, retreat along the tool axis, then off and up, as well as the other thrusters can |
 | hull off its place | the same, with all thrusters |
 | hull does not become quiet, or not come along | the work is given up |
-| force above its limit, contact lost | retreat along the tool axis |
+| force above its limit, or long above the set one; contact lost | retreat along the tool axis |
 | the estimate or the controller gives no numbers | arm braked, thrusters off (`controllers.guarded`), abort |
 
 A retreat ends in ABORT. Before there is anything to retreat from, the work is given up where the vehicle is.
@@ -117,7 +117,12 @@ def _of_contact(job: Job, state: SupervisorState, estimate: StateEstimate, felt:
     """The force is too large, or the contact is gone."""
     if state.state in _TOUCHING and felt > job.force_limit:
         return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
-    if state.state is WorkState.WORK and job.force_control and job.contactless is None:
+    working = state.state is WorkState.WORK and job.force_control and job.contactless is None
+    if not working or felt <= (1.0 + job.excess) * state.force + job.touch:
+        state.held_at = estimate.time
+    elif estimate.time - state.held_at > job.excess_time:
+        return Verdict(Reaction.RETREAT, f"the force cannot be held: {felt:.0f} N felt, {state.force:.0f} N set")
+    if working:
         if felt > 0.5 * job.touch:
             state.contact_at = estimate.time
         elif estimate.time - state.contact_at > job.lost_time:

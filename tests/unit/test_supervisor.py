@@ -298,6 +298,17 @@ def test_contact_may_be_lost_for_a_moment(gap, ends):
     assert ("contact lost for 0.5 s" in script.end.note) is (ends is WorkState.ABORT)
 
 
+@pytest.mark.parametrize(("time", "share", "ends"), [(0.2, 1.5, "done"), (0.5, 1.5, "abort"), (5.0, 1.2, "done")])
+def test_force_may_be_above_the_set_one_for_a_moment(time: float, share: float, ends: str):
+    def felt(reference: Reference) -> float:
+        more = 2.0 < 100.0 * reference.path_s < 2.0 + 2.0 * time  # at 2 cm/s
+        return (share if reference.state is WorkState.WORK and more else 1.0) * obedient(reference)
+
+    script = Script(felt=felt).run()
+    assert script.end.state == ends
+    assert ("the force cannot be held" in script.end.note) is (ends == "abort")
+
+
 def test_no_surface_where_one_should_be():
     script = Script(felt=lambda _: 0.0).run()
     assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]

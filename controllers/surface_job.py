@@ -33,8 +33,8 @@ class Job:
     force_rate: float = 60.0  # [N/s] at which a set force changes
     force_limit: float = 160.0  # [N] felt force that ends the work
     lost_time: float = 0.5  # [s] without contact that ends the work
-    excess: float = 0.3  # share of the set force by which, and `touch`, the felt one may be above it; more ends the work,
-    excess_time: float = 0.3  # [s] where it lasts so long
+    excess: float = 0.3  # share of the set force, and `touch` more, by which the felt one may be above it
+    excess_time: float = 0.3  # [s] so long; else the work ends
     blind_time: float = 5.0  # [s] without vision that the work waits
     press_time: float = 6.0  # [s] within which the first set force must be reached
     lift: float = 0.45  # [m] before the work pose, as the arm's base faces it, at which the arm unfolds

@@ -60,17 +60,17 @@ def lagrange(added: list[Array], q: Array, qd: Array, torque: Array) -> Array:
     G1, G2 = (A[plane].copy() for A in added)
     for G, m, inertia, c in zip((G1, G2), MASS, INERTIA, CENTER, strict=True):
         G += [[m, 0.0, 0.0], [0.0, m, m * c], [0.0, m * c, inertia + m * c**2]]
-    s, c, l = np.sin(q[1]), np.cos(q[1]), LENGTH  # noqa: E741
+    s, c, L = np.sin(q[1]), np.cos(q[1]), LENGTH
     reach, turn = G2[0, 2] * s + G2[1, 2] * c, G2[0, 2] * c - G2[1, 2] * s
-    M12 = l * reach + G2[2, 2]
-    M11 = G1[2, 2] + l**2 * (G2[0, 0] * s**2 + 2 * G2[0, 1] * s * c + G2[1, 1] * c**2) + 2 * l * reach + G2[2, 2]
-    dM11 = 2 * l**2 * ((G2[0, 0] - G2[1, 1]) * s * c + G2[0, 1] * (c**2 - s**2)) + 2 * l * turn
-    dM12 = l * turn
+    M12 = L * reach + G2[2, 2]
+    M11 = G1[2, 2] + L**2 * (G2[0, 0] * s**2 + 2 * G2[0, 1] * s * c + G2[1, 1] * c**2) + 2 * L * reach + G2[2, 2]
+    dM11 = 2 * L**2 * ((G2[0, 0] - G2[1, 1]) * s * c + G2[0, 1] * (c**2 - s**2)) + 2 * L * turn
+    dM12 = L * turn
     net = [m - DENSITY * V for m, V in zip(MASS, VOLUME, strict=True)]
     lever = [m * c - DENSITY * V * b for m, c, V, b in zip(MASS, CENTER, VOLUME, LIFTED_AT, strict=True)]
     falls = GRAVITY * lever[1] * np.cos(q[0] + q[1])
     forces = torque - [
-        dM11 * qd[0] * qd[1] + dM12 * qd[1] ** 2 + GRAVITY * (lever[0] + net[1] * l) * np.cos(q[0]) + falls,
+        dM11 * qd[0] * qd[1] + dM12 * qd[1] ** 2 + GRAVITY * (lever[0] + net[1] * L) * np.cos(q[0]) + falls,
         -0.5 * dM11 * qd[0] ** 2 + falls,
     ]
     return np.linalg.solve(np.array([[M11, M12], [M12, G2[2, 2]]]), forces).astype(np.float64)

@@ -1,7 +1,7 @@
 """A hull on a prescribed motion under the sensors of the plant, for tests of the navigation filter."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
@@ -72,9 +72,9 @@ class Course:
 class Rig:
     """Sensors and filter; a function of the tick and its measurements may spoil them on their way (`spoil`)."""
 
-    imu: sensors.Imu = sensors.Imu()  # noqa: RUF009  (frozen)
-    dvl: sensors.Dvl | None = sensors.Dvl()  # noqa: RUF009
-    vision: sensors.VisionDrift = sensors.VisionDrift()  # noqa: RUF009
+    imu: sensors.Imu = field(default_factory=sensors.Imu)
+    dvl: sensors.Dvl | None = field(default_factory=sensors.Dvl)
+    vision: sensors.VisionDrift = field(default_factory=sensors.VisionDrift)
 
     def run(
         self, seconds: float, rng: np.random.Generator, navigation: Navigation | None = None, hull: Hull | None = None,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import groupby, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,9 @@ from models.manifold import manifold
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from tests.unit.told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[-1.0, 0.2, 0.5]), pose(p=[-0.6, 0.0, 0.3])
@@ -54,13 +55,12 @@ def wall_at(depth: float, radius: float = np.inf) -> World:
 
 
 @dataclass
-class Script:
+class Script(Told):
     """Drives a planner through a world that answers with forces; every reference that it gives is kept."""
 
     world: World = free
     job: InsertionJob = field(default_factory=InsertionJob)
     found: bool = True
-    references: list[Reference] = field(default_factory=list)
 
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
@@ -96,14 +96,6 @@ class Script:
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
         return self
-
-    @property
-    def states(self) -> list[WorkState]:
-        return [state for state, _ in groupby(r.state for r in self.references)]
-
-    @property
-    def end(self) -> Reference:
-        return self.references[-1]
 
     def tips(self, *states: WorkState) -> Array:
         """(N, 3) [m] tip references in the hole's frame, in `states`."""
@@ -141,7 +133,7 @@ def test_a_free_hole_is_entered_along_its_axis_and_left(within):
     moved = np.diff(tips[:, 2]) / PERIOD
     asked = [r.v_WG_W @ X_WH[:3, 2] for r in script.references if r.state in (WorkState.APPROACH, *AFTER)]
     within("speed [m/s]", moved[:-1] - np.array(asked)[1 : len(moved)], script.job.acceleration * PERIOD + 1e-9)
-    stay = [r for r in script.references if r.state is WorkState.WORK]
+    stay = script.of(WorkState.WORK)
     assert len(stay) * PERIOD == pytest.approx(script.job.stay, abs=0.05)
     assert {r.state for r in script.references if r.compliant} == set(AFTER)
     assert {r.state for r in script.references if r.tare} == {WorkState.TARE}

@@ -1,7 +1,6 @@
 """The inspection flight: the line around an object, the hull's poses on it, and the planner that flies it."""
 
-from dataclasses import dataclass, field, replace
-from itertools import groupby
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,8 +12,9 @@ from models import targets, uuv_puma
 from models.targets import TargetModel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from tests.unit.told import Told
 
 OWN = uuv_puma.build().compile()
 VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
@@ -113,13 +113,12 @@ def test_motion_is_bounded(name):
 
 
 @dataclass
-class Script:
+class Script(Told):
     """A world whose hull is where it should be, less `lag` [m], and a finder that always finds."""
 
     job: InspectionJob = JOB
     floor: float = -10.0
     refusal: str = ""
-    references: list[Reference] = field(default_factory=list)
 
     def run(self, lag: float = 0.0) -> "Script":
         target = targets.named("barrel")
@@ -156,17 +155,13 @@ class Script:
                 break
         return self
 
-    @property
-    def states(self) -> list[WorkState]:
-        return [state for state, _ in groupby(r.state for r in self.references)]
-
 
 def test_it_flies_once_around_and_ends_where_it_began(within):
     script = Script().run()
     assert script.states == [
         WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.WORK, WorkState.DONE,
     ]  # fmt: skip
-    work = [r for r in script.references if r.state is WorkState.WORK]
+    work = script.of(WorkState.WORK)
     within("ends apart [m]", work[-1].X_WB - work[0].X_WB, 1e-3)
     assert max(np.ptp([r.X_WB[i, 3] for r in work]) for i in range(2)) > 1.5
     # The velocities asked for are those of the poses.
@@ -191,15 +186,15 @@ def test_it_waits_for_a_hull_that_is_behind():
 )
 def test_it_does_not_begin(script, said):
     script.run()
-    assert script.references[-1].state is WorkState.ABORT
-    assert said in script.references[-1].note
+    assert script.end.state is WorkState.ABORT
+    assert said in script.end.note
     assert WorkState.WORK not in script.states
 
 
 def test_it_gives_up_where_the_hull_is_carried_away():
     script = Script().run(lag=0.9)
-    assert script.references[-1].state is WorkState.ABORT
-    assert "cannot hold its place" in script.references[-1].note
+    assert script.end.state is WorkState.ABORT
+    assert "cannot hold its place" in script.end.note
 
 
 def test_what_cannot_be_is_refused():

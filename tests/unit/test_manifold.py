@@ -59,22 +59,26 @@ def test_rays_find_radius_depth_and_chamfer(radius, depth, chamfer, name, within
     within("face [m]", ray(model, data, start, X_WH[:3, 2]) - 0.2, 1e-9)
 
 
+def _polygon(sides: int) -> float:
+    """Area of the polygon in the unit circle."""
+    return 0.5 * sides * np.sin(2.0 * np.pi / sides)
+
+
 @pytest.mark.parametrize(("radius", "depth", "chamfer"), HOLES)
 def test_volume_of_the_mesh(radius, depth, chamfer, within):
     """By the divergence theorem, pipes and block counted each: closed, and wound outward everywhere."""
     target = manifold(radius, depth, chamfer).target
     a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
     found = float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
-    polygon = lambda sides: 0.5 * sides * np.sin(2.0 * np.pi / sides)  # noqa: E731 area of the unit circle's polygon
     wide = radius + chamfer
     bore = radius**2 * (depth - chamfer) + chamfer * (radius**2 + radius * wide + wide**2) / 3.0
     pipes = 0.045**2 * 0.5 + 0.03**2 * 0.26 + 0.04**2 * 0.13
-    expected = float(np.prod(SIZE)) - 2.0 * polygon(96) * bore + polygon(48) * pipes
+    expected = float(np.prod(SIZE)) - 2.0 * _polygon(96) * bore + _polygon(48) * pipes
     within("volume, relative", (found - expected) / expected, 1e-12)
     # The face lies in z = 0 and adds nothing to the volume: its area.
     normal = 0.5 * np.cross(b - a, c - a)[np.abs(target.vertices[target.triangles][:, :, 2]).max(axis=1) == 0.0, 2]
     assert (normal > 0.0).all()
-    within("area of the face [m^2]", normal.sum() - (SIZE[0] * SIZE[1] - 2.0 * polygon(96) * wide**2), 1e-14)
+    within("area of the face [m^2]", normal.sum() - (SIZE[0] * SIZE[1] - 2.0 * _polygon(96) * wide**2), 1e-14)
     edges = np.sort(target.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2))
     assert (np.unique(edges, axis=0, return_counts=True)[1] <= 2).all()
 

@@ -1,7 +1,6 @@
 """The planner of seabed work, its tool led through soil as it asks."""
 
 from dataclasses import dataclass, field
-from itertools import groupby
 
 import numpy as np
 import pytest
@@ -17,9 +16,10 @@ from models.soil import core_tube, depth_for, mud, sand
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from perception.terrain_path import core_path
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import Command, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, pose, readonly
 from sim.soil import SoilForce
+from tests.unit.told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])
@@ -43,7 +43,7 @@ def profile() -> ToolPath:
 
 
 @dataclass
-class Script:
+class Script(Told):
     """A world whose tool is where it is asked to be, and a hull that is where it should be."""
 
     job: SeabedJob
@@ -51,7 +51,6 @@ class Script:
     world: SoilForce = field(default_factory=lambda: SoilForce(FLAT, sand(), TUBE))
     refusal: str = ""
     drift: float = 0.0  # [m] of the hull once it works
-    references: list[Reference] = field(default_factory=list)
     forces: list[float] = field(default_factory=list)
 
     def run(self, seconds: float = 150.0) -> "Script":
@@ -90,10 +89,6 @@ class Script:
                 break
         return self
 
-    @property
-    def states(self) -> list[WorkState]:
-        return [state for state, _ in groupby(r.state for r in self.references)]
-
     def tips(self, *states: WorkState) -> Array:
         """(N, 3) [m] tip references in `states`."""
         return np.array([r.X_WG[:3, 3] for r in self.references if r.state in states and r.X_WG is not None])
@@ -119,7 +114,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
 def test_a_core_goes_where_the_soil_bears_the_push(within):
     script = Script(job=SeabedJob()).run()
     assert script.states == [*BEFORE, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW, WorkState.DONE]
-    assert script.references[-1].note == ""
+    assert script.end.note == ""
     work = [i for i, r in enumerate(script.references) if r.state is WorkState.WORK]
     within("push while held [N]", np.array(script.forces)[work] - 50.0, 2.5)
     inside = script.tips(WorkState.INSERT, WorkState.PRESS, WorkState.WORK)
@@ -127,13 +122,13 @@ def test_a_core_goes_where_the_soil_bears_the_push(within):
     closed = depth_for(sand(), TUBE, 0.9 * 50.0)  # where the force loop is closed
     within("depth [m]", inside[:, 2].min() + closed, 2e-3)
     within("stand-off at the end [m]", script.tips(WorkState.DONE)[-1, 2] - 0.1, 1e-3)
-    assert not script.references[-1].v_WG_W.any()
+    assert not script.end.v_WG_W.any()
 
 
 def test_a_tube_that_is_full_is_drawn_out():
     script = Script(job=SeabedJob(push=70.0, depth=0.06)).run()
     assert script.states[-1] is WorkState.ABORT
-    assert "the tube is full at 60 mm, the soil bears" in script.references[-1].note
+    assert "the tube is full at 60 mm, the soil bears" in script.end.note
     assert script.tips(WorkState.INSERT)[:, 2].min() > -0.061
 
 
@@ -148,7 +143,7 @@ def test_a_tool_is_dragged_at_its_depth(within, placed):
     within("off the profile at its depth [m]", off, 2.5e-3)  # its samples are 3.8 mm apart
     within("ends [m]", tips[[0, -1]] - foot[[0, -1]], 5e-4)
     within("place was asked for at that depth [m]", placed[0].p - foot, 1e-12)
-    moving = [r for r in script.references if r.state is WorkState.WORK]
+    moving = script.of(WorkState.WORK)
     step = np.diff(tips, axis=0) / PERIOD
     within("speed as told [m/s]", step - [r.v_WG_W for r in moving][:-1], 1e-3)
     assert np.linalg.norm(step, axis=1).max() < 0.021
@@ -164,7 +159,7 @@ def test_a_tool_is_dragged_at_its_depth(within, placed):
 def test_what_ends_the_work(change, said):
     script = Script(job=SeabedJob(), **change).run(400.0)
     assert script.states[-1] is WorkState.ABORT
-    assert script.references[-1].note == said
+    assert script.end.note == said
 
 
 def test_a_refused_cloud_leaves_the_vehicle_where_it_scanned(within):
@@ -178,7 +173,7 @@ def test_something_in_the_way_is_noticed():
     table = Seabed(kind="flat", heights=np.full((3, 3), 0.08), half=2.0, center_W=np.zeros(3), rocks=np.zeros((0, 3)))
     script = Script(job=SeabedJob(), world=SoilForce(table, mud(strength=2e4), TUBE)).run()
     assert script.states[-1] is WorkState.ABORT
-    assert "over the ground as scanned" in script.references[-1].note
+    assert "over the ground as scanned" in script.end.note
 
 
 def test_no_place_is_no_descent(monkeypatch, within):
@@ -187,7 +182,7 @@ def test_no_place_is_no_descent(monkeypatch, within):
 
     monkeypatch.setattr(seabed_work, "choose_height", nowhere)
     script = Script(job=SeabedJob()).run()
-    assert script.references[-1].note == "no height to work at"
+    assert script.end.note == "no height to work at"
     within("height [m]", [r.X_WB[2, 3] - 2.5 for r in script.references], 1e-12)
 
 

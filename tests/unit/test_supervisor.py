@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, pose
+from tests.unit.told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
@@ -61,7 +61,7 @@ def obedient(reference: Reference) -> float:
 
 
 @dataclass
-class Script:
+class Script(Told):
     """Drives a supervisor; every reference that it gives is kept."""
 
     job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
@@ -69,7 +69,6 @@ class Script:
     views: Sequence[bool] = (True,)  # whether each view finds the object
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
-    references: list[Reference] = field(default_factory=list)
 
     def run(self, seconds: float = 120.0) -> "Script":
         own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
@@ -106,17 +105,6 @@ class Script:
         if length <= self.fastest * PERIOD:
             return wanted
         return pose(wanted[:3, :3], X_WB[:3, 3] + way * (self.fastest * PERIOD / length))
-
-    @property
-    def states(self) -> list[WorkState]:
-        return [state for state, _ in groupby(r.state for r in self.references)]
-
-    @property
-    def end(self) -> Reference:
-        return self.references[-1]
-
-    def of(self, *states: WorkState) -> list[Reference]:
-        return [r for r in self.references if r.state in states]
 
 
 @pytest.fixture(autouse=True)

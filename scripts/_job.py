@@ -190,7 +190,7 @@ def run_contact_job(
     """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
     console = Console()
     if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
-        console.print("first start: the inner loops are compiled, once; this takes about half a minute")
+        console.print("first start: the inner loops are compiled, once; this takes a minute or so")
     folder = options.folder(job.scenario)  # before the work: it may not be possible
     built = build(job, options, rng, variation)
     if built.said:

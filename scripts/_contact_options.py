@@ -66,7 +66,7 @@ class ContactOptions(ScenarioOptions):
         approach, orientation = coarse_detection(X_WT, rng)
         return ContactJob(
             scenario=scenario,
-            title=f"Cleaning a {target.name}, {path} path, seed {self.seed}",
+            title=f"Cleaning the {target.name}, {path} path, seed {self.seed}",
             target=target,
             path=path,
             forces=self.forces or forces,

@@ -124,7 +124,7 @@ def main() -> int:
         pictures=lambda ran: pictures(ran.recording, truth),
         begun=(WorkState.WORK,),
     )
-    title = f"Inspection of a {options.object} from {options.distance:g} m, seed {options.seed}"
+    title = f"Inspection of the {options.object} from {options.distance:g} m, seed {options.seed}"
     return run_shown(ready, judging, title, options, folder, console, started)
 
 

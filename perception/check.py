@@ -281,8 +281,8 @@ def _form(points: Array, E: Array, size: float) -> float:
     """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    medians = np.array([np.median(E[patch == i]) for i in np.nonzero(count >= _PATCH_RAYS)[0]])
-    return _trimmed_rms(medians, _PATCH_TRIM) if len(medians) >= 4 else 0.0
+    large = np.nonzero(count >= _PATCH_RAYS)[0]
+    return _trimmed_rms(np.asarray(ndimage.median(E, patch, large)), _PATCH_TRIM) if len(large) >= 4 else 0.0
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:

@@ -19,7 +19,7 @@ from perception.initialiser import Expected, initial_poses
 from perception.likelihood import log_likelihood
 from perception.paper_icp import laid_on, paper_fit
 from perception.registration import Evidence, Fit, ModelSurface, fine_fit, score
-from perception.scan import MIN_POINTS, Scan, SensorModel, background, without_flying_pixels
+from perception.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
 from perception.told_turn import told_turn
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
@@ -198,8 +198,7 @@ def segment(
     _need(usable, "of the scan form a surface")
     mask = usable & ~background(scan, usable, 2.4 * target.radius, sensor, rng)
     if approach is not None:
-        with np.errstate(invalid="ignore"):
-            mask &= np.linalg.norm(scan.points - approach, axis=-1) < target.radius + approach_error
+        mask &= near_any(scan.points, approach[None], target.radius + approach_error)
         _need(mask, "lie near the approach")
     else:
         _need(mask, "stand out from the background")
@@ -230,12 +229,8 @@ class _Found:
 
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
     """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
-    near = np.zeros(scan.depth.shape, dtype=bool)
-    for X in starts:
-        with np.errstate(invalid="ignore"):
-            apart = np.linalg.norm(scan.points - transform_points(X, surface.center), axis=-1)
-            near |= apart < _AROUND * surface.radius
-    return near
+    centers = np.array([transform_points(X, surface.center) for X in starts])
+    return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
 def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:

@@ -11,10 +11,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numba import njit
 from scipy.spatial import cKDTree
 
 from models import open3d_loader
 from models.targets import TargetModel
+from perception.nearest_point import NearestPoint
 from perception.scan import Contour, Scan, SensorModel, contour, facing_normals, jump, outward, voxel_means
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -189,7 +191,7 @@ class _Pairing:
     surface: ModelSurface
     points: Array  # (M, 3) [m] visible, in T
     normals: Array  # (M, 3)
-    tree: cKDTree
+    grid: NearestPoint
     edges: _Edges | None
 
     @classmethod
@@ -200,12 +202,12 @@ class _Pairing:
             return None
         points = surface.points[visible]
         edges = _edges(evidence, surface, X_ST)
-        return cls(evidence, surface, points, surface.normals[visible], cKDTree(points), edges)
+        return cls(evidence, surface, points, surface.normals[visible], NearestPoint.of(points, surface.spacing), edges)
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
         """Index (N,) of the visible model point that is nearest to each scan point; M where none is near."""
         points = transform_points(inverse(X_ST), self.evidence.points)
-        return self.tree.query(points, distance_upper_bound=self._reach(gate))[1]
+        return self.grid.query(points, self._reach(gate))[1]
 
     def _reach(self, gate: float) -> float:
         return gate + 3.0 * float(np.median(self.evidence.sigma))
@@ -252,7 +254,7 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
 def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
     """Mask (N,) of the scan's points that lie by the noise and the spacing near one of the `points` (M, 3) [m] in S."""
     limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
-    return cKDTree(points).query(evidence.points, distance_upper_bound=float(limit.max()))[0] < limit
+    return NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
@@ -297,26 +299,74 @@ def _plane_terms(
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
-    paired = np.nonzero(index < len(model_points))[0]
-    q = transform_points(X_ST, model_points[index[paired]])
-    n = model_normals[index[paired]] @ X_ST[:3, :3].T
-    n *= np.where(np.einsum("ij,ij->i", n, q) > 0.0, -1.0, 1.0)[:, None]
-    offset = evidence.points[paired] - q
-    along = np.einsum("ij,ij->i", n, offset)
-    square = np.einsum("ij,ij->i", offset, offset)
-    # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
-    fit = (square < gate**2) & (square - along**2 < (1.5 * surface.spacing) ** 2)
-    fit &= np.einsum("ij,ij->i", n, evidence.normals[paired]) > 0.5
-    if fit.sum() < 6:
-        return np.zeros((7, 7)), np.zeros(7), np.inf
-    along, n, q, paired = along[fit], n[fit], q[fit], paired[fit]
-    sigma = evidence.sigma[paired]
-    scale = np.maximum(2.0 * sigma, 0.25 * gate)
-    weight = evidence.independent[paired] / (1.0 + (along / scale) ** 2) ** 2 / (sigma**2 + 1e-6)
-    J = _rows(n, q, X_ST, surface)
-    H = J.T @ (weight[:, None] * J)
-    g = J.T @ (weight * along)
-    return H, g, float(np.sqrt(np.average(along**2, weights=weight)))
+    H, g, sums = _plane_sums(
+        evidence.points, evidence.normals, evidence.sigma, evidence.independent, model_points, model_normals, index,
+        X_ST, transform_points(X_ST, surface.center), gate, surface.spacing, surface.radius,
+    )  # fmt: skip
+    return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
+
+
+@njit(cache=True)
+def _plane_sums(
+    points: Array,
+    normals: Array,
+    sigma: Array,
+    independent: Array,
+    model_points: Array,
+    model_normals: Array,
+    index: np.ndarray,
+    X_ST: Array,
+    center: Array,
+    gate: float,
+    spacing: float,
+    radius: float,
+) -> tuple[Array, Array, Array]:
+    """Sums over the pairs that can be compared: as `_plane_terms`, and of weights and weighted squares (2,) [m^2]."""
+    H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
+    q, m = np.empty(3), np.empty(3)
+    pairs = 0
+    for n in range(len(points)):
+        i = index[n]
+        if i >= len(model_points):
+            continue
+        for a in range(3):
+            q[a], m[a] = X_ST[a, 3], 0.0
+            for b in range(3):
+                q[a] += X_ST[a, b] * model_points[i, b]
+                m[a] += X_ST[a, b] * model_normals[i, b]
+        facing = -1.0 if m[0] * q[0] + m[1] * q[1] + m[2] * q[2] > 0.0 else 1.0
+        along, square, cosine = 0.0, 0.0, 0.0
+        for a in range(3):
+            m[a] *= facing
+            off = points[n, a] - q[a]
+            along += m[a] * off
+            square += off * off
+            cosine += m[a] * normals[n, a]
+        # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
+        if square >= gate**2 or square - along**2 >= (1.5 * spacing) ** 2 or cosine <= 0.5:
+            continue
+        pairs += 1
+        scale = max(2.0 * sigma[n], 0.25 * gate)
+        weight = independent[n] / (1.0 + (along / scale) ** 2) ** 2 / (sigma[n] ** 2 + 1e-6)
+        for a in range(3):
+            q[a] = (q[a] - center[a]) / radius
+        J[0], J[1], J[2] = m
+        J[3] = q[1] * m[2] - q[2] * m[1]
+        J[4] = q[2] * m[0] - q[0] * m[2]
+        J[5] = q[0] * m[1] - q[1] * m[0]
+        J[6] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2]
+        sums[0] += weight
+        sums[1] += weight * along**2
+        for a in range(7):
+            g[a] += weight * along * J[a]
+            for b in range(a + 1):
+                H[a, b] += weight * J[a] * J[b]
+    if pairs < 6:
+        return np.zeros((7, 7)), np.zeros(7), np.zeros(2)
+    for a in range(7):
+        for b in range(a):
+            H[b, a] = H[a, b]
+    return H, g, sums
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:

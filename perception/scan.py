@@ -284,6 +284,20 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
     return _Plane(center, normal, inliers)
 
 
+@njit(cache=True)
+def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
+    """Mask (H, W) of the points (H, W, 3) that lie within `reach` of one of `centers` (K, 3) [m]; NaN never."""
+    near = np.zeros(points.shape[:2], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        for j in range(points.shape[1]):
+            x, y, z = points[i, j]
+            for u, v, w in centers:
+                if (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2 < reach**2:
+                    near[i, j] = True
+                    break
+    return near
+
+
 def hang_together(points: Array, reach: float) -> np.ndarray:
     """Label (N,) of the surface that each of the points (N, 3) belongs to: neighbours within `reach` [m] share one."""
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
@@ -409,6 +423,8 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
 
 def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (N, 2), x then y, at the given pixels, by Sobel's kernels."""
-    x, y = (ndimage.sobel(image, axis=axis)[rows, columns] for axis in (1, 0))
+    """Gradient (N, 2), x then y, at the given pixels, none of them on the border, by Sobel's kernels."""
+    near = {(dy, dx): image[rows + dy, columns + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx}
+    x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
+    y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     return np.column_stack([x, y]).astype(np.float64)

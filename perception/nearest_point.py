@@ -1,0 +1,115 @@
+"""The nearest of many points, found in a grid of cells: several times as fast as a tree where the points lie evenly.
+
+Points sampled on a surface fill cells of a few spacings alike, and what is asked about lies mostly within a cell or
+two of them; a tree makes no use of either. The answers are those of `scipy.spatial.cKDTree.query`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from sim.interfaces.spatial import Array
+
+_CELL = 3.0  # [spacings] that a cell is wide
+_MOST_CELLS = 2_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestPoint:
+    """Points sorted into cells."""
+
+    points: Array  # (M, 3) [m], cell by cell
+    order: np.ndarray  # (M,) index that each of them came with
+    first: np.ndarray  # (nx * ny * nz + 1,) where each cell begins among `points`
+    corner: Array  # (3,) [m] of the first cell
+    shape: np.ndarray  # (3,) cells along each axis
+    cell: float  # [m]
+
+    @classmethod
+    def of(cls, points: Array, spacing: float) -> "NearestPoint":
+        """Sort `points` (M, 3) [m], M >= 1, which lie about `spacing` [m] apart."""
+        corner, cell = points.min(axis=0), _CELL * spacing
+        extent = points.max(axis=0) - corner
+        while np.prod(extent // cell + 1.0) > _MOST_CELLS:
+            cell *= 2.0
+        shape = (extent // cell).astype(np.int64) + 1
+        order, first = _sorted(points, corner, shape, cell)
+        return cls(points[order], order, first, corner, shape, cell)
+
+    def query(self, points: Array, reach: float) -> tuple[Array, np.ndarray]:
+        """Distance (N,) [m] and index (N,) of the nearest to each of `points` (N, 3) [m].
+
+        Where none is nearer than `reach` [m], infinity and M.
+        """
+        square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
+        _search(points, self.points, self.order, self.first, self.corner, self.shape, self.cell, square, found)
+        return np.where(found < len(self.order), np.sqrt(square), np.inf), found
+
+
+@njit(cache=True)
+def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (M,) cell by cell, and where each cell begins."""
+    where = np.empty(len(points), dtype=np.int64)
+    first = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
+    for n in range(len(points)):
+        at = 0
+        for a in range(3):
+            at = at * shape[a] + min(int((points[n, a] - corner[a]) / cell), shape[a] - 1)
+        where[n] = at
+        first[at + 1] += 1
+    for i in range(1, len(first)):
+        first[i] += first[i - 1]
+    order, filled = np.empty(len(points), dtype=np.int64), first[:-1].copy()
+    for n in range(len(points)):
+        order[filled[where[n]]] = n
+        filled[where[n]] += 1
+    return order, first
+
+
+@njit(cache=True)
+def _search(
+    asked: Array,
+    points: Array,
+    order: np.ndarray,
+    first: np.ndarray,
+    corner: Array,
+    shape: np.ndarray,
+    cell: float,
+    square: Array,
+    found: np.ndarray,
+) -> None:
+    """Lower `square` (N,) [m^2] to that of the nearest point and note its index: cells in shells around the asked one.
+
+    No cell of shell s is nearer than s - 1 cells and the way from the point to the nearest side of its own.
+    """
+    nx, ny, nz = shape
+    for n in range(len(asked)):
+        x, y, z = asked[n]
+        u, v, w = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell
+        i, j, k = int(np.floor(u)), int(np.floor(v)), int(np.floor(w))
+        side = min(min(u - i, 1.0 - (u - i)), min(v - j, 1.0 - (v - j)), min(w - k, 1.0 - (w - k)))
+        least, best = square[n], -1
+        # Nearer shells lie outside the grid, and beyond the last there is none.
+        shell = max(0, -i, -j, -k, i - nx + 1, j - ny + 1, k - nz + 1)
+        last = max(i, j, k, nx - 1 - i, ny - 1 - j, nz - 1 - k)
+        while shell <= last:
+            if shell > 0 and ((shell - 1 + side) * cell) ** 2 >= least:
+                break
+            for a in range(max(i - shell, 0), min(i + shell, nx - 1) + 1):
+                for b in range(max(j - shell, 0), min(j + shell, ny - 1) + 1):
+                    rim = a == i - shell or a == i + shell or b == j - shell or b == j + shell
+                    step = 1 if rim or shell == 0 else 2 * shell
+                    c = k - shell
+                    while c <= k + shell:
+                        if 0 <= c < nz:
+                            at = (a * ny + b) * nz + c
+                            for m in range(first[at], first[at + 1]):
+                                dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
+                                apart = dx * dx + dy * dy + dz * dz
+                                if apart < least:
+                                    least, best = apart, m
+                        c += step
+            shell += 1
+        if best >= 0:
+            square[n], found[n] = least, order[best]

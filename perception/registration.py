@@ -476,8 +476,8 @@ def _edge_terms(
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
     direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])
     pitch = evidence.scan.pitch * P[:, 2]
-    # Edge pixels come in rows: 1 px wide, about 4 of them to one independent error.
-    sigma = 2.0 * pitch
+    # What mixes at an edge differs from pixel to pixel: each is a reading of its own.
+    sigma = evidence.sensor.edge_sigma * pitch
     weight = 1.0 / (1.0 + (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2) ** 2 / sigma**2
     J = _rows(direction, P, X_ST, surface)
     return J.T @ (weight[:, None] * J), J.T @ (weight * across)

@@ -22,6 +22,9 @@ from sim.interfaces.spatial import Array, readonly
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
 _ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
+_SAMPLED = 20_000  # pixels, about, of which background planes are made
+_FACET = 0.056  # [rad] of surface, 31 px of the usual camera, that tells which way it faces
+_ALIGNED = np.cos(np.deg2rad(20.0))  # of a surface that lies as a plane does
 _SEAM = 5  # [px] without depth between what hides and what is hidden
 _EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
@@ -34,11 +37,14 @@ class SensorModel:
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
     noise_length: float = 5.0  # [px] over which its errors hang together: one independent reading
+    edge_sigma: float = 1.0  # [px] of the place of a depth edge; matchers with large windows: their half
     max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
 
     def __post_init__(self) -> None:
-        if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0):
-            raise ConfigurationError(f"sensor model: focal, baseline and disparity_sigma must be positive, got {self}")
+        if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
+            raise ConfigurationError(
+                f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"
+            )
         if not 1.0 <= self.noise_length < np.inf:
             raise ConfigurationError(f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}")
         if not 0.0 < self.max_incidence < 0.5 * np.pi:
@@ -229,25 +235,51 @@ def background(
 ) -> np.ndarray:
     """Mask (H, W) of the masked pixels that lie on background planes.
 
-    Background is a plane that reaches further than the object can: its points spread over more than `extent` [m].
-    The `planes` largest planes are judged; a face of the object may be among them, and is left.
+    Background is a plane that reaches further than the object can: points of surface that lies as it does spread over
+    more than `extent` [m]; a strip where it only cuts through something does not count. The `planes` largest planes
+    are judged; a face of the object may be among them, and is left.
     """
     found = np.zeros_like(mask)
-    rows, columns = np.nonzero(mask)
+    every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
+    part, thinned = scan.part((every, every)), mask[every, every]
+    normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
+    rows, columns = np.nonzero(thinned)
     step = max(1, len(rows) // 3000)
-    sample = scan.points[rows[::step], columns[::step]]
+    sample, facing = part.points[rows[::step], columns[::step]], normals[rows[::step], columns[::step]]
     least = max(20, int(0.08 * len(sample)))
     for _ in range(planes):
         plane = _largest_plane(sample, sensor, rng)
         if plane is None or plane.inliers.sum() < least:
             break
-        spread = sample[plane.inliers] - sample[plane.inliers].mean(axis=0)
-        if 2.0 * float(np.percentile(np.linalg.norm(spread, axis=1), 95)) > extent:
+        lying = sample[plane.inliers & (np.abs(facing @ plane.normal) > _ALIGNED)]
+        if len(lying) and 2.0 * float(np.percentile(np.linalg.norm(lying - lying.mean(axis=0), axis=1), 95)) > extent:
             off = np.abs((scan.points - plane.center) @ plane.normal)
             with np.errstate(invalid="ignore"):
                 found |= mask & (off < _plane_tolerance(scan.depth, sensor))
-        sample = sample[~plane.inliers]
+        sample, facing = sample[~plane.inliers], facing[~plane.inliers]
     return found
+
+
+def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
+    """Unit normals (H, W, 3) of the masked surface around each pixel, `width` [px] wide; 0 where it is not known.
+
+    A plane is a linear function of the pixel in inverse depth, where a stereo pair's errors are alike all over.
+    """
+    x, y = np.meshgrid(scan.tangent_x, scan.tangent_y)
+    inverse = np.where(mask, 1.0 / np.where(mask, scan.depth, 1.0), 0.0)
+    terms = (mask, mask * x, mask * y, mask * x * x, mask * x * y, mask * y * y, inverse, inverse * x, inverse * y)
+    n, mx, my, xx, xy, yy, m, mxz, myz = (ndimage.uniform_filter(term.astype(np.float64), width) for term in terms)
+    known = mask & (n > 0.25)
+    n = np.where(known, n, 1.0)
+    mx, my, m = mx / n, my / n, m / n
+    xx, xy, yy, xz, yz = xx / n - mx * mx, xy / n - mx * my, yy / n - my * my, mxz / n - mx * m, myz / n - my * m
+    determinant = xx * yy - xy * xy
+    known &= determinant > 1e-9 * scan.pitch**4
+    determinant = np.where(known, determinant, 1.0)
+    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+    normals = np.stack([a, b, m - a * mx - b * my], axis=-1)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.where(known[..., None] & (length > 0.0), normals / np.where(length > 0.0, length, 1.0), 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,12 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
     if not (pitch > 0.0 and sigma > 0.0 and at > 0.0):
         raise ConfigurationError(f"sonar model: pitch, sigma and at must be positive, got {pitch}, {sigma}, {at}")
     baseline = 0.12
-    return SensorModel(focal=1.0 / pitch, baseline=baseline, disparity_sigma=sigma * baseline / (pitch * at**2))
+    return SensorModel(
+        focal=1.0 / pitch,
+        baseline=baseline,
+        disparity_sigma=sigma * baseline / (pitch * at**2),
+        noise_length=1.0,  # beams err each by itself
+    )
 
 
 def without_lone_echoes(points: ArrayLike) -> Array:

@@ -22,7 +22,7 @@ class FinderState:
     """What the finder has seen: last, for the log, and since then, to be judged together."""
 
     frames: int = 0
-    looks: tuple[Look, ...] = ()  # depth frames that wait for more of their kind
+    looks: tuple[Look, ...] = ()  # that wait for more of their kind
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
 
@@ -54,7 +54,7 @@ class KnownObjectFinder:
 
         `path`: name of one of the target's paths, a path of its own, or None: no path is wanted. `orientation_W`
         (3, 3): coarse rotation of T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool
-        path's samples. `looks`: depth frames in a row whose median the path is planned on.
+        path's samples. `looks`: depth frames, or pings, in a row whose median the path is planned on.
         Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
         """
         self._path = target.path(path) if isinstance(path, str) else path
@@ -85,7 +85,7 @@ class KnownObjectFinder:
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = without_lone_echoes(measurement.points), measurement.X_BS, self._sensor
+            seen, X_BC, sensor = _scan_of(without_lone_echoes(measurement.points)), measurement.X_BS, self._sensor
         else:
             raise ConfigurationError(
                 f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
@@ -122,6 +122,14 @@ class KnownObjectFinder:
             path=path,
         )
         return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target
+
+
+def _scan_of(echoes: Array) -> Scan | Array:
+    """Echoes (H, W, 3) [m] as a scan, or as they are where they make none, for `identify` to say why."""
+    try:
+        return Scan.from_cloud(echoes)
+    except PerceptionError:
+        return echoes
 
 
 def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:

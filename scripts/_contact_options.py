@@ -36,7 +36,9 @@ class ContactOptions(ScenarioOptions):
     dented: float = 0.0
     """The same with dents, up to this deep [m]."""
     looks: int = 1
-    """Depth frames in a row whose median the tool path is planned on; 16 for what may be fouled or dented."""
+    """Frames, or pings, in a row whose median the tool path is planned on; 16 for what may be fouled or dented."""
+    sensor: Literal["camera", "sonar"] = "camera"
+    """What the object is seen with."""
     without: tuple[Left, ...] = ()
     """Methods to leave out, for ablation."""
     arm_errors: int | None = None
@@ -84,6 +86,7 @@ class ContactOptions(ScenarioOptions):
             arm=self.arm,
             contactless=self.contactless,
             looks=self.looks,
+            sees_with=self.sensor,
             there=self._there(target, path, rng),
         )
 

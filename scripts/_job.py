@@ -6,7 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from _job_parts import Misplacing, believed_and_built, controller, hull_box, scan_pose, undriven
+from _job_parts import Misplacing, believed_and_built, controller, eyes, hull_box, scan_pose, undriven
 from _variation import NOMINAL, Variation, vary
 from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
 from rich.console import Console
@@ -17,13 +17,12 @@ from controllers.supervisor import SurfaceWork
 from controllers.surface_job import Job
 from models import scenes
 from models.targets import TargetModel
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, Vehicle, find, pose_in_body
 from perception.navigation import Navigation
 from perception.raw_navigation import RawNavigation
 from perception.target_finder import FinderState, KnownObjectFinder
 from sim import hydrodynamics, sensors
 from sim.current import Current
-from sim.depth_camera import DepthCamera
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
@@ -56,7 +55,8 @@ class ContactJob:
     arm: Path | None = None  # or as a file says
     force_rate: float = 60.0  # [N/s] at which a set force changes
     contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
-    looks: int = 1  # depth frames whose median the path is planned on
+    sees_with: str = "camera"  # or a sonar
+    looks: int = 1  # depth frames, or pings, whose median the path is planned on
     there: TargetModel | None = None  # what really stands there, with the same paths; None: `target`, as it is known
 
 
@@ -127,11 +127,13 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         reaction_ticks=REACTION_TICKS if options.record else 0,
     )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
+    eye, eye_model = eyes(job.sees_with, model, X_BC)
     finder = KnownObjectFinder(
         job.target,
         job.path,
         job.approach_W,
         job.orientation_W,
+        sensor=eye_model,
         looks=job.looks,
         seed=int(sampling.integers(2**31)),
     )
@@ -144,7 +146,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
             sensors.VisionDrift(
                 period=variation.vision_period, delay=variation.vision_delay, noise=variation.vision_noise
             ),
-            DepthCamera(model, HULL_BODY, X_BC),
+            eye,
         ],
         estimator=RawNavigation() if "fusion" in job.without else Navigation(),
         finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,

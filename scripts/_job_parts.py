@@ -12,12 +12,18 @@ import numpy as np
 
 from controllers.guarded import Guarded
 from models import arm_geometry, scenes
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle
+from perception.scan import SensorModel
+from perception.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder
+from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+from sim.sonar import BEAMS, Sonar
+
+SEES_WITH = ("camera", "sonar")
 
 
 def believed_and_built(
@@ -44,6 +50,18 @@ def believed_and_built(
     if known is not arm:
         arm_geometry.move(believed, arm, known)
     return believed, built, said
+
+
+def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | Sonar, SensorModel | None]:
+    """What the vehicle sees with, at `X_BS` (4, 4) on the hull, and what perception is told of it; None: as usual.
+
+    Raises ConfigurationError for a `kind` that is not one of SEES_WITH.
+    """
+    if kind == "camera":
+        return DepthCamera(model, HULL_BODY, X_BS), None
+    if kind == "sonar":
+        return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.azimuth / (BEAMS.columns - 1))
+    raise ConfigurationError(f"sensor {kind!r}: allowed {', '.join(SEES_WITH)}")
 
 
 def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 from models import targets
 from models.targets import TargetModel
 from perception.scan import Scan, SensorModel
+from perception.sonar_cloud import sonar_model, without_lone_echoes
 from sim.depth_camera import DepthCamera, StereoNoise
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
@@ -27,28 +28,58 @@ from sim.interfaces.spatial import (
     rotation_from_z,
     transform_points,
 )
+from sim.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
 FOCAL = 554.0  # [px] of a picture of 640 x 480
 # What a camera looks at where the middle of the object says nothing: p_T [m], and heights above the horizon [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
 _ROLL = np.deg2rad(10.0)  # of the camera, either way
+_STEREO = SensorModel(focal=FOCAL)
+_SONAR = sonar_model(BEAMS.azimuth / (BEAMS.columns - 1))
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
-    """A depth sensor: how it errs, and what perception is told of that."""
+class Camera:
+    """A depth camera: how it errs, and what perception is told of that."""
 
-    stereo: StereoNoise | None  # None: exact but for `white`
-    white: float  # [m] standard deviation along the ray, independent from pixel to pixel
-    model: SensorModel
+    stereo: StereoNoise | None = None  # None: exact but for `white`
+    white: float = 0.0  # [m] standard deviation along the ray, independent from pixel to pixel
+    model: SensorModel = _STEREO
+
+    def look(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> Scan:
+        """One frame from the world's origin."""
+        camera = DepthCamera(model, "world", np.eye(4), focal=FOCAL, noise=self.stereo)
+        _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
+        if self.white > 0.0:
+            u, v = (np.arange(n) - c for n, c in zip(image.depth.shape[::-1], image.K[:2, 2], strict=True))
+            slant = np.sqrt(1.0 + (u / FOCAL) ** 2 + ((v / FOCAL) ** 2)[:, None])
+            depth = image.depth + self.white * rng.standard_normal(image.depth.shape) / slant
+            image = DepthImage(time=image.time, depth=readonly(depth), K=image.K, X_BC=image.X_BC)
+        return Scan.from_depth(image)
 
 
-SENSORS: Mapping[str, Sensor] = {
-    "stereo": Sensor(stereo=StereoNoise(disparity_sigma=0.25), white=0.0, model=SensorModel(focal=FOCAL)),
-    "white": Sensor(stereo=None, white=0.003, model=SensorModel(focal=FOCAL)),
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imager:
+    """A multibeam 3D sonar, and what perception is told of it: beams are wide, each errs by itself."""
+
+    beams: SonarBeams = BEAMS
+    noise: SonarNoise = NOISE
+    model: SensorModel = _SONAR
+
+    def look(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> Scan:
+        """One ping from the world's origin."""
+        sonar = Sonar(model, "world", np.eye(4), beams=self.beams, noise=self.noise)
+        return Scan.from_cloud(without_lone_echoes(sonar.ping(data, rng)))
+
+
+SENSORS: Mapping[str, Camera | Imager] = {
+    "stereo": Camera(stereo=StereoNoise(disparity_sigma=0.25)),
+    "white": Camera(white=0.003),
+    "sonar": Imager(),
 }
+CAMERAS = ("stereo", "white")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,17 +87,13 @@ class ObjectScene:
     """One look at one object."""
 
     target: TargetModel  # that is looked for
-    sensor: Sensor
+    sensor: Camera | Imager
     seed: int
-    image: DepthImage
+    scan: Scan
     X_CT: Array  # (4, 4) true pose
     approach: Array  # (3,) [m] coarse position of the target's centre, in C
     orientation: Array  # (3, 3) coarse rotation of T in C
     range_m: float  # [m] from the camera to the point that it looks at
-
-    @property
-    def scan(self) -> Scan:
-        return Scan.from_depth(self.image)
 
     def error(self, X_CT: Array) -> tuple[float, float]:
         """Of a pose (4, 4): distance of the object's centres [m], rotation angle [rad], modulo declared symmetry."""
@@ -125,7 +152,9 @@ def object_scene(
         _add_seabed(spec, X_CT, floor)
         for _ in range(stones):
             _add_stone(spec, ground, X_CT, shown, floor)
-    image = _shoot(spec, SENSORS[sensor], noise)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
 
     aside, axis = start.normal(size=(2, 3))
     distance, angle = start.uniform(size=2) * start_error
@@ -134,7 +163,7 @@ def object_scene(
         target=target,
         sensor=SENSORS[sensor],
         seed=seed,
-        image=image,
+        scan=SENSORS[sensor].look(model, data, noise),
         X_CT=readonly(X_CT),
         approach=readonly(approach),
         orientation=readonly(exp_so3(angle * axis / np.linalg.norm(axis)) @ X_CT[:3, :3]),
@@ -195,21 +224,6 @@ def _add_stone(spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, targe
                 type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=size, pos=p_C, quat=quat_wxyz_from_rotation(R)
             )
             return
-
-
-def _shoot(spec: mujoco.MjSpec, sensor: Sensor, rng: np.random.Generator) -> DepthImage:
-    """One frame from the world's origin."""
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    camera = DepthCamera(model, "world", np.eye(4), focal=FOCAL, noise=sensor.stereo)
-    _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
-    if sensor.white == 0.0:
-        return image
-    u, v = (np.arange(n) - c for n, c in zip(image.depth.shape[::-1], image.K[:2, 2], strict=True))
-    slant = np.sqrt(1.0 + (u / FOCAL) ** 2 + ((v / FOCAL) ** 2)[:, None])
-    depth = image.depth + sensor.white * rng.standard_normal(image.depth.shape) / slant
-    return DepthImage(time=image.time, depth=readonly(depth), K=image.K, X_BC=image.X_BC)
 
 
 @dataclass(frozen=True, slots=True)

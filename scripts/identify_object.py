@@ -53,7 +53,7 @@ class Options:
     """Coarse rotation of the object as a rotation vector [deg]; any by default."""
     sigma: float | None = None
     """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
-    sensor: Literal["stereo", "white"] = "stereo"
+    sensor: Literal["stereo", "white", "sonar"] = "stereo"
     """Of the simulated scene."""
     method: Method = "planes"
     """How the model is fitted; paper: as the papers have it, to compare with."""

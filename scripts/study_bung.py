@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _object_scenes import SENSORS, ObjectScene, object_scene
+from _object_scenes import CAMERAS, ObjectScene, object_scene
 from _pool import run_all
 from _start import made_folder, parse, run_scenario
 from rich.console import Console
@@ -34,7 +34,7 @@ class Options:
 
     scenes: int = 100
     """Number of scenes of each sensor."""
-    sensors: tuple[str, ...] = tuple(SENSORS)
+    sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
     """Of the scenes, one after the other."""

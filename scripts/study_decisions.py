@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from _decision_scenes import KINDS, NAMES, draw, forced, object_of
-from _object_scenes import SENSORS
+from _object_scenes import CAMERAS
 from _pool import run_all
 from _start import made_folder, parse, run_scenario
 from matplotlib.figure import Figure
@@ -42,7 +42,7 @@ class Options:
     """Number of scenes; poses forced wrong come on top."""
     objects: tuple[str, ...] = NAMES
     """Names of objects."""
-    sensors: tuple[str, ...] = tuple(SENSORS)
+    sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
     """Of the scenes, one after the other."""

@@ -18,7 +18,7 @@ from models.targets import Symmetry, TargetModel, barrel
 from perception.check import check
 from perception.identification import Identification, identify
 from perception.registration import ModelSurface
-from perception.scan import Scan, SensorModel, facing_normals
+from perception.scan import Scan, SensorModel, background, facing_normals
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage, EncoderMeasurement, StateEstimate
@@ -281,6 +281,28 @@ def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
         identify(np.ones((100, 3)), BARREL, seed=-1)
     with pytest.raises(ConfigurationError):
         SensorModel(baseline=0.0)
+
+
+def test_a_face_whose_plane_cuts_the_bed_is_no_background():
+    """A disc that hangs over the bed: its plane meets the bed in a strip, far to both sides of it."""
+    x = y = np.arange(-0.3, 0.3, 0.003)
+    tx, ty = np.meshgrid(x, y)
+    pitch, height = np.deg2rad(30.0), 1.35  # the camera looks down on the bed, which lies 1.35 m below it
+    with np.errstate(divide="ignore"):
+        z = height / (np.cos(pitch) * ty + np.sin(pitch))
+    z[(z < 0.0) | (z > 2.3)] = np.nan
+    disc = np.hypot(tx, ty) < 0.2
+    z[disc] = 1.9
+    # Rougher than its noise is thought to be: no seed of the search for planes may matter.
+    z += np.random.default_rng(secrets.randbits(32)).normal(0.0, 0.004, z.shape)
+    scan = Scan(points=np.stack([z * tx, z * ty, z], axis=-1), tangent_x=x, tangent_y=y)
+    usable = np.isfinite(z)
+    taken = background(scan, usable, 1.0, SensorModel(focal=1.0 / 0.003), np.random.default_rng(0))
+    assert taken[disc].mean() < 0.01
+    assert taken[usable & ~disc].mean() > 0.95
+    # The same disc as large as the limit lets nothing be: a wall.
+    wall = background(scan, usable, 0.5, SensorModel(focal=1.0 / 0.003), np.random.default_rng(0))
+    assert wall[disc].mean() > 0.95
 
 
 def standing(X_WB: Array) -> StateEstimate:

@@ -20,7 +20,7 @@ def test_the_object_stands_where_it_is_said_to(name: str, within):
 
     scene = object_scene(name, 3, "white")
     seen, _ = ModelSurface.of(scene.target).seen(scene.X_CT, scene.scan)
-    off = (scene.image.depth - seen.depth)[np.isfinite(seen.depth)]
+    off = (scene.scan.depth - seen.depth)[np.isfinite(seen.depth)]
     within("median [m]", np.nanmedian(off), 1.5e-3)  # 0.16 mm: how a cylinder is cut into triangles
     within("spread [m]", 1.4826 * np.nanmedian(np.abs(off)) - 0.003, 1.5e-3)  # 0.18 mm off the 3 mm
     assert np.isfinite(off).mean() > 0.99
@@ -34,9 +34,9 @@ def test_a_seed_gives_one_scene_and_a_start_within_its_limits():
     )
     assert np.array_equal(first.X_CT, again.X_CT)
     assert np.array_equal(first.approach, again.approach)
-    assert not np.array_equal(first.image.depth, again.image.depth)
+    assert not np.array_equal(first.scan.depth, again.scan.depth)
     assert not np.array_equal(first.X_CT, other.X_CT)
-    assert np.array_equal(first.image.depth, object_scene("barrel", 1).image.depth, equal_nan=True)
+    assert np.array_equal(first.scan.depth, object_scene("barrel", 1).scan.depth, equal_nan=True)
     assert 1.0 <= first.range_m <= 2.0
     for scene in (first, other):
         assert np.linalg.norm(scene.approach - scene.X_CT[:3, 3]) <= 0.3
@@ -49,7 +49,7 @@ def test_other_objects_and_none():
 
     one, none = (object_scene("barrel", 1, there=target_of("manifold"), absent=absent) for absent in (False, True))
     covered = np.isfinite(ModelSurface.of(target_of("manifold")).seen(one.X_CT, one.scan)[0].depth)
-    assert np.nanmedian((none.image.depth - one.image.depth)[covered]) > 0.1
+    assert np.nanmedian((none.scan.depth - one.scan.depth)[covered]) > 0.1
 
 
 def test_unknown_names_are_refused():

@@ -1,5 +1,6 @@
 """The 3D sonar and the world that its rays see, against closed forms; the statistics of its errors."""
 
+from dataclasses import replace
 from typing import Literal
 
 import mujoco
@@ -10,10 +11,11 @@ from models import open3d_loader
 from models.targets import barrel
 from perception.identification import identify
 from perception.sonar_cloud import sonar_model, without_lone_echoes
+from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SonarScan
+from sim.interfaces.messages import SonarScan, StateEstimate
 from sim.interfaces.protocols import Sensor
-from sim.interfaces.spatial import Array, pose, rotation_from_z
+from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 from sim.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from sim.tessellation import tessellate
 from sim.visible_world import Rays, VisibleWorld
@@ -228,6 +230,37 @@ def test_barrel_is_found_in_a_sonar_scan(within):
     found = identify(clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor)
     assert found.accepted, found.reason
     within("position [m]", found.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
+
+
+def test_finder_lays_a_path_on_the_median_of_pings(within):
+    target = barrel()
+    X_ST = seen_from(np.array([1.0, -0.9, 0.8]))
+    spec = mujoco.MjSpec()
+    target.add_to(spec, X_ST)
+    model = spec.compile()
+    sonar, truth = Sonar(model, "world", np.eye(4)), Poses.of(model)
+    finder = KnownObjectFinder(
+        target, "longitudinal", X_ST[:3, 3] + 0.05, X_ST[:3, :3], sensor=sonar_model(np.deg2rad(60.0) / 95), looks=8
+    )
+    none = np.zeros(0)
+    estimate = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=none, qd=none, tau=none
+    )  # W is the sonar's own frame
+    heard, scan = sonar.step(sonar.init(np.random.default_rng(1)), truth)
+    state, found = finder.step(finder.init(), estimate, scan)
+    for _ in range(7):
+        assert found is None
+        heard, scan = sonar.step(heard, truth)
+        state, found = finder.step(state, estimate, scan)
+    assert found is not None
+    assert found.accepted, found.reason
+    assert found.path is not None
+    p_T = transform_points(inverse(X_ST), found.path.p)
+    within("path off the barrel's side [m]", np.linalg.norm(p_T[:, 1:], axis=1) - 0.3, 0.003)  # 0.0007
+    silence = replace(scan, points=np.full_like(scan.points, np.nan))
+    heard_nothing = finder.step(finder.init(), estimate, silence)[1]
+    assert heard_nothing is not None
+    assert not heard_nothing.accepted
 
 
 def test_impossible_sonars_are_refused():

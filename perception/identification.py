@@ -229,7 +229,7 @@ class _Found:
 
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
     """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
-    centers = np.array([transform_points(X, surface.center) for X in starts])
+    centers = np.array([transform_points(X, surface.center) for X in starts]).reshape(-1, 3)  # there may be none
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 

@@ -19,6 +19,7 @@ from sim.plant import PAD_GEOM
 
 PAD_BODY = PAD_JOINT = "pad"
 STEPS_PER_SOLREF = 3.0  # of the contact's time constant; two are MuJoCo's least
+RESTLESS = 0.3  # square of the pad's phase in a step, from about which on it bounces for ever, whoever presses it
 SOFTEST_CONTACT = 1.6  # times the stiffness asked for, that the contact alone has at least
 _TRANSLATION = slice(0, 3)
 
@@ -177,29 +178,28 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         # and the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. The time constant
         # is that of friction too; so stiff it would let go for a step in every few: its own softness is kept.
         solref = STEPS_PER_SOLREF * float(spec.option.timestep)
-        contact, softest = _contact_stiffness(spec, geom, solref), SOFTEST_CONTACT * stiffness
+        drawn = spec.copy().compile()
+        contact, softest = _contact_stiffness(drawn, geom, solref), SOFTEST_CONTACT * stiffness
         while contact < softest:
             solref, contact = 0.5 * solref, 4.0 * contact
             spec.option.impratio *= 0.25
         geom.solref = [solref, 1.0]
-        spring, mass = 1.0 / (1.0 / stiffness - 1.0 / contact), float(spec.body(PAD_BODY).mass)
-        while solref < STEPS_PER_SOLREF * spec.option.timestep or spring * spec.option.timestep**2 > 4.0 * mass:
+        spring, mass = 1.0 / (1.0 / stiffness - 1.0 / contact), float(drawn.body(PAD_BODY).mass[0])
+        while solref < STEPS_PER_SOLREF * spec.option.timestep or spring * spec.option.timestep**2 > RESTLESS * mass:
             spec.option.timestep *= 0.5
-        timestep = float(spec.option.timestep)
         old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
-        # The same damping ratio on any surface, but no less than keeps the step stable.
+        # The same damping ratio on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
-        damping = max(ratio * old_damping, 0.5 * spring * timestep)
+        damping = ratio * old_damping
         joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
 
 
-def _contact_stiffness(spec: mujoco.MjSpec, geom: mujoco.MjsGeom, solref: float) -> float:
+def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
     """Force per penetration [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
 
     MuJoCo's constraint model (documentation, Computation, Parameters): at rest f = d / (1 - d) k r / A, with the
     impedance d at no depth, k = 1 / (d_max solref)^2, and A the inverse weight of the bodies.
     """
-    model = spec.copy().compile()
     least, most = np.clip(np.array(geom.solimp)[:2], 1e-4, 0.9999)
     weight = float(model.body_invweight0[model.geom(geom.name).bodyid[0], 0])
     return least / (1.0 - least) / (most * solref) ** 2 / weight

@@ -283,6 +283,13 @@ def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
         SensorModel(baseline=0.0)
 
 
+def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
+    """No start is left: a refusal in words, not an error."""
+    found = identify(Scan.from_depth(frame), BARREL, VIEW[:3, 3] + [0.0, 0.0, 0.55], VIEW[:3, :3], approach_error=0.1)
+    assert not found.accepted
+    assert found.reason
+
+
 def test_a_face_whose_plane_cuts_the_bed_is_no_background():
     """A disc that hangs over the bed: its plane meets the bed in a strip, far to both sides of it."""
     x = y = np.arange(-0.3, 0.3, 0.003)

@@ -1,5 +1,6 @@
 """Variations of a contact job: what the plant then is, against its own compiled numbers and a press on the pad."""
 
+import secrets
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -134,6 +135,34 @@ def test_pad_and_surface_yield_as_said(variation, stiffness, within):
         mean, deviation = pressed(variation, stiffness, force / stiffness)
         within("stiffness, relative", mean / force - 1.0, 0.08)
         within("chatter [N]", deviation, 1e-3)
+
+
+_MASS_WITH_PAD = """
+<mujoco><option timestep="0.002" integrator="implicitfast" cone="elliptic" gravity="0 0 0"/>
+  <worldbody> <geom type="plane" size="1 1 .1"/>
+    <body pos="0 0 .061"> <joint name="press" type="slide" axis="0 0 1"/>
+      <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
+      <body name="pad"> <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
+        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005"/></body></body>
+  </worldbody> <actuator><motor joint="press"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 3e4, 1e5, 1.5e5, 3e5, 5e5, 1e6, None])
+def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, within):
+    """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it bounces for ever."""
+    rng = np.random.default_rng(secrets.randbits(32))
+    stiffness = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6]))))
+    spec = mujoco.MjSpec.from_string(_MASS_WITH_PAD.format(mass=rng.uniform(2.0, 8.0)))
+    variation.vary(spec, variation.Variation(stiffness=stiffness))
+    model = spec.compile()
+    data, one, force = mujoco.MjData(model), np.zeros(6), []
+    data.qvel[0], data.ctrl[0] = -0.03, -60.0
+    for _ in range(round(3.0 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        if data.ncon:
+            mujoco.mj_contactForce(model, data, 0, one)
+        force.append(one[0] if data.ncon else 0.0)
+    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 1.0)  # 0.05
 
 
 def test_friction_is_that_of_the_pad(variation):

@@ -35,7 +35,7 @@ _FACING = 0.4  # cosine between normals of points that are paired
 _PULL = 0.3  # weight of distances along the surface against those across it
 _DAMPING = 1e-3  # share of the normal equations' trace
 _ASTRAY = np.deg2rad(70.0)  # from the attitude that is expected: 45 it may be wrong by, and the grid of views is coarse
-_KEPT = 6
+_KEPT = 5
 _SHORT_OF = 0.35  # score below the best from which on a pose is not worth a start
 _APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] between poses that are worth a start each
 
@@ -131,9 +131,10 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best and up to 5 others, best first.
+    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best of each, and up to 5 others.
 
-    None if nothing in the scan looks like the model where and as it is expected.
+    Patches are not held against each other: some part of any model explains a sliver best. None if nothing in the scan
+    looks like the model where and as it is expected.
     """
     views = _views(surface, sensor.max_incidence)
     if not len(views.ways):
@@ -141,6 +142,7 @@ def initial_poses(
     points = voxel_means(scan.points[mask], _THIN * surface.radius)
     normals = facing_normals(points, 12)
     found: list[tuple[float, Array]] = []
+    firsts: list[tuple[float, Array]] = []
     for patch in _patches(points, surface.radius):
         sigma = float(np.median(sensor.sigma(points[patch, 2])))
         X = _turned(views, points[patch].mean(axis=0))
@@ -158,12 +160,16 @@ def initial_poses(
                 scan.tangent_y[0], scan.pitch, 2.0 * views.spacing + 3.0 * sigma,
             )  # fmt: skip
         admitted = expected.admits(X, surface)
-        found += zip(score[admitted].tolist(), X[admitted], strict=True)
-    found.sort(key=lambda item: -item[0])
+        of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
+        firsts += of_patch[:1]
+        found += of_patch[1:]
+    for each in (firsts, found):
+        each.sort(key=lambda item: -item[0])
     kept: list[Array] = []
-    for score, X in found:
-        if score < found[0][0] - _SHORT_OF or len(kept) == _KEPT:
-            break
+    least, most = firsts[0][0] - _SHORT_OF if firsts else 0.0, len(firsts) + _KEPT
+    for score, X in firsts + found:
+        if score < least or len(kept) == most:
+            continue
         if all(_differ(surface, X, Y) for Y in kept):
             kept.append(X)
     return kept

@@ -320,6 +320,7 @@ class SurfaceWork:
         if self._job.contactless is None:
             self._ramp_force(state, self._job.forces[part] * (self._PAUSED_FORCE if state.paused else 1.0))
         if time - state.work_start > progress.duration + 0.5:
+            state.unloading = self._job.force_control and self._job.contactless is None
             self._enter(state, WorkState.RETREAT, time)
 
     def _ramp_force(self, state: SupervisorState, wanted: float) -> None:
@@ -327,8 +328,15 @@ class SurfaceWork:
         state.force += min(max(wanted - state.force, -most), most)
 
     def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts."""
+        """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts.
+
+        Once the work is done the force is let go first: what is dropped at 90 N rebounds from a hard surface.
+        """
         time = estimate.time
+        if state.unloading:
+            self._ramp_force(state, 0.0)
+            state.unloading, state.since = state.force > self._job.touch, time
+            return
         if state.arm_held:
             away = state.hull_move is None or state.hull_move.done(time)
         else:
@@ -435,7 +443,9 @@ class SurfaceWork:
             if state.state is WorkState.RETREAT:
                 back = min((time - state.since) * job.approach_speed, back)
             X_WG = self._on_path(state, state.path_s, state.depth - job.standoff - back)[0]
-            if state.state is WorkState.RETREAT:
+            if state.unloading:
+                force, force_control = state.force, True
+            elif state.state is WorkState.RETREAT:
                 v_tool = -job.approach_speed * X_WG[:3, 2]
         return Reference(
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,

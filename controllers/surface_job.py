@@ -104,6 +104,7 @@ class SupervisorState:
     held_at: float = 0.0  # [s] the felt force was last no more than allowed
     set_since: float = np.inf  # [s] the first force is held
     force: float = 0.0  # [N] now asked for
+    unloading: bool = False  # the work is done, the force goes down
     paused: bool = False
     pace: float = 1.0  # share of its speed at which the path goes on
     arm_held: bool = False  # the hull withdraws the tool, the arm holds `q`

@@ -51,6 +51,7 @@ class Tuning:
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
     normal_softness: float = 0.7  # share of the servo's stiffness that is given up along the tool axis in force control
+    hardening_time: float = 0.3  # [s] in which it has it back: at once, and what held the force throws the tool in
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
@@ -88,6 +89,7 @@ class WorkControllerState:
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
     yielding: Array  # (2, n) how the joints move the tip along its axis, see `controllers.drive.aim`
+    softness: float  # share of the servo's stiffness that is given up now along the tool axis
     servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     w_slow_B: Array  # (3,) [rad/s] filtered turn of the hull, alike
@@ -183,6 +185,7 @@ class WorkController:
             offset=np.zeros(n),
             offset_rate=np.zeros(n),
             yielding=np.zeros((2, n)),
+            softness=0.0,
             servo_compliance=0.0,
             qd_slow=np.array(estimate.qd),
             w_slow_B=np.array(estimate.w_WB_B),
@@ -240,7 +243,10 @@ class WorkController:
             self._task(state, estimate, reference, felt, f_tip_W)
 
         # 3. Drives.
-        softness = tuning.normal_softness if self._presses(reference) else 0.0
+        if self._presses(reference):
+            state.softness = tuning.normal_softness
+        elif state.softness > 0.0:
+            state.softness = max(0.0, state.softness - tuning.normal_softness * dt / tuning.hardening_time)
         in_contact = reference.force > 0.0 or reference.force_control
         self._borne_G[:3] = tuning.friction_feedforward * self._f_tip_G if in_contact else 0.0
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
@@ -248,7 +254,7 @@ class WorkController:
         drive(
             arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
             state.qd_wanted, state.qdd_wanted, since * dt, state.integral, dt, self._gains, self._armature,
-            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, softness,
+            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, state.softness,
             self._qdd, tau, self._wrench_borne_B,
         )  # fmt: skip
 

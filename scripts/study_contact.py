@@ -12,6 +12,7 @@ from _start import made_folder, parse, run_scenario  # isort: skip
 
 import json
 import os
+import sys
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -68,7 +69,7 @@ def main() -> int:
     _check(options)
     if options.only is not None:
         return _one(options)
-    console, bounds = Console(), Bounds()
+    console, bounds = Console(width=None if sys.stdout.isatty() else 160), Bounds()
     runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
     settings = {
         "seed": options.seed, "paths": list(options.paths), "quick": options.quick, "ranges": asdict(options.ranges)

@@ -11,7 +11,7 @@ import pytest
 from models import open3d_loader
 
 open3d_loader.load()  # without its system libraries a job cannot run: see tests/conftest.py
-SOFT = ("--ranges.stiffness", "2e4", "4e4")  # keeps the physics at its longest step
+SOFT = ("--ranges.stiffness", "1e4", "2e4")  # keeps the physics at its longest step
 
 
 def study(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
@@ -39,7 +39,7 @@ def test_two_runs_are_the_same_whoever_does_them(root, tmp_path):
     assert {row["path"] for row in both.values()} == {"longitudinal", "transverse"}
     for row in both.values():  # whatever became of them, they worked
         assert row["figures"]["force_rms_n"] is not None, row
-        assert 2e4 <= row["varied"]["stiffness"] <= 4e4
+        assert 1e4 <= row["varied"]["stiffness"] <= 2e4
     done = study(root, tmp_path / "one", "--runs", "1", "--workers", "1")
     assert rows(tmp_path / "one") == {0: both[0]}, done.stdout + done.stderr
     again = study(root, tmp_path / "two", "--runs", "2")

@@ -145,8 +145,9 @@ def test_states_follow_each_other(smooth):
     assert {r.state for r in smooth.references if r.scan} == {WorkState.SCAN}
     assert {r.state for r in smooth.references if r.tare} == {WorkState.TARE}
     assert len([r for r in smooth.references if r.tare]) == pytest.approx(smooth.job.tare_time / PERIOD, abs=2)
-    assert {r.state for r in smooth.references if r.force_control} == {WorkState.PRESS, WorkState.WORK}
-    assert {r.state for r in smooth.references if r.force > 0.0} == {WorkState.PRESS, WorkState.WORK}
+    pressing = {WorkState.PRESS, WorkState.WORK, WorkState.RETREAT}  # the last as long as it lets go
+    assert {r.state for r in smooth.references if r.force_control} == pressing
+    assert {r.state for r in smooth.references if r.force > 0.0} == pressing
 
 
 def test_the_tool_moves_along_the_path_at_work_only_and_all_of_it(smooth):
@@ -202,6 +203,25 @@ def test_set_force_is_ramped_and_changes_with_the_part_of_the_path(smooth):
     assert np.all(force[(share > 0.0) & (share < 1 / 3)] == 60.0)
     assert np.all(force[(share > 0.6) & (share < 2 / 3)] == 90.0)
     assert np.all(force[share > 0.95] == 60.0)
+
+
+def test_force_is_let_go_before_the_tool_leaves(smooth):
+    """What is dropped at 60 N rebounds from a hard surface."""
+    off = smooth.of(WorkState.RETREAT)
+    down = [reference for reference in off if reference.force_control]
+    force = np.array([reference.force for reference in down])
+    assert force[0] > 0.9 * 60.0
+    assert np.all(np.abs(np.diff(force) / PERIOD + smooth.job.force_rate) < 1e-6)
+    assert force[-1] < smooth.job.touch + smooth.job.force_rate * PERIOD
+    assert all(np.array_equal(tip(reference), tip(down[0])) for reference in down)
+    assert not any(reference.force_control for reference in off[len(down) :])
+    assert np.linalg.norm(tip(off[-1]) - tip(down[0])) > 0.09
+
+
+@pytest.mark.parametrize("state", [WorkState.PRESS, WorkState.WORK])
+def test_in_trouble_the_tool_leaves_at_once(state):
+    script = Script(felt=lambda last: 170.0 if last.state is state else obedient(last)).run()
+    assert not any(reference.force_control for reference in script.of(WorkState.RETREAT))
 
 
 def test_a_knock_is_not_a_contact(smooth):

@@ -8,7 +8,7 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
     run = script("study_identification", "--objects", "manifold", "--scenes", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     rows = json.loads((tmp_path / "scenes.json").read_text())
-    assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
+    assert [row["sensor"] for row in rows] == ["sonar", "stereo", "white"]
     figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
     for row in rows:
         assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]

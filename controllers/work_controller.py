@@ -51,7 +51,7 @@ class Tuning:
     observer_lag: float = 0.012  # [s] of the observer, which is its filter too
     acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
     normal_softness: float = 0.7  # share of the servo's stiffness that is given up along the tool axis in force control
-    hardening_time: float = 0.3  # [s] in which it has it back: at once, and what held the force throws the tool in
+    hardening_time: float = 0.3  # [s] to have it back once the force loop opens: at once, it throws the tool in
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]

@@ -253,6 +253,8 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
 
 def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
     """Mask (N,) of the scan's points that lie by the noise and the spacing near one of the `points` (M, 3) [m] in S."""
+    if not len(points):
+        return np.zeros(len(evidence.points), dtype=bool)
     limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
     return NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
 

@@ -60,7 +60,7 @@ def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | S
     if kind == "camera":
         return DepthCamera(model, HULL_BODY, X_BS), None
     if kind == "sonar":
-        return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.azimuth / (BEAMS.columns - 1))
+        return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
     raise ConfigurationError(f"sensor {kind!r}: allowed {', '.join(SEES_WITH)}")
 
 

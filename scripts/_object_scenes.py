@@ -36,7 +36,7 @@ _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
 _ROLL = np.deg2rad(10.0)  # of the camera, either way
 _STEREO = SensorModel(focal=FOCAL)
-_SONAR = sonar_model(BEAMS.azimuth / (BEAMS.columns - 1))
+_SONAR = sonar_model(BEAMS.pitch)
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
 

@@ -42,7 +42,7 @@ CAMERAS: Mapping[str, dict[str, Any]] = {
     "port, in water": {"port": PORT},
 }
 SONAR = "sonar"
-OF_SONAR = sonar_model(BEAMS.azimuth / (BEAMS.columns - 1))
+OF_SONAR = sonar_model(BEAMS.pitch)
 
 
 @dataclass(kw_only=True)

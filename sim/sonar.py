@@ -48,6 +48,11 @@ class SonarBeams:
         if not 0.0 <= self.width <= np.deg2rad(30.0):
             raise ConfigurationError(f"sonar: beam width must lie in [0, 30] deg, got {self.width} rad")
 
+    @property
+    def pitch(self) -> float:
+        """Angle [rad] between neighbouring columns."""
+        return self.azimuth / max(1, self.columns - 1)
+
     def axes(self) -> Array:
         """Unit axes (rows, columns, 3) of the beams in S."""
         down = np.linspace(-0.5, 0.5, self.rows) * self.elevation if self.rows > 1 else np.zeros(1)

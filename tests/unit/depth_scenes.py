@@ -7,7 +7,7 @@ import numpy as np
 
 from models.targets import BARREL_LENGTH, TargetModel, revolve
 from sim.depth_camera import DepthCamera, StereoNoise
-from sim.interfaces.messages import DepthImage
+from sim.interfaces.messages import DepthImage, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
 
 DEFAULT_NOISE = StereoNoise()
@@ -95,3 +95,9 @@ def dented_barrel(depth: float, x: float = 0.05, azimuth: float = 0.0, width: fl
     off *= (r > 0.25) & (np.abs(vertices[:, 0]) < half - 0.031)
     vertices[:, 1:] *= (1.0 - off / np.maximum(r, 1e-9))[:, None]
     return TargetModel(name="dented barrel", vertices=vertices, triangles=triangles)
+
+
+def standing(X_WB: Array) -> StateEstimate:
+    """A hull at rest at `X_WB` (4, 4), without an arm."""
+    zero, none = np.zeros(3), np.zeros(0)
+    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=none, qd=none, tau=none)

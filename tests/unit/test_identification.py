@@ -21,10 +21,10 @@ from perception.registration import ModelSurface
 from perception.scan import Scan, SensorModel, background, facing_normals
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import DepthImage, EncoderMeasurement, StateEstimate
+from sim.interfaces.messages import DepthImage, EncoderMeasurement
 from sim.interfaces.protocols import TargetFinder
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
-from tests.unit.depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot
+from sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
+from tests.unit.depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
 
 BARREL = barrel()
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
@@ -310,11 +310,6 @@ def test_a_face_whose_plane_cuts_the_bed_is_no_background():
     # The same disc as large as the limit lets nothing be: a wall.
     wall = background(scan, usable, 0.5, SensorModel(focal=1.0 / 0.003), np.random.default_rng(0))
     assert wall[disc].mean() > 0.95
-
-
-def standing(X_WB: Array) -> StateEstimate:
-    zero, none = np.zeros(3), np.zeros(0)
-    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=none, qd=none, tau=none)
 
 
 def test_finder_lays_the_path_in_the_world(frame: DepthImage, within):

@@ -1,10 +1,18 @@
 """The displacement from the force error: closed form on springs, what it learns of them, limits, windup, release."""
 
+from dataclasses import replace
+
+import mujoco
 import numpy as np
 import pytest
 
+import models
 from controllers.position_force import Displacement, DisplacementState
+from controllers.work_controller import Tuning, WorkController
+from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Reference, StateEstimate, WorkState
+from sim.interfaces.spatial import pose
 
 SERVO = 4e-5  # [m]/[N]
 DT = 0.002  # [s]
@@ -126,3 +134,29 @@ def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back(
 def test_gains_that_cannot_be(name, value):
     with pytest.raises(ConfigurationError, match=name):
         Displacement(**{name: value})
+
+
+def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
+    """As soft as it is under force control at first, and then linearly as stiff as ever, in `hardening_time`."""
+    own = models.load("uuv_puma").compile()
+    data, vehicle = mujoco.MjData(own), Vehicle.of(own)
+    data.qpos[vehicle.qpos] = vehicle.q_ready
+    mujoco.mj_kinematics(own, data)
+    still, n = np.zeros(3), len(vehicle.joints)
+    X_WG = pose(np.array(data.site_xmat[vehicle.tip]).reshape(3, 3), data.site_xpos[vehicle.tip])
+    estimate = StateEstimate(
+        time=0.0, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still, q=vehicle.q_ready, qd=np.zeros(n),
+        tau=np.zeros(n),
+    )  # fmt: skip
+    press = Reference(
+        time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=still, X_WG=X_WG, v_WG_W=still, w_WG_W=still,
+        q=vehicle.q_ready, qd=np.zeros(n), force=60.0, force_control=True, tare=False, scan=False, path_s=0.0,
+    )  # fmt: skip
+    tuning = Tuning()
+    controller = WorkController(own, tuning=tuning)
+    state, softness = controller.init(estimate), []
+    for asked in (press, *[replace(press, force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT)):
+        state, _ = controller.step(state, estimate, asked)
+        softness.append(state.softness)
+    share = DT * np.arange(len(softness)) / tuning.hardening_time
+    within("softness", softness - tuning.normal_softness * np.clip(1.0 - share, 0.0, 1.0), 1e-12)

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from models import open3d_loader
-from models.targets import barrel
+from models.targets import TargetModel, barrel
 from perception.identification import identify
 from perception.sonar_cloud import sonar_model, without_lone_echoes
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import SonarScan, StateEstimate
+from sim.interfaces.messages import SonarScan
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 from sim.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from sim.tessellation import tessellate
 from sim.visible_world import Rays, VisibleWorld
-from tests.unit.depth_scenes import Poses, seen_from
+from tests.unit.depth_scenes import Poses, seen_from, standing
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W
 PENCIL = SonarBeams(rows=1, columns=1, width=0.0)
@@ -213,39 +213,34 @@ def test_same_state_same_ping_in_the_step_loop():
     assert not np.array_equal(one.points, other.points, equal_nan=True)
 
 
-def test_barrel_is_found_in_a_sonar_scan(within):
-    """With 3 % of the echoes astray, seen so that both its end and its side show."""
-    target = barrel()
-    X_ST = seen_from(np.array([1.0, -0.9, 0.8]))
-    spec = mujoco.MjSpec()
+def before_a_barrel() -> tuple[TargetModel, Array, Sonar, Poses]:
+    """A barrel seen so that both its end and its side show, its pose (4, 4) in S, the sonar, and the world's poses."""
+    target, X_ST, spec = barrel(), seen_from(np.array([1.0, -0.9, 0.8])), mujoco.MjSpec()
     target.add_to(spec, X_ST)
     model = spec.compile()
-    sonar, truth = Sonar(model, "world", np.eye(4)), Poses.of(model)
+    return target, X_ST, Sonar(model, "world", np.eye(4)), Poses.of(model)
+
+
+def test_barrel_is_found_in_a_sonar_scan(within):
+    """With 3 % of the echoes astray."""
+    target, X_ST, sonar, truth = before_a_barrel()
     points = sonar.step(sonar.init(np.random.default_rng(0)), truth)[1].points
     clean = without_lone_echoes(points)
     off = np.abs(np.linalg.norm(clean, axis=-1) - np.linalg.norm(X_ST[:3, 3]))
     assert (np.linalg.norm(points, axis=-1) > 3.0).sum() > 50
     assert np.nanmax(off) < 1.0
-    sensor = sonar_model(np.deg2rad(60.0) / 95)
+    sensor = sonar_model(SonarBeams().pitch)
     found = identify(clean, target, X_ST[:3, 3] + [0.1, -0.1, 0.05], X_ST[:3, :3], sensor=sensor)
     assert found.accepted, found.reason
     within("position [m]", found.X_sensor_target[:3, 3] - X_ST[:3, 3], 0.01)  # 0.001
 
 
 def test_finder_lays_a_path_on_the_median_of_pings(within):
-    target = barrel()
-    X_ST = seen_from(np.array([1.0, -0.9, 0.8]))
-    spec = mujoco.MjSpec()
-    target.add_to(spec, X_ST)
-    model = spec.compile()
-    sonar, truth = Sonar(model, "world", np.eye(4)), Poses.of(model)
+    target, X_ST, sonar, truth = before_a_barrel()
     finder = KnownObjectFinder(
-        target, "longitudinal", X_ST[:3, 3] + 0.05, X_ST[:3, :3], sensor=sonar_model(np.deg2rad(60.0) / 95), looks=8
+        target, "longitudinal", X_ST[:3, 3] + 0.05, X_ST[:3, :3], sensor=sonar_model(SonarBeams().pitch), looks=8
     )
-    none = np.zeros(0)
-    estimate = StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=none, qd=none, tau=none
-    )  # W is the sonar's own frame
+    estimate = standing(np.eye(4))  # W is the sonar's own frame
     heard, scan = sonar.step(sonar.init(np.random.default_rng(1)), truth)
     state, found = finder.step(finder.init(), estimate, scan)
     for _ in range(7):

@@ -162,7 +162,7 @@ def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, within):
         if data.ncon:
             mujoco.mj_contactForce(model, data, 0, one)
         force.append(one[0] if data.ncon else 0.0)
-    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 1.0)  # 0.05
+    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01)  # 1e-5
 
 
 def test_friction_is_that_of_the_pad(variation):

@@ -143,7 +143,7 @@ class _Judged:
         rows = start + np.flatnonzero(inside)
         if not len(rows):
             return 0.0
-        # From just under each point along its normal: what comes out of the hull began inside it.
+        # From just under each point along its normal to where that leaves the hull.
         faces = shape.simplices
         a, b, c = solid[faces].transpose(1, 0, 2)
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), shape.equations[:, :3]) < 0.0
@@ -152,9 +152,17 @@ class _Judged:
         worst = 0.0
         for some in (rows[::40], rows):  # most hulls are refused by a few points
             facing = self.sample_normals[some]
-            hit = open3d_loader.cast_rays(scene, self.samples[some] - solid[0] - _UNDER * facing, facing)
-            out = np.isfinite(hit["t"]) & (np.einsum("ij,ij->i", hit["normal"], facing) > 1e-6)
-            worst = float(hit["t"][out].max(initial=_UNDER)) - _UNDER
+            start = self.samples[some] - solid[0] - _UNDER * facing
+            first = open3d_loader.cast_rays(scene, start, facing)
+            leaves = np.isfinite(first["t"]) & (np.einsum("ij,ij->i", first["normal"], facing) > 1e-6)
+            worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
+            # Over a hollow the hull lies on the surface from outside: such a ray comes into it first.
+            enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
+            if len(enters):
+                way = first["t"][enters] + _UNDER
+                onward = open3d_loader.cast_rays(scene, start[enters] + way[:, None] * facing[enters], facing[enters])
+                through = np.isfinite(onward["t"])
+                worst = max(worst, float((way + onward["t"])[through].max(initial=_UNDER)) - _UNDER)
             if worst > enough:
                 break
         return worst

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from models import convex_parts, open3d_loader, targets
-from models.closed_shells import box, open_edges, sphere, split, volume, welded
+from models.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
 from models.rock import rock
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
@@ -150,6 +150,21 @@ def test_finer_tolerance_gives_a_truer_surface(within):
         worst.append(np.sort(off)[int(0.98 * len(off))])
         within("over the surface [m]", worst[-1], 1.5 * tolerance)
     assert worst[1] < worst[0]
+
+
+@pytest.mark.parametrize("seed", [1, 2, None])
+def test_no_part_spans_a_hollow_corner(within, seed):
+    """A shaft with a flange, of slivers as long as it is: a part over two of them once filled the corner by 7 cm."""
+    rng = np.random.default_rng(FRESH if seed is None else seed)
+    thin, wide, long = rng.uniform(0.05, 0.15), rng.uniform(0.2, 0.3), rng.uniform(0.2, 0.5)
+    outline = [(-long, 0.0), (-long, thin), (0.0, thin), (0.0, wide), (0.1, wide), (0.1, 0.0)]
+    shaft = revolve(outline, int(rng.integers(60, 120)))
+    scene = open3d_loader.ray_scene(*shaft)
+    tensor = open3d_loader.load().core.Tensor
+    for hull in convex_parts.parts(*shaft):
+        inside = rng.dirichlet(np.ones(len(hull)), 400) @ hull
+        over = scene.compute_signed_distance(tensor(inside.astype(np.float32))).numpy()
+        within("over the surface [m]", np.maximum(over, 0.0), convex_parts.TOLERANCE)
 
 
 def test_splitting_keeps_a_shell_closed(within):

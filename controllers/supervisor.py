@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.mkps import Chain
+from controllers.passing import Passing
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
 from controllers.surface_job import Job, SupervisorState
 from controllers.trajectories import JointMove, PoseMove, Progress
@@ -68,6 +69,7 @@ class SurfaceWork:
         """
         self.period = period
         self._vehicle, self._chain, self._job = vehicle, chain, job
+        self._known = target if isinstance(target, TargetModel) else None
         self._stand = partial(self._beside, target) if isinstance(target, TargetModel) else target
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
         self._floor, self._come_near = floor, come_near
@@ -183,7 +185,11 @@ class SurfaceWork:
         before = np.array(placement.X_WB)
         away = -(placement.X_WB @ self._vehicle.X_BA)[:3, 2]  # against the axis of the arm's base, which faces the work
         before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
-        self._move_hull(state, time, before)
+        state.hull_way = [before]
+        if self._known is not None:
+            obstacle = transform_points(target.X_WT, self._known.vertices)
+            state.hull_way = Passing(self._vehicle, self._chain, self._hull_box, obstacle).way(state.X_WB, before)
+        self._move_hull(state, time, state.hull_way.pop(0))
         self._enter(state, WorkState.CLOSE_IN, time)
 
     def _beside(self, model: TargetModel, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
@@ -245,7 +251,9 @@ class SurfaceWork:
         assert placement is not None
         if state.hull_move is not None and state.hull_move.done(time):
             state.hull_move = None
-            if np.allclose(state.X_WB, placement.X_WB):
+            if state.hull_way:
+                self._move_hull(state, time, state.hull_way.pop(0))
+            elif np.allclose(state.X_WB, placement.X_WB):
                 state.quiet_since = np.inf
             else:
                 state.joint_moves = [JointMove.between(time, state.q, placement.q_start, speed=self._job.joint_speed)]

@@ -23,7 +23,7 @@ class Job:
     ramp: float = 1.0  # [s] from rest to that speed
     standoff: float = 0.1  # [m] from which the tool approaches
     approach_speed: float = 0.03  # [m/s] while the surface is not yet expected, and of the retreat
-    touch_speed: float = 0.01  # [m/s] from `guard` before the expected surface on
+    touch_speed: float = 0.004  # [m/s] from `guard` before the expected surface on: 30 N at once on 3.6e5 N/m
     guard: float = 0.03  # [m]
     touch: float = 6.0  # [N] felt force that counts as contact
     touch_time: float = 0.04  # [s] that it must be felt
@@ -90,6 +90,7 @@ class SupervisorState:
     path: ToolPath | None = None  # in W, as far as it is worked
     placement: Placement | None = None
     hull_move: PoseMove | None = None
+    hull_way: list[Array] = field(default_factory=list)  # poses (4, 4) to go through after it
     hull_pace: float = 1.0  # share of its speed at which the hull's move goes on
     hull_waited: float = 0.0  # [s] that it has waited for the hull
     joint_moves: list[JointMove] = field(default_factory=list)

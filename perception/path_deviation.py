@@ -24,7 +24,9 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
 _BEFORE = 0.2  # [m] before the path, where projecting rays begin
 _SAME_FACE = 0.03  # [m] along o between a path point and the first model surface met, else that is another face
-_LATERAL = np.array([-0.024, -0.012, 0.0, 0.012, 0.024])  # [m] across the path: neighbours that share one noise patch
+BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])  # [m] across the path, where it is seen
+_INNER = slice(1, -1)
+_LATERAL = BESIDE[_INNER]  # neighbours whose median is the deviation
 _MEDIAN = 0.025  # [m] along the path
 _SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
 _SMOOTH_LOW = 0.025  # [m] for what is low,
@@ -33,6 +35,9 @@ _NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
 POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
 _RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
 _LEAST_RAYS = 3  # of those across the path
+_MEDIAN_FORM = 0.013  # [m] along the path, for the form of what is high and steep
+_FORM_NOISE = 1.9  # times that of a mean: a parabola of seven lines, and a Gaussian of second order
+_MEAN_ERROR = 0.0015  # [m] by which a mean over such a form lies off its middle
 _FADE = (0.05, 4.0)  # [m], and times its size: length over which a deviation fades out into what is not seen
 
 
@@ -48,6 +53,8 @@ class Deviation:
     seen: np.ndarray  # (N,) bool: the scan was compared with the model there; elsewhere the path is a guess
     bridged: np.ndarray  # (N,) bool: in a hole of the scan, between what was seen on both sides
     threshold: Array  # (N,) [m] that a high and steep deviation must exceed
+    section: Array  # (N, 7) [m] along o from points BESIDE the path, across it, to the model; inf where it is missed
+    form: Array  # (N, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
 
 
 def deviate(
@@ -65,7 +72,7 @@ def deviate(
     step = float(np.diff(s).mean())
     n = len(path.p)
     lateral = np.cross(path.a, path.b)
-    rays = path.p[:, None] + _LATERAL[None, :, None] * lateral[:, None]  # (N, L, 3)
+    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (N, L, 3)
     starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin before both
 
     model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
@@ -78,6 +85,9 @@ def deviate(
     face = cosine > SEEN_WELL
     face &= np.abs(model - _BEFORE) < _SAME_FACE
     well = face & in_bounds
+    form, section = _form(well, difference, s), np.where(face, model - _BEFORE, np.inf)
+    face, well = face[:, _INNER], well[:, _INNER]
+    difference, rays = difference[:, _INNER], rays[:, _INNER]
     usable = well.sum(axis=1) >= _LEAST_RAYS
     hole = ~usable & (_in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS)
     bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
@@ -93,7 +103,7 @@ def deviate(
     # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
     # and one false dent tips the tool: hence 4.5 sigma, not 3.
     doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
-    pose_error = POSE_ERROR / np.maximum(cosine[:, len(_LATERAL) // 2], SEEN_WELL)
+    pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
@@ -113,15 +123,21 @@ def deviate(
     # What was fouled or dented has also pulled the pose. No threshold for that: a step would tip the tool more than the
     # error is worth; what noise explains is shrunk away. On a clean path the model is the better measurement.
     along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
-    for found, values in ((low, wide), (high, fine)):
+    # The form is nearer the truth than a mean, and noisier: as much of it as the noise leaves worth having.
+    patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
+    trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
+    trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
+    steep = fine + trust * (form[:, 0] - fine)
+    for found, values in ((low, wide), (high, steep)):
         share = _blur(found[nearest].astype(float), step)  # a gap beside it is not where a deviation ends
         along += share * (values - along)
     across = _slope(well, difference, middle)
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
-    share = _blur(on_scan.astype(float), step)
+    share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
+    bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
     return Deviation(
-        o=o, along_o=along, across=_blur(across, 0.5 * step), share=share, on_scan=on_scan, seen=usable,
-        bridged=bridged, threshold=threshold,
+        o=o, along_o=along, across=across, share=share, on_scan=on_scan, seen=usable, bridged=bridged,
+        threshold=threshold, section=section, form=np.column_stack([along, share * across, bend]),
     )  # fmt: skip
 
 
@@ -252,6 +268,26 @@ def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
     """Runs where `size` stays above a share of `threshold` and somewhere exceeds it whole."""
     label, _ = ndimage.label(size > _RESUME * threshold)
     return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
+
+
+def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
+    """Polynomial (N, 3) across the path of the deviation, by [m]: that of a surface that bends both ways.
+
+    A mean over what bends lies off its middle; hence parabolas across, and a Gaussian without that error along.
+    """
+    step = float(np.diff(s).mean())
+    lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
+    for k, known in enumerate(well.T):
+        if known.sum() < 2:
+            continue
+        line = np.interp(s, s[known], difference[known, k])
+        line = _blur(ndimage.median_filter(line, size=2 * int(0.5 * _MEDIAN_FORM / step) + 1, mode="nearest"), step)
+        lines[:, k], weight[:, k] = 2.0 * line - _blur(line, step), _blur(known.astype(float), step)
+    x = BESIDE / BESIDE[-1]
+    powers = x[:, None] ** np.arange(3)
+    normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])
+    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[..., 0]
+    return found / BESIDE[-1] ** np.arange(3)
 
 
 def _slope(well: np.ndarray, difference: Array, middle: Array) -> Array:

@@ -47,6 +47,7 @@ class KnownObjectFinder:
         sensor: SensorModel | None = None,
         approach_error: float = APPROACH_ERROR,
         path_spacing: float = 0.0015,
+        tool_radius: float = 0.0,
         looks: int = 1,
         seed: int = 0,
     ) -> None:
@@ -54,7 +55,8 @@ class KnownObjectFinder:
 
         `path`: name of one of the target's paths, a path of its own, or None: no path is wanted. `orientation_W`
         (3, 3): coarse rotation of T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool
-        path's samples. `looks`: depth frames, or pings, in a row whose median the path is planned on.
+        path's samples; `tool_radius` [m] of the ball that the tool ends in. `looks`: depth frames, or pings, in a row
+        whose median the path is planned on.
         Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
         """
         self._path = target.path(path) if isinstance(path, str) else path
@@ -64,9 +66,11 @@ class KnownObjectFinder:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
         if not path_spacing > 0.0:
             raise ConfigurationError(f"path_spacing: must be positive [m], got {path_spacing}")
+        if not 0.0 <= tool_radius < np.inf:
+            raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
         self._sensor = sensor or SensorModel()
         self._approach_error = approach_error
-        self._spacing = path_spacing
+        self._spacing, self._tool_radius = path_spacing, tool_radius
         self._count, self._seed = looks, seed
         self._surface = ModelSurface.of(target, seed)
 
@@ -109,7 +113,9 @@ class KnownObjectFinder:
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
             try:
-                path = _in_world(X_WC, plan_path(on_all_looks(found, looks), self._path, spacing=self._spacing))
+                whole = on_all_looks(found, looks)
+                path = plan_path(whole, self._path, spacing=self._spacing, tool_radius=self._tool_radius)
+                path = _in_world(X_WC, path)
             except PerceptionError as error:  # found, but what is on the path was not seen: another look may tell
                 reason = str(error)
         target = Target(

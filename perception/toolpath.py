@@ -11,6 +11,7 @@ from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from models.targets import ModelPath
 from perception.identification import Identification
 from perception.path_deviation import deviate, tilted_axis
+from perception.rolling import rolled
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points
@@ -21,27 +22,30 @@ _KNOTS = 0.015  # [m] between the knots of the smoothing spline
 
 def plan_path(
     found: Identification, path: ModelPath, *, spacing: float = 0.0015, max_deviation: float = 0.05,
-    bridge: float = 0.06,
+    bridge: float = 0.06, tool_radius: float = 0.0,
 ) -> ToolPath:  # fmt: skip
     """The tool path on the real surface, in the sensor frame S.
 
     `spacing` [m] of the result along its arc length; `max_deviation` [m] along the line of sight, beyond which what
     the scan shows is taken for something else in front of or behind the object; `bridge` [m] the longest hole in the
-    scan, along the path, over which the surface on both sides is joined.
+    scan, along the path, over which the surface on both sides is joined; `tool_radius` [m] of the ball that the tool
+    ends in: where the surface deviates, the path is that of what it can touch (0: of a point).
     Raises PerceptionError if `found` was not accepted or the scan has a longer hole on the path, ConfigurationError
     for a path that stands still.
     """
     if not found.accepted or found.evidence is None:
         raise PerceptionError(f"no tool path on an object that was not found: {found.reason}")
-    if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0):
+    if not (spacing > 0.0 and max_deviation > 0.0 and bridge >= 0.0 and tool_radius >= 0.0):
         raise ConfigurationError(
-            f"spacing and max_deviation must be positive and bridge not negative [m], got {spacing}, {max_deviation} "
-            f"and {bridge}"
+            "spacing and max_deviation must be positive, bridge and tool_radius not negative [m], got "
+            f"{spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
     dense = carry(found.X_sensor_target, densified(path))
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
-    p = dense.p + deviation.along_o[:, None] * deviation.o
-    return _smoothed(p, tilted_axis(dense, deviation), deviation.on_scan, spacing)
+    p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
+    if tool_radius > 0.0 and deviation.on_scan.any():
+        p, z = rolled(dense, deviation, tool_radius)
+    return _smoothed(p, z, deviation.on_scan, spacing)
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:

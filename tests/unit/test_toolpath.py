@@ -136,6 +136,28 @@ def test_path_follows_a_dent_and_a_bulge(depth: float, within):
     assert not path.on_scan[outside].any()
 
 
+def test_path_of_a_ball_is_where_it_comes_to_rest(within):
+    """In a dent too tight for it, of 3 cm, a ball of 20 cm would be 19 mm in the barrel on the path of a point."""
+    radius, found = 0.2, found_on(0.03)
+    target = dented_barrel(0.03, azimuth=AZIMUTH)
+    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+
+    def gap(path: ToolPath) -> Array:
+        centre = transform_points(inverse(VIEW), path.p - radius * path.z)
+        return scene.compute_distance(open3d_loader.load().core.Tensor(centre.astype(np.float32))).numpy() - radius
+
+    assert gap(plan_path(found, over_dent(found))).min() < -0.01
+    path = plan_path(found, over_dent(found), tool_radius=radius)
+    assert_well_formed(path, within)
+    within("ball to the true surface [m]", gap(path), 3e-3)  # 0.9 mm
+
+
+def test_ball_on_an_undamaged_barrel_changes_nothing(plain: Identification):
+    point, ball = (plan_path(plain, BARREL.path("longitudinal"), tool_radius=r) for r in (0.0, 0.06))
+    assert np.array_equal(point.p, ball.p)
+    assert np.array_equal(point.z, ball.z)
+
+
 def around_dent(length: float) -> tuple[slice, slice]:
     """Rows and columns of a frame from VIEW that see `length` [m] of the path around the middle of the dent."""
     line = longitudinal(0.6, AZIMUTH)

@@ -31,7 +31,7 @@ class Current:
         rng: np.random.Generator | None = None,
         profile: Callable[[float], tuple[float, float]] | None = None,
     ) -> None:
-        """Take the steady current (3,) [m/s], gust [m/s], the gusts' time constant [s], the physics step [s].
+        """Take the steady current (3,) [m/s], gust [m/s], the gusts' time constant [s], the plant's step [s].
 
         `profile` gives, `t` [s] after the start, the share of all this that flows, and how fast the share grows [1/s].
 
@@ -72,7 +72,7 @@ class Current:
 
     @property
     def timestep(self) -> float | None:
-        """The physics step [s] for which it is made; None for a steady current, which fits any."""
+        """The plant's step [s] for which it is made; None for a steady current, which fits any."""
         return self._dt if self._blows or self._profile is not None else None
 
     def _refill(self) -> None:
@@ -87,7 +87,7 @@ class Current:
         self._gust, self._at = noise[-1], 0
 
     def step(self) -> tuple[Array, Array]:
-        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the next physics step, world axes."""
+        """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step, world axes."""
         velocity, acceleration = self._flow()
         if self._profile is None:
             return velocity, acceleration

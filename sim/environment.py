@@ -78,7 +78,7 @@ class PlantPhysics(control.Physics):
         self._thrusters = checked(control, (len(self.thruster_names),), "action")
 
     def step(self, n_sub_steps: int = 1) -> None:
-        """Advance by `n_sub_steps` physics steps under the control that was set.
+        """Advance by `n_sub_steps` steps of the plant under the control that was set.
 
         Raises dm_control's `control.PhysicsError` if the simulation diverges.
         """
@@ -97,7 +97,7 @@ class PlantPhysics(control.Physics):
         return self.truth.time
 
     def timestep(self) -> float:
-        """The physics step [s]."""
+        """The plant's step [s]."""
         return self._plant.timestep
 
     def reset(self) -> None:

@@ -197,6 +197,7 @@ def assess(
 def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     """True normal force against the step set value in the work state: overall, and for each set value in turn.
 
+    RMS is of the mean in each of the loop's steps; peaks and lost contact are those of the physics' own steps in it.
     The reference may come to a new set value by a ramp; the error counts against its end, from SETTLING after its
     beginning on.
     """
@@ -205,21 +206,22 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     if not work.any() or not recording["set_force"].scalar[work].any():  # none was asked for
         return dict.fromkeys(names), []
     wanted = recording["set_force"].scalar
-    lost = (recording["contact_normal"].scalar < LOST_BELOW) & work
+    lost = (recording["contact_least"].scalar < LOST_BELOW) & work
     changed = np.concatenate([[True], np.diff(wanted) != 0.0])
     last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
     begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
     part = np.cumsum(begins) - 1
     starts = np.flatnonzero(begins)
     step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # where each ramp has come to
-    error = recording["contact_normal"].scalar - step
+    error, over, under = (recording[name].scalar - step for name in ("contact_normal", "contact_most", "contact_least"))
+    peak = np.maximum(np.abs(over), np.abs(under))
     settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
 
     def figures(where: np.ndarray) -> Figures:
-        e = error[where & settled]
+        e, worst = error[where & settled], peak[where & settled]
         return {
             "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
-            "force_error_max_n": float(np.abs(e).max()) if e.size else None,
+            "force_error_max_n": float(worst.max()) if e.size else None,
             "lost_s": float((lost & where).sum() * recording.timestep),
         }
 

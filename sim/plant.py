@@ -1,4 +1,4 @@
-"""The plant: one vehicle in one MjModel, stepped at the physics rate; and the ground truth that it alone knows."""
+"""The plant: one vehicle in one MjModel, stepped at the loop's rate; and the ground truth that it alone knows."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from sim.current import Current
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
-from sim.plant_kernel import COLLISION, CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
+from sim.plant_kernel import CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.reaction import Reaction
 from sim.soil import SoilForce
 from sim.thrusters import Thrusters
@@ -20,16 +20,17 @@ PAD_FACE_SITE = "pad_face"
 
 
 class Truth:
-    """The true state at the start of a physics step. Live views: read them before the next step, keep none.
+    """The true state at the start of the plant's step. Live views: read them before the next step, keep none.
 
-    Positions and velocities are those of `time`; accelerations, torques and contact forces are those of the step that
-    led here, one physics step earlier, which is when a sensor would have sampled them.
+    Positions and velocities are those of `time`; accelerations and torques are those of the physics step that led here,
+    which is when a sensor would have sampled them. Contact is that of all substeps of the plant's step that led here.
     """
 
     __slots__ = (
-        "R_WB", "R_WG", "acceleration", "arm_wrench_B", "armature", "collision", "contact_force_W", "contact_normal",
-        "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q", "qd", "qdd", "saturated",
-        "tau_drive", "tau_friction", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B", "xmat", "xpos", "xquat",
+        "R_WB", "R_WG", "acceleration", "arm_wrench_B", "armature", "collision", "contact_force_W", "contact_least",
+        "contact_most", "contact_normal", "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q",
+        "qd", "qdd", "saturated", "tau_drive", "tau_friction", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B",
+        "xmat", "xpos", "xquat",
     )  # fmt: skip
 
     time: float  # [s]
@@ -56,23 +57,26 @@ class Truth:
     p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
     R_WG: Array  # (3, 3) tool axes
     p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
-    contact_normal: float  # [N] sum of the normal forces on the pad
-    contact_force_W: Array  # (3,) [N] of the world on the pad
-    collision: bool  # some other part of the vehicle touches the world
+    contact_normal: float  # [N] sum of the normal forces on the pad, mean over the substeps
+    contact_least: float  # [N] the least of them in a substep
+    contact_most: float  # [N] the greatest
+    contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
+    collision: bool  # some other part of the vehicle touched the world, if only for a substep
     vehicle: Vehicle
 
 
 class Plant:
-    """A vehicle and its world, advanced one physics step at a time by commands."""
+    """A vehicle and its world, advanced by commands one `timestep` [s] at a time: `substeps` steps of the physics."""
 
     def __init__(
         self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None, reaction_ticks: int = 0,
-        soil: SoilForce | None = None,
+        soil: SoilForce | None = None, substeps: int = 1,
     ) -> None:  # fmt: skip
         """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
 
         `soil` acts on the body of the pad, and counts as contact. Every `reaction_ticks` steps the wrench of the arm on
-        the hull is measured (`sim.reaction`); 0: never.
+        the hull is measured (`sim.reaction`); 0: never. With `substeps` the model is stepped so often under one command
+        and one current: stiff contact wants short steps, the loop around the plant does not.
 
         Raises ConfigurationError for arguments that cannot be and if the model has no vehicle (`models.vehicle`),
         HydrodynamicsError if its water cannot act as it should (what `sim.hydrodynamics.check` refuses, and contact
@@ -84,13 +88,17 @@ class Plant:
             raise ConfigurationError(
                 "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
             )
+        if not isinstance(substeps, int) or substeps < 1:
+            raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
         hydrodynamics.check(model)
         hydrodynamics.check_constants(model)
         hydrodynamics.install()
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model)
         self.data = mujoco.MjData(model)
-        self.timestep = float(model.opt.timestep)
+        self.substeps = substeps
+        self.timestep = substeps * float(model.opt.timestep)
+        self._least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] of a step that did not begin anew
         # Written each step; a model without our coefficients has no place for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
@@ -111,7 +119,7 @@ class Plant:
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
-        self._soil, self._soil_W = soil, np.zeros(3)
+        self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal and (3,) in W, as the kernel adds them
         if soil is not None and self._pad_geom < 0:
             raise ConfigurationError(f"soil acts on the geom {PAD_GEOM!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
@@ -128,7 +136,7 @@ class Plant:
             raise ConfigurationError(f"current: expected a sim.current.Current, got {current!r}")
         if current.timestep not in (None, self.timestep):
             raise ConfigurationError(
-                f"current: its timestep is {current.timestep} s, but the model's, at which it gusts, {self.timestep} s"
+                f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {self.timestep} s"
             )
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
@@ -144,7 +152,7 @@ class Plant:
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._current = current
         self._thrusters.reset()
-        self._soil_W[:] = 0.0
+        self._from_soil[:] = 0.0
         if self._soil is not None:
             self._soil.reset()
         self._flow()  # over what the last step left in the model
@@ -153,7 +161,8 @@ class Plant:
         truth.tau_friction[:] = 0.0
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
-        self._read_off()
+        self._read_off(0, 1)
+        self._contact()
 
     def _bind(self, pad_site: int) -> Truth:
         """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
@@ -189,51 +198,63 @@ class Plant:
         """Bring the kinematics up to now, and return the truth. Raises HydrodynamicsError if the motion blew up."""
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
-        if time <= self.truth.time:  # MuJoCo met numbers that are none, and began anew
+        truth = self.truth
+        # MuJoCo met numbers that are none, and began anew; in the first step that need not show in the time.
+        if time - truth.time < self._least_gain or truth.time == 0.0:
             hydrodynamics.check_motion(self.model, self.data)
-        self.truth.time = time
-        return self.truth
+        truth.time = time
+        return truth
 
     def step(self, command: Command) -> None:
-        """Let the command act for one physics step; `observe` must have been called since the last one.
+        """Let the command act for one `timestep`; `observe` must have been called since the last one.
 
         Raises ConfigurationError for torques or thruster commands of another shape or that are not finite.
         """
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
-        data, truth = self.data, self.truth
+        model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
         truth.saturated = self._thrusters.step(
             command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
         )
         self._ctrl[self._thruster_ctrl] = self._thrusters.thrust
         self._ctrl[self._joint_ctrl] = joint_torque
-        if self._soil is not None:
-            self._dig(self._soil)
+        for substep in range(last):
+            if soil is not None:
+                self._dig(soil)
+            mujoco.mj_step2(model, data)
+            self._read_off(substep, last + 1)
+            mujoco.mj_step1(model, data)
+        if soil is not None:
+            self._dig(soil)
         if self._reaction is not None and self._tick % self._reaction_ticks == 0:
             before = data.qvel.copy()
-            mujoco.mj_step2(self.model, data)
+            mujoco.mj_step2(model, data)
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
         else:
-            mujoco.mj_step2(self.model, data)
+            mujoco.mj_step2(model, data)
         self._tick += 1
-        self._read_off()
+        self._read_off(last, last + 1)
+        self._contact()
         self._flow()
 
-    def _read_off(self) -> None:
+    def _read_off(self, substep: int, substeps: int) -> None:
         """Note what friction the gears had, which then follows Stribeck's curve, and what the vehicle touched."""
-        truth, contacts = self.truth, self._contacts
+        truth = self.truth
         gears_and_contacts(
-            self._places, self._gears, self.vehicle.dof, self._friction, truth.qd, self._own_geom, truth.tau_friction,
-            self._frictionloss, contacts,
+            self._places, self._gears, self.vehicle.dof, self._friction, truth.qd, self._own_geom, self._from_soil,
+            truth.tau_friction, self._frictionloss, self._contacts, substep, substeps,
         )  # fmt: skip
-        if self._soil is not None:
-            contacts[FORCE : FORCE + 3] += self._soil_W
-            contacts[NORMAL] -= self._soil_W @ truth.R_WG[:, 2]
-        truth.contact_normal, truth.collision = float(contacts[NORMAL]), bool(contacts[COLLISION])
+
+    def _contact(self) -> None:
+        """Say what was touched in the step that has ended."""
+        truth = self.truth
+        truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = self._contacts.tolist()
+        truth.collision = bool(collision)
 
     def _dig(self, soil: SoilForce) -> None:
-        """Let the soil act on the tool for the step that comes."""
-        data, truth = self.data, self.truth
-        self._soil_W[:] = f_W = soil.step(truth.p_pad, truth.R_WG[:, 2])
+        """Let the soil act on the tool for the physics step that comes."""
+        data, truth, axis = self.data, self.truth, self.truth.R_WG[:, 2]
+        f_W = soil.step(truth.p_pad, axis)
+        self._from_soil[NORMAL], self._from_soil[FORCE:] = -(f_W @ axis), f_W
         wrench = data.xfrc_applied[self._tool]
         lever = truth.p_pad - data.xipos[self._tool]
         wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)

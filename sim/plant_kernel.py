@@ -17,8 +17,9 @@ from sim.mujoco_layout import offset, structure
 from sim.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, what `gears_and_contacts` finds
-NORMAL, FORCE, COLLISION = 0, 1, 4  # [N] on the pad; (3,) [N] of the world on the pad, W; 1 where anything else touches
-CONTACTS = 5
+NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
+COLLISION, LEAST, MOST = 4, 5, 6  # 1 where anything else touched; least and greatest normal force of a substep [N]
+CONTACTS = 7
 
 # Entries of `places`, a row of integers
 DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
@@ -71,11 +72,15 @@ def _compare(names: tuple[str, ...]) -> None:
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def gears_and_contacts(places, rows, dof, friction, qd, own_geom, tau_friction, frictionloss, contacts):
-    """Friction of the step that has ended and the bounds (nv,) of the next one; contacts (CONTACTS,) of that step.
+def gears_and_contacts(
+    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, substep, substeps
+):
+    """Friction of the substep that has ended and the bounds (nv,) of the next one; contacts (CONTACTS,) of all so far.
 
     `rows` (n,) is where each joint's gear stands among the constraints of friction (-1: it has none); `friction` (3, n)
     sliding and sticking [N m] and Stribeck's speed [rad/s]; `own_geom` (ngeom,) bool says what belongs to the vehicle.
+    `added` (4,) [N] is to be added to this substep's normal force and force. The means are whole after the last of
+    `substeps`; `substep` 0 begins anew.
     """
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
@@ -85,9 +90,11 @@ def gears_and_contacts(places, rows, dof, friction, qd, own_geom, tau_friction, 
             tau_friction[j] = f64(efc_force, first + rows[j]) if first + rows[j] < end else 0.0
             share = np.exp(-((qd[j] / friction[2, j]) ** 2))
             frictionloss[dof[j]] = friction[0, j] + (friction[1, j] - friction[0, j]) * share
-    contacts[:] = 0.0
+    if substep == 0:
+        contacts[:] = 0.0
+        contacts[LEAST], contacts[MOST] = np.inf, -np.inf
     here = pointer(d, places[CONTACT])
-    force = np.empty(3)
+    force, total = np.empty(3), np.zeros(4)
     for _ in range(i32(d + places[NCON], 0)):
         one, two = i32(here + places[GEOM], 0), i32(here + places[GEOM], 1)
         address = i32(here + places[EFC_ADDRESS], 0)
@@ -100,15 +107,21 @@ def gears_and_contacts(places, rows, dof, friction, qd, own_geom, tau_friction, 
                     places[PYRAMIDS],
                     force,
                 )
-                contacts[NORMAL] += force[0]
+                total[NORMAL] += force[0]
                 sign = 1.0 if two == places[PAD] else -1.0
                 for k in range(3):  # the frame's rows are the axes of the force
                     at = here + places[FRAME]
                     turned = f64(at, k) * force[0] + f64(at, 3 + k) * force[1] + f64(at, 6 + k) * force[2]
-                    contacts[FORCE + k] += sign * turned
+                    total[FORCE + k] += sign * turned
             else:
                 contacts[COLLISION] = 1.0
         here += places[SIZE]
+    for k in range(4):
+        total[k] += added[k]
+        contacts[k] += total[k]
+        if substep == substeps - 1:
+            contacts[k] /= substeps
+    contacts[LEAST], contacts[MOST] = min(contacts[LEAST], total[NORMAL]), max(contacts[MOST], total[NORMAL])
 
 
 @numba.njit(cache=True)

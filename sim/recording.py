@@ -29,7 +29,9 @@ _NOWHERE = np.full(3, np.nan)
 # Columns of the blocks: series name -> (labels, unit). The order is that of the rows as they are written.
 _Columns = Mapping[str, tuple[tuple[str, ...], str]]
 _SCALARS: _Columns = {
-    "contact_normal": ((), "N"),  # true, tool on object
+    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps,
+    "contact_least": ((), "N"),  # least and
+    "contact_most": ((), "N"),  # greatest of them
     "saturated": ((), ""),
     "collision": ((), ""),
     "felt_normal": ((), "N"),  # from joint torques
@@ -82,13 +84,14 @@ class Event:
 class Recording:
     """One run, as it was."""
 
-    timestep: float  # [s] of the physics
+    timestep: float  # [s] of the loop
     duration: float  # [s]
     vehicle: Vehicle
     series: Mapping[str, Series]
     events: tuple[Event, ...]
     targets: tuple[Target, ...]  # what the finder said, one per frame
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, put in by the scenario
+    substeps: int = 1  # of the physics in each of the loop's
 
     def __getitem__(self, name: str) -> Series:
         """The series `name`; ConfigurationError, with the names there are, if there is none."""
@@ -100,7 +103,7 @@ class Recording:
         return name in self.series
 
     def within(self, *states: WorkState) -> np.ndarray:
-        """(N,) bool over the physics steps: the planner was in one of `states`."""
+        """(N,) bool over the steps: the planner was in one of `states`."""
         return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
 
     @property
@@ -133,15 +136,20 @@ class _Block:
 class Recorder:
     """Observer of `sim.rollout` that keeps a run in memory.
 
-    At the physics rate: what the metrics need. If `full`, also joints, torques, thrusts, current, the estimate and
+    At the loop's rate: what the metrics need. If `full`, also joints, torques, thrusts, current, the estimate and
     what the controller believed every `period`, and the poses of all bodies every `pose_period`.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, *, full: bool = True, period: float = 0.02, pose_period: float = 0.04
-    ) -> None:
-        """Take the plant's model. Raises ConfigurationError for periods that are no multiple of its step."""
-        self._timestep = float(model.opt.timestep)
+        self, model: mujoco.MjModel, *, timestep: float | None = None, full: bool = True, period: float = 0.02,
+        pose_period: float = 0.04,
+    ) -> None:  # fmt: skip
+        """Take the plant's model and timestep [s] (default: the model's own).
+
+        Raises ConfigurationError for periods that are no multiple of it, and if it is none of the model's.
+        """
+        self._timestep = float(model.opt.timestep) if timestep is None else timestep
+        self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
         self._vehicle = vehicle = Vehicle.of(model)
         self._bodies = tuple(model.body(b).name for b in range(model.nbody))
         self._full = full
@@ -193,6 +201,8 @@ class Recorder:
                 truth.time,
                 self._references.count - 1,
                 truth.contact_normal,
+                truth.contact_least,
+                truth.contact_most,
                 truth.saturated,
                 truth.collision,
                 moment.command.felt_normal,
@@ -243,6 +253,7 @@ class Recorder:
             events=tuple(self._events),
             targets=tuple(self._targets),
             clouds=MappingProxyType(dict(self._clouds)),
+            substeps=self._substeps,
         )
 
     def _bind(self, truth: Any) -> None:

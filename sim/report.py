@@ -93,6 +93,13 @@ def _provenance(recording: Recording, assessment: Assessment, options: Mapping[s
         {
             **{f"option {name}": value for name, value in options.items()},
             "seed": assessment.metrics["run"]["seed"],
-            "physics step": f"{recording.timestep * 1e3:g} ms",
+            "physics step": _physics_step(recording),
         }
     )
+
+
+def _physics_step(recording: Recording) -> str:
+    loop = f"{recording.timestep * 1e3:g} ms"
+    if recording.substeps == 1:
+        return loop
+    return f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} to the loop's step of {loop}"

@@ -52,6 +52,7 @@ class RerunLog:
         file: str | Path,
         model: mujoco.MjModel,
         *,
+        timestep: float | None = None,
         title: str = "uuv-arm",
         period: float = 0.02,
         pose_period: float = 0.04,
@@ -59,15 +60,15 @@ class RerunLog:
     ) -> None:
         """Open `file` and draw what `model`, the plant's, holds; with `view`, also show it in a Rerun viewer.
 
-        Raises ConfigurationError if the file's folder does not exist, for a model without vehicle, and for periods
-        that are no multiples of the physics step.
+        `timestep` [s] is the plant's (default: the model's own). Raises ConfigurationError if the file's folder does
+        not exist, for a model without vehicle, and for periods that are no multiples of `timestep`.
         """
         import rerun as rr  # heavy, and not needed by a run without a log
 
         path = Path(file)
         if not path.parent.is_dir():
             raise ConfigurationError(f"run log: there is no folder {str(path.parent)!r}")
-        timestep = float(model.opt.timestep)
+        timestep = float(model.opt.timestep) if timestep is None else timestep
         self._rr = rr
         self._vehicle = vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")

@@ -1,4 +1,4 @@
-"""The one loop over the plant. It sees only protocols; rates are whole multiples of the physics step.
+"""The one loop over the plant. It sees only protocols; rates are whole multiples of the plant's step.
 
 truth -> sensors -> estimator -> (depth frame) -> finder -> planner -> controller -> plant
 """
@@ -44,7 +44,7 @@ class Observer(Protocol):
 
 @dataclass(slots=True, eq=False)
 class Moment:
-    """Everything that is known at one physics step, truth and belief side by side, for observers only."""
+    """Everything that is known at one step, truth and belief side by side, for observers only."""
 
     tick: int
     truth: Any  # sim.plant.Truth; live views

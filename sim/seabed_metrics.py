@@ -159,13 +159,14 @@ def _core(recording: Recording, truth: TrueGround) -> dict[str, Any]:
         raise ConfigurationError("core: no push was set")
     held, inside = recording.within(WorkState.WORK), recording.within(*IN_THE_SOIL)
     force, depth = recording["contact_normal"].scalar, tip_depth(recording, truth.ground)
-    error = np.abs(force[held] - push) / push
+    least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
+    error = np.maximum(np.abs(most[held] - push), np.abs(least[held] - push)) / push
     return {
         "push_set_n": push,
         "push_mean_n": float(force[held].mean()),
         "push_error_share": float(error.max()),
-        "push_max_n": float(force[inside].max()),
-        "pull_max_n": float(-force[inside].min()),
+        "push_max_n": float(most[inside].max()),
+        "pull_max_n": float(-least[inside].min()),
         "depth_m": float(depth[inside].max()),
         "held_s": float(held.sum() * recording.timestep),
     }

@@ -75,7 +75,7 @@ class Thrusters:
         self._state[:] = 0.0
 
     def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
-        """Advance by one physics step; thrust [N] in `self.thrust`.
+        """Advance by one step of the plant; thrust [N] in `self.thrust`.
 
         `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
         hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).

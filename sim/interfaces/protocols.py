@@ -1,6 +1,6 @@
 """The shapes of pluggable parts. Each has explicit state, so a run can be replayed and shared.
 
-`period` [s] is a whole multiple of the physics step; `sim.rollout` checks it and calls `step` at that rate.
+`period` [s] is a whole multiple of the plant's step; `sim.rollout` checks it and calls `step` at that rate.
 """
 
 from collections.abc import Sequence

@@ -60,10 +60,13 @@ def recorded(during: WorkState = WorkState.WORK, final: WorkState = WorkState.DO
         "p_WB": ones * [0.0, 0.0, 0.0],
         "quat_WB_wxyz": ones * [1.0, 0.0, 0.0, 0.0],
     }
-    assert not changed.keys() - values.keys()
+    assert not changed.keys() - values.keys() - {"contact_least", "contact_most"}
+    values |= changed
+    for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
+        values.setdefault(name, values["contact_normal"])
     series = {
         name: Series(time=TIME, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
-        for name, value in {**values, **changed}.items()
+        for name, value in values.items()
     }
     found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
     note = "felt force 170 N" if final is WorkState.ABORT else ""
@@ -128,6 +131,15 @@ def test_lost_contact_is_counted_wherever_it_happens_in_the_work():
     assessment = assessed(recorded(contact_normal=force))
     assert assessment.metrics["contact"]["lost_s"] == pytest.approx(47 * DT)
     assert any("contact lost" in line for line in assessment.failed)
+
+
+def test_peaks_and_lost_contact_are_those_of_the_substeps():
+    least, most = np.full(STEPS, 60.0), np.full(STEPS, 60.0)
+    least[3000:3003], most[4000] = 0.0, 72.0
+    overall, _ = contact_figures(recorded(contact_least=least))
+    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 60.0, "lost_s": pytest.approx(3 * DT)}
+    overall, _ = contact_figures(recorded(contact_most=most))
+    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 12.0, "lost_s": 0.0}
 
 
 def test_path_error_splits_into_along_lateral_and_normal():

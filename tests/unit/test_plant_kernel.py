@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim.plant_kernel import COLLISION, CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
+from sim.plant_kernel import COLLISION, CONTACTS, FORCE, LEAST, MOST, NORMAL, gears_and_contacts, places_of
 
 # A "vehicle" of two balls, one of them the pad; a floor, a wall, and a stone that lies loose. With friction in a joint.
 WORLD = """
@@ -34,12 +34,13 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
     own = root[model.geom_bodyid] == model.body("vehicle").id
     places, contacts, tau = places_of(data, model, pad), np.zeros(CONTACTS), np.zeros(1)
     friction, bound = np.array([[0.3], [0.3], [1.0]]), np.zeros(model.nv)
-    dof = model.joint("j").dofadr
+    dof, nothing = model.joint("j").dofadr, np.zeros(4)
     data.qvel[:2], data.qvel[6] = (-0.5, 0.3), 2.0
     worst, pushed, slid, rubbed = 0.0, 0.0, 0.0, 0.0
     for _ in range(60):
         mujoco.mj_step(model, data)
-        gears_and_contacts(places, np.array([0]), dof, friction, data.qvel[6:7].copy(), own, tau, bound, contacts)
+        qd = data.qvel[6:7].copy()
+        gears_and_contacts(places, np.array([0]), dof, friction, qd, own, nothing, tau, bound, contacts, 0, 1)
         normal, force, part = 0.0, np.zeros(3), np.zeros(6)
         for i in range(data.ncon):
             contact = data.contact[i]
@@ -53,6 +54,7 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
         pushed, slid = max(pushed, normal), max(slid, float(np.hypot(*force[:2])))
         rubbed = max(rubbed, abs(tau[0]))
         assert contacts[COLLISION] == 0.0
+        assert contacts[LEAST] == contacts[MOST] == contacts[NORMAL]
     assert pushed > 10.0
     assert slid > 1.0
     assert rubbed > 0.1
@@ -68,7 +70,9 @@ def test_what_touches_beside_the_pad_is_a_collision():
     contacts, tau, bound = np.ones(CONTACTS), np.ones(1), np.zeros(model.nv)
     dof, friction = model.joint("j").dofadr, np.array([[0.3], [0.5], [1.0]])
     for collided in (False, True):
-        gears_and_contacts(places, np.array([0]), dof, friction, np.zeros(1), own, tau, bound, contacts)
+        gears_and_contacts(
+            places, np.array([0]), dof, friction, np.zeros(1), own, np.zeros(4), tau, bound, contacts, 0, 1
+        )
         assert bool(contacts[COLLISION]) is collided
         if not collided:
             assert not contacts.any()

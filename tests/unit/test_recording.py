@@ -22,8 +22,9 @@ class Run:
 
     def __init__(self) -> None:
         self.truth = SimpleNamespace(
-            time=0.0, contact_normal=0.0, saturated=False, collision=False, p_pad=np.zeros(3), R_WG=np.eye(3),
-            p_WB=np.zeros(3), contact_force_W=np.zeros(3), xpos=np.zeros((MODEL.nbody, 3)),
+            time=0.0, contact_normal=0.0, contact_least=0.0, contact_most=0.0, saturated=False,
+            collision=False, p_pad=np.zeros(3), R_WG=np.eye(3), p_WB=np.zeros(3), contact_force_W=np.zeros(3),
+            xpos=np.zeros((MODEL.nbody, 3)),
             xquat=np.tile([1.0, 0.0, 0.0, 0.0], (MODEL.nbody, 1)), q=np.zeros(6), qd=np.zeros(6),
             tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.zeros(3), arm_wrench_B=np.zeros(6),
         )  # fmt: skip
@@ -37,6 +38,7 @@ class Run:
             truth.time = tick * DT
             truth.p_pad[:] = tick
             truth.contact_normal = 0.5 * tick
+            truth.contact_least, truth.contact_most = 0.25 * tick, 1.0 * tick
             truth.q[:] = tick
             truth.xpos[:] = tick
             if tick % PLANNER_TICKS == 0 or self.reference is None:
@@ -70,6 +72,8 @@ def test_every_step_is_kept_past_the_first_block_and_not_as_a_view():
     recording = recorded(steps)
     assert np.array_equal(recording["p_pad"].value[:, 1], np.arange(steps))
     assert np.array_equal(recording["contact_normal"].scalar, 0.5 * np.arange(steps))
+    assert np.array_equal(recording["contact_least"].scalar, 0.25 * np.arange(steps))
+    assert np.array_equal(recording["contact_most"].scalar, np.arange(steps))
     assert np.allclose(recording["p_pad"].time, DT * np.arange(steps))
     assert recording.duration == pytest.approx(steps * DT)
 
@@ -126,5 +130,7 @@ def test_what_cannot_be_kept_is_refused():
         Recorder(MODEL).recording()
     with pytest.raises(ConfigurationError, match="whole multiple"):
         Recorder(MODEL, period=0.003)
+    with pytest.raises(ConfigurationError, match="recorder's timestep"):
+        Recorder(MODEL, timestep=0.0025)
     with pytest.raises(ConfigurationError, match=r"expected shape \(N, 3\)"):
         Recorder(MODEL).add_cloud("scan", np.zeros((4, 2)))

@@ -47,7 +47,10 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
     tip = np.column_stack([0.02 * time, np.zeros(n), np.full(n, -1.2)])
     values = {
         "state": STATES.index(state) * ones, "set_force": 60.0 * ones, "path_s": 0.02 * time[:, None],
-        "contact_normal": (60.0 if state is WorkState.WORK else 0.0) * ones, "felt_normal": 60.0 * ones,
+        **dict.fromkeys(
+            ("contact_normal", "contact_least", "contact_most"), (60.0 if state is WorkState.WORK else 0.0) * ones
+        ),
+        "felt_normal": 60.0 * ones,
         "felt_force": ones * [0, 0, 60.0], "contact_force": ones * [0, 0, 60.0], "saturated": 0 * ones,
         "collision": 0 * ones, "p_command": tip, "v_command": ones * [0.02, 0, 0], "p_pad": tip,
         "tool_axis": ones * [0, 0, -1.0], "p_WB": 0 * tip, "quat_WB_wxyz": ones * [1.0, 0, 0, 0],

@@ -49,9 +49,12 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
         "quat_WB_wxyz": ONES * [1.0, 0.0, 0.0, 0.0],
     }  # fmt: skip
     assert not changed.keys() - values.keys()
+    values |= changed
+    for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
+        values.setdefault(name, values["contact_normal"])
     series = {
         name: Series(time=TIME, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
-        for name, value in {**values, **changed}.items()
+        for name, value in values.items()
     }
     ends = np.array([surface(0.5), surface(0.8)])
     ends[:, 2] += 0.004

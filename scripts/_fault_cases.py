@@ -63,13 +63,14 @@ class EnoughError(Exception):
 
 @dataclass(slots=True, eq=False)
 class Trace:
-    """What a run was after its fault began, row by row at the physics rate; times from then on [s]."""
+    """What a run was after its fault began, row by row at the loop's rate; times from then on [s]."""
 
     case: str
     began: float  # [s] into the run
     set_force: float  # [N] when it began
     thruster_names: tuple[str, ...]
-    # (N, 9 + m): time, contact [N], felt [N], set [N], hull x y z from there [m], tilt [rad], collision, thrusts [N]
+    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from there [m], tilt [rad], collision, least and
+    # greatest contact of a substep [N], thrusts [N]
     rows: Array
     states: list[tuple[float, WorkState, str]]
     found: list[tuple[float, str, str]]  # time, kind and part of each fault that the vehicle found
@@ -103,7 +104,7 @@ class Bystander:
         tilt = float(np.arccos(np.clip(truth.R_WB[2] @ self._up, -1.0, 1.0)))
         self._rows.append(
             (time, truth.contact_normal, moment.command.felt_normal, reference.force, *(truth.p_WB - self._p_WB), tilt,
-             float(truth.collision), *truth.thrust)
+             float(truth.collision), truth.contact_least, truth.contact_most, *truth.thrust)
         )  # fmt: skip
         if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
             raise EnoughError

@@ -30,7 +30,7 @@ def draw(trace: Trace, title: str, file: Path) -> None:
     tilt.plot(time, np.degrees(rows[:, 7]), color=INK, label="tilt")
     tilt.set_ylabel("hull tilted [deg]")
     for i, name in enumerate(trace.thruster_names):
-        thrusters.plot(time, rows[:, 9 + i], color=CYCLE[i % len(CYCLE)], label=name)
+        thrusters.plot(time, rows[:, 11 + i], color=CYCLE[i % len(CYCLE)], label=name)
     thrusters.set_ylabel("thrust [N]")
     thrusters.set_xlabel("time after the fault [s]")
     for axes in panels:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from _job_parts import Misplacing, believed_and_built, controller, eyes, hull_box, scan_pose, undriven
-from _variation import NOMINAL, Variation, vary
+from _job_parts import Misplacing, believed_and_built, controller, eyes, hull_box, scan_pose, tool_radius, undriven
+from _variation import NOMINAL, Variation, slide, vary
 from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
 from rich.console import Console
 
@@ -28,7 +28,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
 from sim.plant import PAD_GEOM, Plant
 from sim.recording import Recorder, Recording
-from sim.rollout import Moment, Observer, Parts
+from sim.rollout import Moment, Observer, Parts, ticks_per_period
 from sim.startup import ScenarioOptions
 
 
@@ -111,13 +111,17 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     believed, built, said = believed_and_built(
         job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
     )
+    timestep = float(built.option.timestep)  # of the loop; a stiff surface wants a shorter one of the physics
     drawn = vary(built, variation)
     own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
     vehicle = Vehicle.of(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
     X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
-    model = hydrodynamics.compile(scenes.work_site(built, there, job.X_WT))
+    scene = scenes.work_site(built, there, job.X_WT)
+    if variation.stiffness is not None:
+        slide(scene)
+    model = hydrodynamics.compile(scene)
     gusts, noise, start, sampling = rng.spawn(4)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
@@ -125,6 +129,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         current=Current(options.current),
         X_WB=X_WB @ offset,
         reaction_ticks=REACTION_TICKS if options.record else 0,
+        substeps=ticks_per_period(timestep, float(model.opt.timestep), "the loop's step"),
     )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
     eye, eye_model = eyes(job.sees_with, model, X_BC)
@@ -134,6 +139,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         job.approach_W,
         job.orientation_W,
         sensor=eye_model,
+        tool_radius=tool_radius(own),
         looks=job.looks,
         seed=int(sampling.integers(2**31)),
     )
@@ -170,7 +176,8 @@ def run(
     `recorder` is that of the outcome where it is given; else one is made that keeps what the metrics need. Raises
     UuvError for a motion that blows up, or parts that do not fit together.
     """
-    recorder = recorder or Recorder(built.plant.model, full=built.options.record)
+    plant = built.plant
+    recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=built.options.record)
     ran = run_through(built.ready, recorder, observers, longest)
     return Outcome(job=built.job, recording=ran.recording, assessment=judge(built, ran), last=ran.last)
 

@@ -21,6 +21,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+from sim.plant import PAD_GEOM
 from sim.sonar import BEAMS, Sonar
 
 SEES_WITH = ("camera", "sonar")
@@ -62,6 +63,12 @@ def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | S
     if kind == "sonar":
         return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
     raise ConfigurationError(f"sensor {kind!r}: allowed {', '.join(SEES_WITH)}")
+
+
+def tool_radius(model: mujoco.MjModel) -> float:
+    """Radius [m] of the ball that the tool's pad is; 0, a point, for a pad of another form."""
+    pad = model.geom(PAD_GEOM)
+    return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
 
 def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:

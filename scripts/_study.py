@@ -225,7 +225,7 @@ def figures_of(outcome: Outcome) -> dict[str, float | None]:
 def force_over_set(recording: Recording, first: float) -> float:
     """Greatest true normal force over the force then set; before the work that is the `first` one [N]."""
     wanted = np.maximum(recording["set_force"].scalar, np.where(recording.within(WorkState.WORK), 0.0, first))
-    return float((recording["contact_normal"].scalar / np.maximum(wanted, 1.0)).max())
+    return float((recording["contact_most"].scalar / np.maximum(wanted, 1.0)).max())
 
 
 def _unfolding(recording: Recording) -> float | None:

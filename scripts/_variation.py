@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 
 import mujoco
 import numpy as np
+from scipy.optimize import brentq
 
 from models import gear_friction, hydrodynamics, thrusters
 from models.gear_friction import GearFriction
@@ -18,8 +19,12 @@ from sim.interfaces.spatial import Array
 from sim.plant import PAD_GEOM
 
 PAD_BODY = PAD_JOINT = "pad"
+TARGET_BODY = "target"
 STEPS_PER_SOLREF = 3.0  # of the contact's time constant; two are MuJoCo's least
-RESTLESS = 0.3  # square of the pad's phase in a step, from about which on it bounces for ever, whoever presses it
+RESTLESS = 0.2  # square of the pad's phase in a step; from 0.26 on it may bounce for ever, whoever presses it
+WORKING_FORCE = 60.0  # [N] at which pad and surface together yield as is asked for; a contact hardens with depth
+FRICTION_TIME = 0.045  # [s] time constant of friction on a pad whose stiffness was asked for,
+FRICTION_STIFFNESS = 100.0  # and MuJoCo's impratio: it creeps less than 2 mm/s under 0.8 of the friction there is
 SOFTEST_CONTACT = 1.6  # times the stiffness asked for, that the contact alone has at least
 _TRANSLATION = slice(0, 3)
 
@@ -175,23 +180,43 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         geom.friction = [friction, *np.array(geom.friction)[1:]]
     if stiffness is not None:
         # Contact and the pad's spring yield one after the other: the contact is made stiff by a short time constant,
-        # and the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. The time constant
-        # is that of friction too; so stiff it would let go for a step in every few: its own softness is kept.
-        solref = STEPS_PER_SOLREF * float(spec.option.timestep)
-        drawn = spec.copy().compile()
-        contact, softest = _contact_stiffness(drawn, geom, solref), SOFTEST_CONTACT * stiffness
-        while contact < softest:
-            solref, contact = 0.5 * solref, 4.0 * contact
-            spec.option.impratio *= 0.25
-        geom.solref = [solref, 1.0]
-        spring, mass = 1.0 / (1.0 / stiffness - 1.0 / contact), float(drawn.body(PAD_BODY).mass[0])
-        while solref < STEPS_PER_SOLREF * spec.option.timestep or spring * spec.option.timestep**2 > RESTLESS * mass:
-            spec.option.timestep *= 0.5
+        # and the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. Sliding lifts the
+        # contact in proportion to the time constant, the force presses it in by its square: the longest that is stiff
+        # enough holds best.
+        timestep, drawn = float(spec.option.timestep), spec.copy().compile()
+        longest = STEPS_PER_SOLREF * timestep
+        contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
+        share = min(1.0, np.sqrt(contact / softest))
+        geom.solref = [share * longest, 1.0]
+        sunk = _sunk(WORKING_FORCE, geom, contact / share**2)
+        spring, mass = WORKING_FORCE / (WORKING_FORCE / stiffness - sunk), float(drawn.body(PAD_BODY).mass[0])
+        phase = timestep * np.sqrt(spring / (RESTLESS * mass))
+        spec.option.timestep = timestep / np.ceil(max(1.0 / share, phase) - 1e-9)
         old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
         # The same damping ratio on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
         joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
+
+
+def slide(scene: mujoco.MjSpec) -> None:
+    """Let the pad in `scene` slide on the target without being lifted by that, however stiff `vary` has made it.
+
+    MuJoCo's friction is convex: what slides at v [m/s] with the coefficient mu is pushed off as by an acceleration
+    mu (b v + r), b the rate at which friction means to stop it and r what friction yields. A stiff contact is pressed
+    in by no more than that, and lets go of the surface step after step. Hence a rate of its own for friction, slow, and
+    friction that hardly yields. Parts of a mesh (`TargetModel.add_to`) have contacts of their own, and keep them.
+    """
+    pad, target = scene.geom(PAD_GEOM), scene.body(TARGET_BODY)
+    scene.option.impratio = FRICTION_STIFFNESS
+    for geom in target.geoms:
+        if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
+            continue
+        pair = scene.add_pair(geomname1=PAD_GEOM, geomname2=geom.name)
+        sliding, spinning, rolling = np.array(pad.friction)
+        pair.friction = [sliding, sliding, spinning, rolling, rolling]
+        pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp
+        pair.solreffriction = [FRICTION_TIME, 1.0]
 
 
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
@@ -203,6 +228,26 @@ def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: floa
     least, most = np.clip(np.array(geom.solimp)[:2], 1e-4, 0.9999)
     weight = float(model.body_invweight0[model.geom(geom.name).bodyid[0], 0])
     return least / (1.0 - least) / (most * solref) ** 2 / weight
+
+
+def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
+    """Depth [m] of a contact of `geom` under `force` [N], where a light touch meets `light` [N/m].
+
+    MuJoCo's impedance over depth, by `solimp` (documentation, Modeling, Solver parameters).
+    """
+    least, most, width, middle, power = np.array(geom.solimp)
+    low = least / (1.0 - least)
+
+    def excess(depth: float) -> float:
+        x = min(depth / width, 1.0)
+        under = x <= middle
+        share = (
+            x**power / middle ** (power - 1.0) if under else 1.0 - (1.0 - x) ** power / (1.0 - middle) ** (power - 1.0)
+        )
+        d = least + share * (most - least)
+        return light / low * d / (1.0 - d) * depth - force
+
+    return float(brentq(excess, 0.0, force / light, xtol=1e-12))
 
 
 def _first(old: float | Array, value: float) -> float | Array:

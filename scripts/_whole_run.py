@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
 REHEARSAL = 0.1  # [s] simulated
-REACTION_TICKS = 10  # physics steps between measurements of the arm's wrench on the hull, for the report
+REACTION_TICKS = 10  # steps between measurements of the arm's wrench on the hull, for the report
 LONGEST = 400.0  # [s] simulated, whatever happens
 NOT_ACCEPTED = 1  # exit code
 
@@ -88,13 +88,14 @@ def run_shown(
     `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
     and the log (None: there is none). Raises ConfigurationError where the work never began.
     """
-    recorder = Recorder(ready.plant.model, full=options.record)
+    plant = ready.plant
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
     log: Any = None
     if options.record or options.view:
         from sim.rerun_log import RerunLog
 
-        log = RerunLog(folder / "run.rrd", ready.plant.model, title=title, view=options.view)
+        log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
         observers.append(log)
     bar = progress(console)
     observers += [(story or Clouds)(recorder, log), Teller(bar, console)]

@@ -60,8 +60,8 @@ class Figures:
 
 def figures(trace: Trace, path: str, seed: int) -> Figures:
     """The figures of one trace."""
-    time, contact = trace.rows[:, 0], trace.rows[:, 1]
-    peak = float(contact.max())
+    time, least = trace.rows[:, 0], trace.rows[:, 9]
+    peak = float(trace.rows[:, 10].max())
     states = [state for _, state, _ in trace.states]
     left = next((t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None)
     working = time < (left if left is not None else np.inf)
@@ -76,7 +76,7 @@ def figures(trace: Trace, path: str, seed: int) -> Figures:
         detection_s=trace.found[0][0] if trace.found else None,
         reaction=reaction, reaction_s=left,
         peak_n=peak, excursion_m=float(hull.max()), tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
-        lost_s=float(np.count_nonzero(contact[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
+        lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
         final=str(states[-1]), note=trace.blew_up or trace.states[-1][2],
         damage=bool(peak > 2.0 * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
     )  # fmt: skip

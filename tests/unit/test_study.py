@@ -105,6 +105,20 @@ def test_ranges_that_cannot_be_are_refused(study, given, said):
         study.Ranges(**given)
 
 
+def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
+    job, scenario = import_module("_job"), import_module("clean_barrel")
+    options = scenario.Options(record=False, quick=True)
+    rng = np.random.default_rng(0)
+    varied = import_module("_variation").Variation(stiffness=3e5)
+    built = job.build(scenario.barrel_job(options, rng), options, rng, varied)
+    assert built.plant.timestep == pytest.approx(DT, rel=1e-12)
+    assert built.plant.substeps > 4
+    recording = job.run(built, longest=0.01).recording
+    assert len(recording["contact_most"].time) == 5
+    assert recording.timestep == built.plant.timestep
+    assert recording.substeps == built.plant.substeps
+
+
 # -- classes -----------------------------------------------------------------------------------------------------------
 
 GOOD = {
@@ -121,6 +135,7 @@ def recording(states: list[WorkState], set_force: Any = 60.0, true: Any = 60.0, 
         "state": np.repeat([STATES.index(state) for state in states], each).astype(float),
         "set_force": np.broadcast_to(set_force, time.shape),
         "contact_normal": np.broadcast_to(true, time.shape),
+        "contact_most": np.broadcast_to(true, time.shape),
     }
     return Recording(
         timestep=DT,

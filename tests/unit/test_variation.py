@@ -133,8 +133,34 @@ def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[floa
 def test_pad_and_surface_yield_as_said(variation, stiffness, within):
     for force in (6.0, 60.0, 90.0):
         mean, deviation = pressed(variation, stiffness, force / stiffness)
-        within("stiffness, relative", mean / force - 1.0, 0.08)
+        within("stiffness, relative", mean / force - 1.0, 0.08)  # 0.067, at 6 N on 3e5 N/m
         within("chatter [N]", deviation, 1e-3)
+
+
+def test_steps_are_as_long_as_the_pad_allows(variation):
+    rng = np.random.default_rng(secrets.randbits(32))
+    for stiffness in (1e4, 1e6, *np.exp(rng.uniform(np.log(1e4), np.log(1e6), 6))):
+        plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
+        variation.vary(spec, variation.Variation(stiffness=stiffness))
+        old, new = plain.compile(), spec.compile()
+        solref, spring = new.geom("pad").solref[0], float(new.joint("pad").stiffness[0])
+        n = old.opt.timestep / new.opt.timestep
+        assert n == pytest.approx(round(n), rel=1e-12)
+
+        def rests(
+            n: int, solref: float = solref, spring: float = spring, whole: float = old.opt.timestep,
+            mass: float = new.body("pad").mass[0],
+        ) -> bool:  # fmt: skip
+            dt = whole / n
+            soft = solref * (1.0 + 1e-9) >= variation.STEPS_PER_SOLREF * dt
+            return soft and spring * dt**2 <= variation.RESTLESS * mass * (1.0 + 1e-9)
+
+        assert rests(round(n))
+        assert n < 1.5 or not rests(round(n) - 1)
+        contact = 1.0 / (1.0 / stiffness - 1.0 / spring)
+        most = solref < old.geom("pad").solref[0]
+        assert contact >= variation.SOFTEST_CONTACT * stiffness * (1.0 - 1e-9)
+        assert not most or contact == pytest.approx(variation.SOFTEST_CONTACT * stiffness, rel=0.3)  # it hardens: 0.2
 
 
 _MASS_WITH_PAD = """
@@ -147,7 +173,7 @@ _MASS_WITH_PAD = """
   </worldbody> <actuator><motor joint="press"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize("stiffness", [1e4, 3e4, 1e5, 1.5e5, 3e5, 5e5, 1e6, None])
+@pytest.mark.parametrize("stiffness", [1e4, 2.1e4, 3e4, 7.9e4, 1.5e5, 3e5, 1e6, None])
 def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, within):
     """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it bounces for ever."""
     rng = np.random.default_rng(secrets.randbits(32))
@@ -162,7 +188,54 @@ def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, within):
         if data.ncon:
             mujoco.mj_contactForce(model, data, 0, one)
         force.append(one[0] if data.ncon else 0.0)
-    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01)  # 1e-5
+    within(f"force at rest, {stiffness:.2g} N/m [N]", np.array(force[-len(force) // 10 :]) - 60.0, 0.01)  # 2e-3
+
+
+_SLIDING = """
+<mujoco><option timestep="0.002" integrator="implicitfast" cone="elliptic" gravity="0 0 0"/>
+  <worldbody> <body name="target"> <geom name="target" type="plane" size="1 1 .1"/> </body>
+    <body pos="0 0 .061"> <joint name="press" type="slide" axis="0 0 1"/>
+      <joint name="along" type="slide" axis="1 0 0"/>
+      <geom type="sphere" size=".01" mass="{mass}" contype="0" conaffinity="0"/>
+      <body name="pad"> <joint name="pad" type="slide" axis="0 0 1" stiffness="32000" damping="155"/>
+        <geom name="pad" type="sphere" size=".06" mass=".325" solref=".006 1" solimp=".95 .99 .0005" condim="3"
+         friction="{friction} .005 .0001" priority="1"/></body></body>
+  </worldbody> <actuator><motor joint="press"/> <velocity joint="along" kv="2000"/> <motor joint="along"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("stiffness", [2e4, 2e5, 5e5, 1e6, None])
+def test_what_slides_stays_in_contact_with_the_friction_it_has(variation, stiffness, within):
+    """Pressed with 60 N and drawn at 2 cm/s: never off the surface, Coulomb's friction; at rest it hardly creeps."""
+    rng = np.random.default_rng(secrets.randbits(32))
+    stiffness, mu = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))), float(rng.uniform(0.1, 0.6))
+    spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
+    variation.vary(spec, variation.Variation(stiffness=stiffness))
+    variation.slide(spec)
+    model = spec.compile()
+    data, one = mujoco.MjData(model), np.zeros(6)
+
+    def forces(seconds: float) -> np.ndarray:
+        found = np.zeros((round(seconds / model.opt.timestep), 2))
+        for row in found:
+            mujoco.mj_step(model, data)
+            if data.ncon:
+                mujoco.mj_contactForce(model, data, 0, one)
+                row[:] = one[0], np.hypot(one[1], one[2])
+        return found
+
+    data.ctrl[:] = -60.0, 0.02, 0.0
+    forces(1.0)
+    normal, friction = forces(1.0).T
+    assert normal.min() > 0.0
+    within("normal force [N]", normal - 60.0, 0.5)
+    within("friction, of the normal force", friction / normal - mu, 0.01)
+    model.actuator_gainprm[1] = model.actuator_biasprm[1] = 0.0
+    data.ctrl[:] = -60.0, 0.0, 0.8 * mu * 60.0
+    forces(0.5)
+    start = data.joint("along").qpos[0]
+    forces(1.0)
+    within("creep [m/s]", data.joint("along").qpos[0] - start, 2e-3)
 
 
 def test_friction_is_that_of_the_pad(variation):

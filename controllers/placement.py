@@ -1,9 +1,11 @@
 """Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
 
 Candidates of the arm's base around the path are tried, each with the hull level. Where the base looks down (or up) the
-hull is turned so that the arm reaches forward; where it looks aside, so that it faces the surface. Along the path MKPS
-keeps to one branch. The best candidate is the one with the largest smallest margin: to
-joint limits, to singular postures, to torque limits under the set force, and to the object.
+hull is turned so that the arm reaches forward, or square to that; where it looks aside, so that it faces the surface.
+Along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to joint
+limits, to singular postures, to torque limits under the set force, to the object, and to what the thrusters can bear of
+that force and the friction that goes with it. The last decides how the hull is turned: what is pushed and dragged a
+metre under a hull tilts it, and against roll its thrusters have the shorter levers.
 
 Where that margin is small the hull may travel while the tool works (paper 004, sixth section): straight, by a share of
 the way from the path's one end to the other, at the pace of the tool. The arm then stands before every point nearly as
@@ -18,6 +20,7 @@ import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from controllers.holding import Holding
 from controllers.mkps import Chain, solve
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
@@ -26,6 +29,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
 _SKIN_STEP = 0.15  # [m]
 _STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
+_ROOMY_THRUST = 0.4  # share of a thruster left for the current that counts as roomy
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,6 +58,7 @@ class Search:
     radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # aside from the middle, across that axis
     bearings: int = 12  # directions around the middle
     asides: int = 6  # directions across a base's axis that looks sideways,
+    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] of the hull from where the arm reaches forward
     headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] and how it is turned from facing the surface
     refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
     rolls: int = 4  # turns of the tool about its axis
@@ -119,7 +124,7 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
 
 def place(
     vehicle: Vehicle, chain: Chain, path: ToolPath, *, obstacle: Array, hull_box: Array, force: float, standoff: float,
-    floor: float = -np.inf, travel: float = 0.0, search: Search | None = None,
+    floor: float = -np.inf, travel: float = 0.0, search: Search | None = None, holding: Holding | None = None,
 ) -> Placement:  # fmt: skip
     """The best hull pose for `path`.
 
@@ -132,6 +137,7 @@ def place(
         standoff: [m] from which the tool approaches.
         floor: [m] height in W of the seabed, over which the hull keeps its clearance.
         travel: share of the way between the path's ends that the hull goes while the tool works.
+        holding: what the thrusters can bear; None: they are not asked.
 
     Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
     """
@@ -146,6 +152,7 @@ def place(
     done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
     poses = [_seen(tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
+    loads = [_loads(path, shares, roll, force, holding.drag if holding else 0.0) for roll in rolls]
     mounting = _Mounting.of(vehicle.X_BA)
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
@@ -161,10 +168,11 @@ def place(
         if min(hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
             return False
         better = False
-        for roll, tool in zip(rolls, poses, strict=True):
+        for roll, tool, load in zip(rolls, poses, loads, strict=True):
             margin, reached, q_start = try_poses(
-                vehicle, chain, X_WB, tool, planes, gone, force, search.arm_clearance, best.margin if best else 0.0
-            )
+                vehicle, chain, X_WB, tool, planes, gone, force, search.arm_clearance, best.margin if best else 0.0,
+                holding, load,
+            )  # fmt: skip
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
                 best = Placement(
@@ -214,9 +222,10 @@ class _Mounting:
             start = np.arctan2(chord[1], chord[0])
             bearings = start + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
             up = -np.sign(self.axis_B[2])
-            for height, radius, bearing in itertools.product(search.heights, search.radii, bearings):
+            aside = itertools.product(search.turns, search.heights, search.radii, bearings)
+            for turn, height, radius, bearing in aside:
                 base = middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), up * height])
-                yield base, self._facing(base, middle)
+                yield base, self._facing(base, middle) + turn
             return
         into = path.z.mean(axis=0)  # the way that the tool looks, on the whole
         facing = float(np.arctan2(into[1], into[0])) - self.forward
@@ -228,9 +237,10 @@ class _Mounting:
     def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
         """Candidates `step` [m] off a good one."""
         moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
-        if self.upright:
-            return [(near, self._facing(near, middle)) for near in moved]
         turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
+        if self.upright:
+            aside = yaw - self._facing(base, middle)
+            return [(near, self._facing(near, middle) + aside) for near in moved] + turned
         return [(near, yaw) for near in moved] + turned
 
     def _facing(self, base: Array, middle: Array) -> float:
@@ -254,9 +264,12 @@ def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
 
 def try_poses(
     vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, gone: Array, force: float,
-    clearance: float, to_beat: float,
+    clearance: float, to_beat: float, holding: Holding | None = None, loads: Array | None = None,
 ) -> tuple[float, float, Array | None]:  # fmt: skip
-    """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good)."""
+    """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good).
+
+    `loads` (k, 3) [N] on the tip, tool axes, is what `holding` asks the thrusters to bear at each of them.
+    """
     X_AW = inverse(X_WB @ vehicle.X_BA)
     margin = np.inf
     low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
@@ -280,6 +293,10 @@ def try_poses(
         margin = min(margin, _arm_gap(chain, q, X_AW, planes, gone[i]) / clearance)
         if margin <= floor:
             return 0.0, i / len(poses), None
+        if holding is not None and loads is not None:
+            margin = min(margin, (1.0 - holding.used(q, X_WB[:3, :3], loads[i])) / _ROOMY_THRUST)
+            if margin <= floor:
+                return 0.0, i / len(poses), None
         if i == 0:
             q_start = q
     return float(margin), 1.0, q_start
@@ -291,6 +308,15 @@ def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> l
     steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
     down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
     return down[::-1] + along + up
+
+
+def _loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
+    """What the surface does to the tip (k, 3) [N], tool axes, at each of `tool_poses`: none before it is touched."""
+    loads = np.zeros((len(shares) + 2 * _STANDOFF_STEPS, 3))
+    for load, s in zip(loads[_STANDOFF_STEPS:], shares, strict=False):
+        X, tangent, _ = tool_pose(path, s, roll)
+        load[:] = -force * (np.array([0.0, 0.0, 1.0]) + drag * X[:3, :3].T @ tangent)
+    return loads
 
 
 def _seen(poses: list[Array], gone: Array) -> list[Array]:

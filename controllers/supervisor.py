@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from controllers.holding import Holding
 from controllers.mkps import Chain
 from controllers.passing import Passing
 from controllers.placement import Placement, Search, middle_part, place, tool_pose
@@ -60,19 +61,21 @@ class SurfaceWork:
         period: float = 0.01,
         search: Search | None = None,
         come_near: ComingNear | None = None,
+        holding: Holding | None = None,
     ) -> None:
         """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
 
         `X_WB_scan` (4, 4) is in W; from there `come_near`, if given, is asked for a nearer place to scan from.
         `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the height
-        `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B.
+        `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B. `holding` says what the thrusters can
+        bear where the hull stands beside the object; without it they are not asked.
         """
         self.period = period
         self._vehicle, self._chain, self._job = vehicle, chain, job
         self._known = target if isinstance(target, TargetModel) else None
         self._stand = partial(self._beside, target) if isinstance(target, TargetModel) else target
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
-        self._floor, self._come_near = floor, come_near
+        self._floor, self._come_near, self._holding = floor, come_near, holding
         ahead = checked(view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
         self._view_B = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
 
@@ -194,17 +197,31 @@ class SurfaceWork:
 
     def _beside(self, model: TargetModel, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
         """Where to stand beside a known object, for as much of the path as is within reach (a `Standing`)."""
-        job = self._job
         obstacle = transform_points(target.X_WT, model.vertices)
+        holding = self._holding if self._job.contactless is None else None
+        try:
+            return self._stand_beside(obstacle, whole, holding)
+        except ReachError:
+            if holding is None:
+                raise
+        # Friction may be less than the worst, and a hull that is pushed off its place retreats.
+        return self._stand_beside(obstacle, whole, None)
+
+    def _stand_beside(
+        self, obstacle: Array, whole: ToolPath, holding: Holding | None
+    ) -> tuple[Placement, ToolPath, float]:
+        job = self._job
         best: tuple[Placement, ToolPath, float] | None = None
         failure: ReachError | None = None
         for share, travel in self._ways_to_stand():
+            if share < 1.0 and best is not None and best[0].margin >= job.cramped:
+                break
             shorter = middle_part(whole, share)
             try:
                 found = place(
                     self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
                     force=max(job.forces), standoff=job.standoff, floor=self._floor, travel=travel,
-                    search=self._search,
+                    search=self._search, holding=holding,
                 )  # fmt: skip
             except ReachError as error:
                 failure = failure or error

@@ -48,10 +48,11 @@ class Job:
     settle_time: float = 4.0  # [s] that it must be quiet
     settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
     lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
-    lost_place_at_work: float = 0.08  # [m] and while the tool approaches or touches: the arm has that much in hand
+    lost_place_at_work: float = 0.04  # [m] and while the tool approaches or touches: a hull that holds stays in 0.025
     scans: int = 3  # views taken before giving up
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
-    roomy: float = 0.6  # margin of the placement under which the hull travels with the tool, or less is worked
+    roomy: float = 0.8  # margin of the placement under which the hull travels with the tool,
+    cramped: float = 0.6  # and under which less of the path is worked
     force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
     contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
 

@@ -12,6 +12,7 @@ from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, r
 from rich.console import Console
 
 from controllers import drive
+from controllers.holding import Holding
 from controllers.mkps import Chain
 from controllers.supervisor import SurfaceWork
 from controllers.surface_job import Job
@@ -159,6 +160,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         planner=SurfaceWork(
             vehicle, chain, job.target, work, X_WB_scan=X_WB, hull_box=hull_box(own, vehicle),
             view_B=X_BC[:3, 2], floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
+            holding=Holding.of(own),
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
     )  # fmt: skip

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from controllers.finding import mean_find
 from controllers.holding import Holding
 from controllers.mkps import Chain
 from controllers.passing import Passing
@@ -142,6 +143,7 @@ class SurfaceWork:
                 self._come_nearer(state, estimate, self._come_near)
                 return
             state.scans += 1
+            state.looks, state.finds, state.look_from = 0, (), estimate.time
             self._enter(state, WorkState.SCAN, estimate.time)
 
     def _come_nearer(self, state: SupervisorState, estimate: StateEstimate, come_near: ComingNear) -> None:
@@ -154,12 +156,20 @@ class SurfaceWork:
         self._move_hull(state, estimate.time, state.X_WB_near)
 
     def _scan(self, state: SupervisorState, time: float, target: Target | None) -> None:
-        if target is None or target.time < state.since:
-            if time - state.since > 5.0:
+        """Look until the object was found often enough; where the first look does not find it, from another place."""
+        if target is None or target.time < state.look_from:
+            if time - max(state.since, state.look_from) > 5.0:
                 self._give_up(state, time, "no depth frame arrived within 5 s")
             return
+        state.looks += 1
         if target.accepted and target.path is not None:
-            self._plan(state, time, target, target.path)
+            state.finds = (*state.finds, target)
+        if state.finds and state.looks < (self._job.finds if self._known is not None else 1):
+            state.look_from = time + self._job.find_interval
+        elif state.finds:
+            fused = mean_find(state.finds)
+            assert fused.path is not None
+            self._plan(state, time, fused, fused.path)
         elif state.scans >= self._job.scans:
             self._give_up(state, time, f"not identified in {state.scans} views: {target.reason}")
         else:
@@ -475,8 +485,8 @@ class SurfaceWork:
         return Reference(
             time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
             q=q, qd=qd, force=force, force_control=force_control, tare=tare,
-            scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason or state.note,
-            lost_thrusters=state.lost_thrusters,
+            scan=state.state is WorkState.SCAN and time >= state.look_from, path_s=state.path_s,
+            note=state.reason or state.note, lost_thrusters=state.lost_thrusters,
         )  # fmt: skip
 
 

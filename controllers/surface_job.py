@@ -8,7 +8,7 @@ import numpy as np
 from controllers.placement import Placement
 from controllers.trajectories import JointMove, PoseMove, Progress
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import ToolPath, WorkState
+from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array
 
 _HEADROOM = 0.85  # of the force limit that a set force may take
@@ -50,6 +50,8 @@ class Job:
     lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
     lost_place_at_work: float = 0.04  # [m] and while the tool approaches or touches: a hull that holds stays in 0.025
     scans: int = 3  # views taken before giving up
+    finds: int = 4  # of a known object from one view, of which the mean counts,
+    find_interval: float = 3.0  # [s] apart
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     roomy: float = 0.8  # margin of the placement under which the hull travels with the tool,
     cramped: float = 0.6  # and under which less of the path is worked
@@ -72,6 +74,10 @@ class Job:
                 f"contactless: the distance must be > 0 and at most the stand-off of {self.standoff} m, got "
                 f"{self.contactless}"
             )
+        if isinstance(self.finds, bool) or self.finds < 1:
+            raise ConfigurationError(f"finds: must be at least 1, got {self.finds}")
+        if not 0.0 <= self.find_interval < np.inf:
+            raise ConfigurationError(f"find_interval: must be >= 0 s, got {self.find_interval}")
         if not self.speed > 0.0:
             raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
 
@@ -88,6 +94,9 @@ class SupervisorState:
     quiet_since: float = np.inf  # [s]
     still_since: float = 0.0  # [s] hull and arm are asked to stand still
     scans: int = 0
+    looks: int = 0  # from this view
+    look_from: float = 0.0  # [s] of the next
+    finds: tuple[Target, ...] = ()  # from this view
     path: ToolPath | None = None  # in W, as far as it is worked
     placement: Placement | None = None
     hull_move: PoseMove | None = None

@@ -14,7 +14,7 @@ from sim.interfaces.spatial import Array
 
 
 def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array) -> Array:
-    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's, with buoyancy per body added."""
+    """Wrench (6,) of the thrusters on the hull at its origin, level and still: MuJoCo's, and buoyancies."""
     data, vehicle = mujoco.MjData(model), Vehicle.of(model)
     data.qpos[3:7] = [1.0, 0.0, 0.0, 0.0]
     data.qpos[vehicle.qpos] = q

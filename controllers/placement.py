@@ -42,6 +42,7 @@ class Placement:
     q_start: Array  # (n,) [rad] at the stand-off before the path's first point
     margin: float  # smallest of the margins along the path, 1 is roomy, 0 is at a limit
     reached: float  # share of the path that is within reach
+    held: bool = True  # the thrusters bear the push and its friction all along, or were not asked
 
     def hull_at(self, share: float) -> Array:
         """Hull pose (4, 4) when the tool has done `share` of the path."""
@@ -190,8 +191,10 @@ def place(
             if not any(better):
                 break
     if best is None:
+        held = " while the thrusters hold it" if holding else ""
         raise ReachError(
-            f"the tool path is out of reach: no place of the hull lets the arm take all of it, at best {furthest:.0%}"
+            f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best "
+            f"{furthest:.0%}"
         )
     start = best.X_WB.copy()
     start[:3, 3] -= 0.5 * travel_W

@@ -8,6 +8,7 @@ Work without contact (paper 004) goes from approach to work: there is nothing to
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -193,6 +194,8 @@ class SurfaceWork:
             return
         if worked < 1.0:
             state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+        if not placement.held:
+            state.note = "the thrusters may not hold the hull against friction at the set force"
         state.path, state.placement = path, placement
         state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
         before = np.array(placement.X_WB)
@@ -215,7 +218,8 @@ class SurfaceWork:
             if holding is None:
                 raise
         # Friction may be less than the worst, and a hull that is pushed off its place retreats.
-        return self._stand_beside(obstacle, whole, None)
+        placement, path, worked = self._stand_beside(obstacle, whole, None)
+        return replace(placement, held=False), path, worked
 
     def _stand_beside(
         self, obstacle: Array, whole: ToolPath, holding: Holding | None

@@ -1,7 +1,7 @@
 """The supervisor's states under scripted estimates: a hull that is where it should be, and a force that is told."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import pytest
 
 import models
 from controllers import supervisor
+from controllers.holding import Holding
 from controllers.mkps import Chain
 from controllers.placement import Placement
 from controllers.supervisor import SurfaceWork, off_and_up
@@ -46,10 +47,12 @@ def tip(reference: Reference) -> Array:
     return reference.X_WG[:3, 3]
 
 
-def target(time: float, accepted: bool = True) -> Target:
+def target(time: float, accepted: bool = True, x: float = 0.0) -> Target:
+    path = straight()
     return Target(
-        time=time, X_WT=np.eye(4), accepted=accepted, check_m=0.001, range_m=1.2,
-        reason="" if accepted else "too few points", path=straight() if accepted else None,
+        time=time, X_WT=pose(p=[x, 0.0, 0.0]), accepted=accepted, check_m=0.001, range_m=1.2,
+        reason="" if accepted else "too few points",
+        path=replace(path, p=path.p + np.array([x, 0.0, 0.0])) if accepted else None,
     )  # fmt: skip
 
 
@@ -66,7 +69,9 @@ class Script(Told):
 
     job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
-    views: Sequence[bool] = (True,)  # whether each view finds the object
+    looks: Sequence[bool] = (True,) * 4  # whether each look finds the object
+    finds: Sequence[float] = (0.0,) * 4  # [m] where along x it finds it
+    holding: Holding | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
 
@@ -75,9 +80,11 @@ class Script(Told):
         chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
         vehicle = Vehicle.of(own)
         planner = SurfaceWork(
-            vehicle, chain, barrel(), self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD
-        )
-        X_WB, state, command, seen, scanning, views = SCAN_POSE, None, None, None, False, iter(self.views)
+            vehicle, chain, barrel(), self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD,
+            holding=self.holding,
+        )  # fmt: skip
+        X_WB, state, command, seen, scanning = SCAN_POSE, None, None, None, False
+        looks, finds = iter(self.looks), iter(self.finds)
         for tick in range(round(seconds / PERIOD)):
             time, zero = tick * PERIOD, np.zeros(3)
             estimate = StateEstimate(
@@ -88,8 +95,8 @@ class Script(Told):
             state, reference = planner.step(state, estimate, seen, command)
             self.references.append(reference)
             X_WB = self._moved(X_WB, reference.X_WB)
-            if reference.scan and not scanning and (accepted := next(views, None)) is not None:
-                seen = target(time, accepted)
+            if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
+                seen = target(time, accepted, next(finds) if accepted else 0.0)
             scanning = reference.scan
             command = Command(
                 time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan,
@@ -326,14 +333,57 @@ def test_no_surface_where_one_should_be():
 
 
 def test_another_view_when_the_first_shows_nothing():
-    script = Script(views=(False, True)).run()
+    script = Script(looks=(False, True, True, True, True)).run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, *JOURNEY, WorkState.DONE]
-    first, second = (r for r in script.references if r.state is WorkState.SCAN and r.scan)
-    assert np.linalg.norm(second.X_WB[:3, 3] - first.X_WB[:3, 3]) > 0.2
+    first, *others = (r for r in script.references if r.state is WorkState.SCAN and r.scan)
+    for other in others:
+        assert np.linalg.norm(other.X_WB[:3, 3] - first.X_WB[:3, 3]) > 0.2
+
+
+@pytest.mark.parametrize(
+    ("looks", "finds", "mean"),
+    [
+        ((True, True, True, True), (0.0, 4e-3, 0.0, 8e-3), 3e-3),
+        ((True, False, True, False), (0.0, 4e-3), 2e-3),  # what is not found at a look is left out
+        ((True, False, False, False), (5e-3,), 5e-3),
+    ],
+)
+def test_mean_of_several_finds_is_worked(looks, finds, mean):
+    script = Script(looks=looks, finds=finds).run()
+    assert script.states == [*JOURNEY, WorkState.DONE]
+    asked = [r.time for r in script.references if r.scan]
+    assert len(asked) == 4
+    assert np.diff(asked) == pytest.approx(np.full(3, script.job.find_interval), abs=0.05)
+    worked = np.array([tip(r)[0] for r in script.of(WorkState.WORK)])
+    assert worked[0] == pytest.approx(mean, abs=1e-4)
+
+
+def test_work_goes_on_where_the_thrusters_may_not_hold_and_that_is_told(monkeypatch):
+    asked: list[object] = []
+    arm_alone = supervisor.place
+
+    def place(*args: Any, holding: object, **options: Any) -> Placement:
+        asked.append(holding)
+        if holding is not None:
+            raise ReachError("out of reach")
+        return arm_alone(*args, **options)
+
+    monkeypatch.setattr(supervisor, "place", place)
+    script = Script(holding=Holding.of(models.load("uuv_puma").compile())).run()
+    assert script.end.state is WorkState.DONE
+    assert asked[-1] is None
+    assert asked[0] is not None
+    assert "thrusters may not hold" in script.end.note
+
+
+@pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"find_interval": -1.0}, {"find_interval": np.nan}])
+def test_looks_that_cannot_be(wrong):
+    with pytest.raises(ConfigurationError, match=next(iter(wrong))):
+        Job(forces=(60.0,), **wrong)
 
 
 def test_giving_up_after_as_many_views_as_allowed():
-    script = Script(views=[False] * 10).run()
+    script = Script(looks=[False] * 10).run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN] * 3 + [WorkState.ABORT]
     places = [r.X_WB[:3, 3] for r in script.references if r.scan]
     assert np.linalg.norm(places[2] - places[1]) > 0.2  # not the same place again
@@ -342,7 +392,7 @@ def test_giving_up_after_as_many_views_as_allowed():
 
 
 def test_a_camera_that_gives_nothing():
-    script = Script(views=()).run()
+    script = Script(looks=()).run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
     assert script.end.note == "no depth frame arrived within 5 s"
 

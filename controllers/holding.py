@@ -2,6 +2,7 @@
 it hovers. Weight and buoyancy, the arm's weight in water, the set force and the surface's friction; current aside.
 """
 
+from copy import copy
 from typing import Self
 
 import mujoco
@@ -44,6 +45,12 @@ class Holding:
         """Of the vehicle in `model`, which the hull's and the arm's weights are read from."""
         arm = ArmDynamics(model)
         return cls(Vehicle.of(model), arm, Hover(model, arm).static_wrench(np.eye(3)), drag=drag)
+
+    def without_friction(self) -> Self:
+        """The same where nothing holds the tool back."""
+        free = copy(self)
+        free.drag = 0.0
+        return free
 
     def used(self, q: Array, R_WB: Array, f_tip_G: ArrayLike) -> float:
         """Largest share of a thruster that is used, 1 at full thrust.

@@ -218,7 +218,7 @@ class SurfaceWork:
             if holding is None:
                 raise
         # Friction may be less than the worst, and a hull that is pushed off its place retreats.
-        placement, path, worked = self._stand_beside(obstacle, whole, None)
+        placement, path, worked = self._stand_beside(obstacle, whole, holding.without_friction())
         return replace(placement, held=False), path, worked
 
     def _stand_beside(

@@ -77,7 +77,6 @@ def test_it_kept_its_distance(runs):
     [
         pytest.param(["--height", "0.25"], "clear of the flange", id="at the flange"),
         pytest.param(["--contactless", "0.2"], "at most the stand-off", id="too far"),
-        pytest.param(["--vehicle", "uuv_puma"], "", id="arm under the hull"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):

@@ -358,22 +358,23 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
     assert worked[0] == pytest.approx(mean, abs=1e-4)
 
 
-def test_work_goes_on_where_the_thrusters_may_not_hold_and_that_is_told(monkeypatch):
-    asked: list[object] = []
+@pytest.mark.parametrize("bears", [True, False])
+def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(bears, monkeypatch):
+    asked: list[float] = []
     arm_alone = supervisor.place
 
-    def place(*args: Any, holding: object, **options: Any) -> Placement:
-        asked.append(holding)
-        if holding is not None:
+    def place(*args: Any, holding: Holding, **options: Any) -> Placement:
+        asked.append(holding.drag)
+        if holding.drag or not bears:
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
 
     monkeypatch.setattr(supervisor, "place", place)
     script = Script(holding=Holding.of(models.load("uuv_puma").compile())).run()
-    assert script.end.state is WorkState.DONE
-    assert asked[-1] is None
-    assert asked[0] is not None
-    assert "thrusters may not hold" in script.end.note
+    assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
+    assert asked[0] == 0.6
+    assert asked[-1] == 0.0
+    assert ("thrusters may not hold" in script.end.note) == bears
 
 
 @pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"find_interval": -1.0}, {"find_interval": np.nan}])

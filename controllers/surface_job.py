@@ -29,7 +29,7 @@ class Job:
     touch_time: float = 0.04  # [s] that it must be felt
     search: float = 0.06  # [m] beyond the expected surface that the approach goes on
     tare_after: float = 1.5  # [s] for the arm to come to rest before the torques' bias is taken
-    tare_time: float = 1.0  # [s] over which it is taken
+    tare_time: float = 2.0  # [s] over which it is taken
     force_rate: float = 60.0  # [N/s] at which a set force changes
     force_limit: float = 160.0  # [N] felt force that ends the work
     lost_time: float = 0.5  # [s] without contact that ends the work

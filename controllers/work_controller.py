@@ -28,6 +28,7 @@ from controllers.mkps import Chain, solve
 from controllers.position_force import Displacement, DisplacementState
 from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.tool_motion import blended, moved_on
+from controllers.weighing import Weighing, WeighingState
 from controllers.wrench_terms import WrenchTerms
 from models.gear_friction import DryFriction
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
@@ -55,6 +56,7 @@ class Tuning:
     friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
+    weighing_after: float = 2.0  # [s] from the start, when drives and filters have settled
     friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
     friction_reversal: float = 0.01  # [rad/s] of wanted speed over which friction is fed forward, without sensors
     friction_known: float = 0.8  # share of the dry friction that is, where it slides
@@ -95,6 +97,8 @@ class WorkControllerState:
     w_slow_B: Array  # (3,) [rad/s] filtered turn of the hull, alike
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
+    numbers: Array  # of the arm, as it was weighed (`controllers.arm_dynamics`)
+    weighing: WeighingState | None  # until the arm is at its work
     tau: Array  # (n,) [N m] last asked of the motors
     friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
     floor: Array  # (n,) [N m] of the external torques, beside the noise of the sensors
@@ -142,6 +146,7 @@ class WorkController:
         self._observer = LoadObserver(
             model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error, friction=friction
         )
+        self._weighing = Weighing(self._arm)
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
         n, tuning = vehicle.joints.size, self._tuning
@@ -191,6 +196,8 @@ class WorkController:
             w_slow_B=np.array(estimate.w_WB_B),
             integral=np.zeros(n),
             load=self._observer.init(),
+            numbers=self._arm.numbers,
+            weighing=self._weighing.init() if self._tuning.torque_source == "sensor" else None,
             tau=np.zeros(n),
             friction=np.zeros(n),
             floor=np.full(n, self._tuning.torque_floor),
@@ -208,7 +215,7 @@ class WorkController:
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         floor = state.floor if estimate.tau_doubt is None else np.hypot(state.floor, estimate.tau_doubt)
         felt = feel(
-            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
+            arm.layout, state.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
             estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
             floor, dt, self._filters, state.qd_slow, state.w_slow_B, self._qdd, self._tau_e,
             self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
@@ -231,6 +238,8 @@ class WorkController:
                 state.tau, estimate.tau, estimate.qd, self._qdd, self._armature, self._joint_damping,
                 self._most_friction, self._friction_share, state.friction,
             )  # fmt: skip
+        if state.weighing is not None and state.tick % self._hover_ticks == 0:
+            self._weigh(state, state.weighing, estimate, reference)
         if reference.tare:
             state.tare.add(self._tau_e)
             state.bias = state.tare.bias()
@@ -252,7 +261,7 @@ class WorkController:
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
         tau = np.empty(len(vehicle.joints))
         drive(
-            arm.layout, arm.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
+            arm.layout, state.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
             state.qd_wanted, state.qdd_wanted, since * dt, state.integral, dt, self._gains, self._armature,
             self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, state.softness,
             self._qdd, tau, self._wrench_borne_B,
@@ -278,6 +287,17 @@ class WorkController:
                 "compliance_W": state.compliance.offset_W,
             },
         )
+
+    def _weigh(
+        self, state: WorkControllerState, weighing: WeighingState, estimate: StateEstimate, reference: Reference
+    ) -> None:
+        """Weigh the arm on its way to the work; once it follows a tool pose, still free of contact, believe it."""
+        if reference.X_WG is not None:
+            excess = self._weighing.excess(weighing)
+            state.numbers, state.weighing = self._weighing.weighed(excess), None
+            state.believed["arm_excess"] = excess
+        elif state.tick * self.period > self._tuning.weighing_after:
+            self._weighing.add(weighing, estimate.q, estimate.qd, self._qdd, self._hull, self._tau_e)
 
     def _doubt(self, state: WorkControllerState, estimate: StateEstimate) -> None:
         """How far each external torque is trusted, and so how well the force is felt."""

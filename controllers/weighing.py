@@ -100,7 +100,8 @@ class Weighing:
         """By how much each part (nb,) is heavier than believed, as a share."""
         if state.count:
             self._take(state)
-        return np.linalg.solve(state.information, state.seen)[: len(self._parts)]
+        found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
+        return found[: len(self._parts)]
 
     def weighed(self, excess: Array) -> Array:
         """The arm's numbers with those excesses, for `newton_euler`."""

@@ -50,8 +50,8 @@ class Job:
     lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
     lost_place_at_work: float = 0.04  # [m] and while the tool approaches or touches: a hull that holds stays in 0.025
     scans: int = 3  # views taken before giving up
-    finds: int = 4  # of a known object from one view, of which the mean counts,
-    find_interval: float = 3.0  # [s] apart
+    finds: int = 6  # of a known object from one view, of which the mean counts,
+    find_interval: float = 4.0  # [s] apart
     least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
     roomy: float = 0.8  # margin of the placement under which the hull travels with the tool,
     cramped: float = 0.6  # and under which less of the path is worked

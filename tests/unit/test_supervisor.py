@@ -69,8 +69,8 @@ class Script(Told):
 
     job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
-    looks: Sequence[bool] = (True,) * 4  # whether each look finds the object
-    finds: Sequence[float] = (0.0,) * 4  # [m] where along x it finds it
+    looks: Sequence[bool] = (True,) * 6  # whether each look finds the object
+    finds: Sequence[float] = (0.0,) * 6  # [m] where along x it finds it
     holding: Holding | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
@@ -333,7 +333,7 @@ def test_no_surface_where_one_should_be():
 
 
 def test_another_view_when_the_first_shows_nothing():
-    script = Script(looks=(False, True, True, True, True)).run()
+    script = Script(looks=(False, *(True,) * 6)).run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, *JOURNEY, WorkState.DONE]
     first, *others = (r for r in script.references if r.state is WorkState.SCAN and r.scan)
     for other in others:
@@ -343,17 +343,17 @@ def test_another_view_when_the_first_shows_nothing():
 @pytest.mark.parametrize(
     ("looks", "finds", "mean"),
     [
-        ((True, True, True, True), (0.0, 4e-3, 0.0, 8e-3), 3e-3),
-        ((True, False, True, False), (0.0, 4e-3), 2e-3),  # what is not found at a look is left out
-        ((True, False, False, False), (5e-3,), 5e-3),
+        ((True,) * 6, (0.0, 4e-3, 0.0, 8e-3, 0.0, 6e-3), 3e-3),
+        ((True, False, True, False, False, False), (0.0, 4e-3), 2e-3),  # what is not found at a look is left out
+        ((True, *(False,) * 5), (5e-3,), 5e-3),
     ],
 )
 def test_mean_of_several_finds_is_worked(looks, finds, mean):
     script = Script(looks=looks, finds=finds).run()
     assert script.states == [*JOURNEY, WorkState.DONE]
     asked = [r.time for r in script.references if r.scan]
-    assert len(asked) == 4
-    assert np.diff(asked) == pytest.approx(np.full(3, script.job.find_interval), abs=0.05)
+    assert len(asked) == 6
+    assert np.diff(asked) == pytest.approx(np.full(5, script.job.find_interval), abs=0.05)
     worked = np.array([tip(r)[0] for r in script.of(WorkState.WORK)])
     assert worked[0] == pytest.approx(mean, abs=1e-4)
 
@@ -474,7 +474,7 @@ def test_hull_is_waited_for_on_its_way():
 
 
 def test_hull_that_does_not_come_along_is_given_up():
-    stuck = Script(fastest=0.0).run()
+    stuck = Script(fastest=0.0).run(150.0)
     assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
     assert "late on its way" in stuck.end.note
 

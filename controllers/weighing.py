@@ -35,7 +35,7 @@ class Weighing:
     """Least squares over the postures that an arm passes on its way to work."""
 
     def __init__(
-        self, arm: ArmDynamics, *, spread: float = 0.1, bias: float = 0.5, doubt: float = 0.15, water: float = 0.2,
+        self, arm: ArmDynamics, *, spread: float = 0.06, bias: float = 0.5, doubt: float = 0.4, water: float = 0.2,
         step: float = 0.05,
     ) -> None:  # fmt: skip
         """Take the arm as it is believed to be.

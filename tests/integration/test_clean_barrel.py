@@ -34,9 +34,10 @@ def _compiled() -> None:
 @pytest.fixture(scope="module")
 def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """metrics.json of one run along, the same again, and one around; two at a time."""
+    folders = {name: tmp_path_factory.mktemp(name) for name in RUNS}  # not in the threads: pytest's is not for two
 
     def run(name: str) -> dict[str, Any]:
-        out = tmp_path_factory.mktemp(name)
+        out = folders[name]
         done = clean_barrel(request.config.rootpath, out, "--path", RUNS[name])
         assert done.returncode == 0, done.stdout + done.stderr
         assert "accepted" in done.stdout

@@ -28,9 +28,10 @@ def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProc
 def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
     """metrics.json of each run; two at a time."""
     hydrodynamics.install()
+    folders = {name: tmp_path_factory.mktemp(name) for name in RUNS}  # not in the threads: pytest's is not for two
 
     def run(name: str) -> dict[str, Any]:
-        out = tmp_path_factory.mktemp(name)
+        out = folders[name]
         done = clean_pile(request.config.rootpath, out, *RUNS[name])
         assert done.returncode == 0, done.stdout + done.stderr
         return json.loads((out / "metrics.json").read_text(encoding="utf-8"))

@@ -23,6 +23,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends where the sensor fails, not at an edge
 _WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
 _RASTER = 32  # [px]
+_HALVINGS = 4  # of a pixel, for the place of a model's depth edge
 _MAX_SCAN_POINTS = 4000
 _AT_REST = 0.01  # [spacings] a step below which another one with the same pairs is not worth its time
 _STALE = 0.2  # [spacings] that the model may move before the points that are nearest are looked up anew
@@ -437,7 +438,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     of_model = contour(model, covered, model.depth)
     if len(of_scan.rows) < 10 or len(of_model.rows) < 10:
         return None
-    points = model.points[of_model.rows, of_model.columns]
+    tangents = _refined(surface, X_ST, part, of_model)
+    points = of_model.depth[:, None] * np.column_stack([tangents, np.ones(len(tangents))])
     return _Edges(
         scan=of_scan,
         scan_outward=scan_outward,
@@ -445,6 +447,18 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
         model_outward=outward(covered, model.depth, of_model.rows, of_model.columns),
         model_sharp=cosine[of_model.rows, of_model.columns] > SHARP_EDGE,
     )
+
+
+def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
+    """Tangents (N, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
+    X_TS, step = inverse(X_ST), jump(found.depth)
+    middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
+    at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
+    for halving in range(_HALVINGS):
+        rays = np.column_stack([middle + part.pitch * at[:, None] * found.steps, np.ones(len(at))])
+        depth = open3d_loader.cast_rays(surface.scene, X_TS[:3, 3], rays @ X_TS[:3, :3].T)["t"]
+        at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
+    return middle + part.pitch * at[:, None] * found.steps
 
 
 @lru_cache(maxsize=4)

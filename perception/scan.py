@@ -404,37 +404,42 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contour:
-    """Pixels on the near side of a depth edge."""
+    """Where a depth edge passes between a pixel on its near side and one of that pixel's four neighbours."""
 
-    rows: np.ndarray  # (N,)
+    rows: np.ndarray  # (N,) of the near pixel
     columns: np.ndarray  # (N,)
-    tangents: Array  # (N, 2) x/z and y/z
-    depth: Array  # (N,) [m]
+    steps: np.ndarray  # (N, 2) columns right and rows down to the neighbour
+    tangents: Array  # (N, 2) x/z and y/z of the edge
+    depth: Array  # (N,) [m] of the near pixel
 
 
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
-    """Masked pixels with a 4-neighbour that is farther by a jump, or empty, in `depth_all` (H, W) [m].
+    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty, in `depth_all` (H, W).
 
-    The border of the picture is no edge: there the view ends, not the object. Nor is one that something nearer makes,
-    whose own edge leaves a seam of empty pixels.
+    The edge is taken to lie midway; and on the neighbour where that belongs to neither side, for of a mixed pixel
+    nobody knows which side it is on. The border of the picture is no edge: there the view ends, not the object. Nor is
+    one that something nearer makes, whose own edge leaves a seam of empty pixels.
     """
     z = np.where(np.isfinite(depth_all), depth_all, np.inf)
     here = np.where(mask, scan.depth, np.inf)
     step = np.where(mask, jump(scan.depth), 0.0)
-    far = np.zeros_like(mask)
+    inner = np.zeros_like(mask)
+    inner[1:-1, 1:-1] = True
+    edges: list[tuple[np.ndarray, ...]] = []
     with np.errstate(invalid="ignore"):
         hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step
-        for axis in (0, 1):
-            for shift in (-1, 1):
-                beside = np.roll(z, shift, axis=axis)
-                far |= (beside - here > step) & ~(hidden & np.isinf(beside))
-    edge = mask & far
-    edge[[0, -1], :] = False
-    edge[:, [0, -1]] = False
-    rows, columns = np.nonzero(edge)
-    return Contour(
-        rows, columns, np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]), scan.depth[rows, columns]
-    )
+        for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            beside = np.roll(z, (-down, -right), axis=(0, 1))
+            rows, columns = np.nonzero(mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside)))
+            beyond = z[np.clip(rows + 2 * down, 0, len(z) - 1), np.clip(columns + 2 * right, 0, z.shape[1] - 1)]
+            ends = beyond - here[rows, columns] > step[rows, columns]  # a single pixel within a surface ends it not
+            rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
+            neighbour = beside[rows, columns]
+            reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
+            edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
+    rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
+    tangents = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]) + scan.pitch * reach[:, None] * steps
+    return Contour(rows, columns, steps, tangents, scan.depth[rows, columns])
 
 
 def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:

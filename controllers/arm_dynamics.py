@@ -23,6 +23,10 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2
+_OF_BODIES = {
+    "axis": 3, "R0": 9, "p0": 3, "mass": 1, "com": 3, "inertia": 9, "added": 36, "linear": 36, "quadratic": 6,
+    "buoyancy": 1, "cob": 3, "origin": 3,
+}  # how many numbers of each kind a body has, in the order in which the kernels take them apart  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,11 +51,8 @@ class _Tree:
     stations: Array  # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
 
     def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """All numbers in one block, in the order in which the kernel takes them apart."""
-        blocks = (
-            self.axis, self.R0, self.p0, self.mass, self.com, self.inertia, self.added, self.linear, self.quadratic,
-            self.buoyancy, self.cob, self.origin, gravity, p_tip, R_tip,
-        )  # fmt: skip
+        """All numbers in one block: those of the bodies, then these three."""
+        blocks = [*(getattr(self, name) for name in _OF_BODIES), gravity, p_tip, R_tip]
         return np.concatenate([np.ravel(block) for block in blocks])
 
 
@@ -357,6 +358,22 @@ class ArmDynamics:
         self.stations = tree.stations
         self._hull = np.empty(24)
         self.work = np.zeros(39 * nb + 27)
+
+    def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
+        """Views (nb, k) into a block like `numbers`, to change what the kernels believe of each body.
+
+        Of "mass" (k = 1), "inertia" (9), "added" and "linear" (36), "quadratic" (6), "buoyancy" (1), ...
+        """
+        nb, views, first = len(self._tree.parent), {}, 0
+        for name, width in _OF_BODIES.items():
+            views[name] = numbers[first : first + nb * width].reshape(nb, width)
+            first += nb * width
+        return tuple(views[name] for name in names)
+
+    def weightless(self, numbers: Array) -> None:
+        """Take gravity out of a block like `numbers`; what buoyancy lifts goes with it."""
+        first = len(self._tree.parent) * sum(_OF_BODIES.values())
+        numbers[first : first + 3] = 0.0
 
     def inverse(
         self,

@@ -61,11 +61,10 @@ class LoadObserver:
                 raise ConfigurationError(f"load observer {name}: must be finite and > 0 s, got {value}")
         vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
-        # The same arm without weight, buoyancy and drag, in the layout of `controllers.arm_dynamics`.
-        nb = arm.layout.shape[1]
-        self._bare = arm.numbers.copy()
-        self._bare[64 * nb : 106 * nb] = 0.0
-        self._bare[113 * nb : 113 * nb + 3] = 0.0
+        self._bare = arm.numbers.copy()  # the same arm without weight, buoyancy and drag
+        for drag in arm.of_bodies(self._bare, "linear", "quadratic"):
+            drag[:] = 0.0
+        arm.weightless(self._bare)
         self._armature, self._friction = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._dry = friction or vehicle.dry_friction
         self._period = period

@@ -46,31 +46,31 @@ class Weighing:
         once more, for not all parts are wrong alike. A posture counts as another from `step` [rad] on.
         """
         self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
-        nb, numbers = arm.layout.shape[1], arm.numbers
-        mass, inertia = np.s_[15 * nb : 16 * nb], np.s_[19 * nb : 28 * nb]
-        self._parts = []  # (k) numbers of an arm of which only part k has a mass
+        nb = arm.layout.shape[1]
+        self._parts: list[Array] = []  # numbers of the arm if only its part k had a mass, and there were no water
         for k in range(nb):
-            alone = numbers.copy()
-            alone[15 * nb : 16 * nb] = 0.0
-            alone[mass][k] = numbers[mass][k]
-            alone[19 * nb : 107 * nb] = 0.0
-            alone[inertia].reshape(nb, 9)[k] = numbers[inertia].reshape(nb, 9)[k]
+            alone = arm.numbers.copy()
+            for masses in arm.of_bodies(alone, "mass", "inertia"):
+                masses[np.arange(nb) != k] = 0.0
+            for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
+                wet[:] = 0.0
             self._parts.append(alone)
-        self._of_water = numbers.copy()  # added mass and drag alone
-        self._of_water[15 * nb : 28 * nb] = 0.0
-        self._of_water[106 * nb : 107 * nb] = 0.0
-        self._mass, self._inertia = mass, inertia
+        self._of_water = arm.numbers.copy()  # added mass and drag alone
+        for heavy in arm.of_bodies(self._of_water, "mass", "com", "inertia", "buoyancy"):
+            heavy[:] = 0.0
         self._prior = np.concatenate([np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]])
         self._none = np.zeros((0, 9))
 
     def init(self) -> WeighingState:
+        """Nothing seen: what is believed beforehand."""
         n, unknowns = self._arm.n, self._prior.size
         return WeighingState(np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n))
 
     def add(self, state: WeighingState, q: Array, qd: Array, qdd: Array, hull: Array, tau_e: Array) -> None:
-        """Take what the sensors lack against the model `tau_e` (n,) [N m], free of contact.
+        """Take what the sensors lack against the model, `tau_e` (n,) [N m], free of contact.
 
-        `hull` (24,) is the hull's motion as `newton_euler` takes it.
+        `q`, `qd`, `qdd` (n,) [rad, rad/s, rad/s^2] are the arm's motion, `hull` (24,) is the hull's as `newton_euler`
+        takes it.
         """
         nb, n = len(self._parts), self._arm.n
         torque, wrench, none, layout, work = np.empty(n), np.empty(6), np.zeros(6), self._arm.layout, self._arm.work
@@ -105,7 +105,7 @@ class Weighing:
 
     def weighed(self, excess: Array) -> Array:
         """The arm's numbers with those excesses, for `newton_euler`."""
-        numbers, nb = self._arm.numbers.copy(), len(self._parts)
-        numbers[self._mass] *= 1.0 + excess
-        numbers[self._inertia].reshape(nb, 9)[:] *= (1.0 + excess)[:, None]
+        numbers = self._arm.numbers.copy()
+        for masses in self._arm.of_bodies(numbers, "mass", "inertia"):
+            masses *= (1.0 + excess)[:, None]
         return numbers

@@ -16,9 +16,9 @@ class WrenchTerms:
 
     def __init__(self, arm: ArmDynamics) -> None:
         self._arm = arm
-        nb = arm.layout.shape[1]
-        self._dry = arm.numbers.copy()  # added mass, linear and quadratic damping, in the order of `_Tree.packed`
-        self._dry[28 * nb : 106 * nb] = 0.0
+        self._dry = arm.numbers.copy()
+        for water in arm.of_bodies(self._dry, "added", "linear", "quadratic"):
+            water[:] = 0.0
         self._no_stations = arm.stations[:0]
         self._no_contact, self._tau = np.zeros(6), np.empty(arm.n)
 

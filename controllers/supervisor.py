@@ -138,7 +138,7 @@ class SurfaceWork:
 
     def _settle(self, state: SupervisorState, estimate: StateEstimate) -> None:
         if state.hull_move is not None and state.hull_move.done(estimate.time):
-            state.hull_move = None
+            self._end_hull_move(state, state.hull_move)
         if state.hull_move is None and self._quiet(state, estimate):
             if self._come_near is not None and state.X_WB_near is None:
                 self._come_nearer(state, estimate, self._come_near)
@@ -263,6 +263,11 @@ class SurfaceWork:
             turn_rate=job.hull_turn_rate,
         )  # fmt: skip
 
+    @staticmethod
+    def _end_hull_move(state: SupervisorState, move: PoseMove) -> None:
+        """The reference was last asked for a moment before the end; it stays at the end itself."""
+        state.X_WB, state.hull_move = move.X_to, None
+
     def _wait_for_hull(self, state: SupervisorState, estimate: StateEstimate) -> None:
         """Let the hull's move go on no faster than the hull follows, which a current may not let it."""
         state.hull_pace = 1.0
@@ -281,10 +286,10 @@ class SurfaceWork:
         placement = state.placement
         assert placement is not None
         if state.hull_move is not None and state.hull_move.done(time):
-            state.hull_move = None
+            self._end_hull_move(state, state.hull_move)
             if state.hull_way:
                 self._move_hull(state, time, state.hull_way.pop(0))
-            elif np.allclose(state.X_WB, placement.X_WB):
+            elif np.array_equal(state.X_WB, placement.X_WB) and np.array_equal(state.q, placement.q_start):
                 state.quiet_since = np.inf
             else:
                 state.joint_moves = [JointMove.between(time, state.q, placement.q_start, speed=self._job.joint_speed)]

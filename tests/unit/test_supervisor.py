@@ -18,7 +18,7 @@ from models.targets import barrel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, pose
+from sim.interfaces.spatial import Array, exp_so3, pose
 from tests.unit.told import Told
 
 PERIOD = 0.01  # [s]
@@ -438,6 +438,23 @@ def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
     assert np.linalg.norm(np.cross(back, axis)) < 1e-6
     last = moves[-1].X_WB[:3, 3]
     assert last == pytest.approx(WORK_POSE[:3, 3], abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 1, None])
+def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int | None, monkeypatch: pytest.MonkeyPatch):
+    """Its place to the last bit: a hull that ended 1.6e-8 short, turned, unfolded its arm and moved on for ever."""
+    rng = np.random.default_rng(seed)
+    X_WB = pose(exp_so3([0.0, 0.0, rng.uniform(-3.1, 3.1)]), WORK_POSE[:3, 3] + rng.uniform(-0.2, 0.2, 3))
+
+    def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
+        return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
+
+    monkeypatch.setattr(supervisor, "place", place)
+    script = Script().run()
+    assert script.states == [*JOURNEY, WorkState.DONE]
+    assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
+    turning = np.array([np.any(r.qd) for r in script.of(WorkState.CLOSE_IN)])
+    assert np.count_nonzero(np.diff(turning.astype(int)) == 1) == 1
 
 
 def test_path_out_of_reach(monkeypatch):

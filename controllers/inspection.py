@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline, splprep
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
-from controllers.placement import hull_gap, joint_centres, skin_of
+from controllers.passing import Passing
 from controllers.trajectories import PoseMove, Progress
 from models.targets import TargetModel
 from models.vehicle import Vehicle
@@ -174,9 +174,8 @@ class Inspection:
         height of the seabed in W.
         """
         self.period = period
-        self._vehicle, self._target, self._job = vehicle, target, job
+        self._vehicle, self._chain, self._target, self._job = vehicle, chain, target, job
         self._X_WB_scan, self._hull_box, self._X_BC, self._floor = np.array(X_WB_scan), hull_box, X_BC, floor
-        self._arm_B = transform_points(np.array(vehicle.X_BA), joint_centres(chain, np.array(vehicle.q_home)))
 
     def init(self, estimate: StateEstimate) -> InspectionState:
         return InspectionState(
@@ -250,26 +249,22 @@ class Inspection:
     def _check_clear(self, found: Orbit, move: PoseMove, X_WT: Array) -> None:
         """Raise ReachError where hull or folded arm would come too near to the object or the seabed."""
         obstacle = transform_points(X_WT, self._target.vertices)
-        shell = ConvexHull(obstacle)
-        skin, planes = skin_of(obstacle, shell), shell.equations
+        passing = Passing(self._vehicle, self._chain, self._hull_box, obstacle)
         ways = {
             "on the way around": [found.at(s)[0] for s in np.arange(0.0, found.s[-1], _CHECKED)],
             "on the way there": [move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20)],
         }
         for where, poses in ways.items():
             for X_WB in poses:
-                arm_W = transform_points(X_WB, self._arm_B)
-                to_object = float((planes[:, :3] @ arm_W.T + planes[:, 3:]).max(axis=0).min())
-                gap = min(hull_gap(X_WB, self._hull_box, skin), to_object)
-                lowest = min(float(arm_W[:, 2].min()), X_WB[2, 3] + self._hull_box[0, 2])
+                gap, height = passing.gap(X_WB), passing.lowest(X_WB) - self._floor
                 if gap < self._job.clearance:
                     raise ReachError(
                         f"{where} the vehicle would come within {gap:.2f} m of the object, {self._job.clearance:g} m "
                         "are to be kept"
                     )
-                if lowest - self._floor < self._job.clearance:
+                if height < self._job.clearance:
                     raise ReachError(
-                        f"{where} the vehicle would come within {lowest - self._floor:.2f} m of the seabed, "
+                        f"{where} the vehicle would come within {height:.2f} m of the seabed, "
                         f"{self._job.clearance:g} m are to be kept"
                     )
 

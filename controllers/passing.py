@@ -34,6 +34,11 @@ class Passing:
         to_arm = float((self._planes[:, :3] @ arm_W.T + self._planes[:, 3:]).max(axis=0).min())
         return min(hull_gap(X_WB, self._hull_box, self._skin), to_arm)
 
+    def lowest(self, X_WB: Array) -> float:
+        """Height [m] in W of the lowest of the arm's joints, its tip, and the underside of a level hull."""
+        arm_W = transform_points(X_WB, self._arm_B)
+        return min(float(arm_W[:, 2].min()), float(X_WB[2, 3] + self._hull_box[0, 2]))
+
     def least_gap(self, poses: Sequence[Array]) -> float:
         """The least such distance [m] on straight moves through `poses` (4, 4), each turning evenly."""
         return min(

@@ -57,7 +57,8 @@ class Tuning:
     torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
     torque_floor: float = 0.1  # [N m]
     weighing_after: float = 2.0  # [s] from the start, when drives and filters have settled
-    friction_filter: float = 0.004  # [s] of the gears' dry friction, as the torque sensors show it
+    friction_filter: float = 0.003  # [s] of the gears' dry friction, as the torque sensors show it: a joint that
+    # turns back must lose it once and gain it once, and until then the tool presses by as much too hard
     friction_reversal: float = 0.01  # [rad/s] of wanted speed over which friction is fed forward, without sensors
     friction_known: float = 0.8  # share of the dry friction that is, where it slides
     observer_floor: float = 0.4  # [N m] of the observer's torques

@@ -374,6 +374,8 @@ class SurfaceWork:
     def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
         """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts.
 
+        What rises on the thrusters that are left tilts: the arm holds the tool as it is in W and goes along, for held
+        to the hull the tool was swung into the object.
         Once the work is done the force is let go first: what is dropped at 90 N rebounds from a hard surface.
         """
         time = estimate.time
@@ -381,19 +383,22 @@ class SurfaceWork:
             self._ramp_force(state, 0.0)
             state.unloading, state.since = state.force > self._job.touch, time
             return
-        if state.arm_held:
+        if state.arm_held or state.rising_from is not None:
             away = state.hull_move is None or state.hull_move.done(time)
         else:
             away = (time - state.since) * self._job.approach_speed > self._way_back(state)
-        if away and state.adrift and not state.arm_held:
-            state.q, state.arm_held = np.array(estimate.q), True
+        if state.rising_from is not None:
+            state.risen = estimate.X_WB[:3, 3] - state.rising_from
+        if away and state.adrift and not state.arm_held and state.rising_from is None:
             state.X_WB = np.array(state.X_WB)
-            state.X_WB[:3, 3] = estimate.X_WB[:3, 3]
+            state.X_WB[:3, 3] = state.rising_from = np.array(estimate.X_WB[:3, 3])
             clear = state.X_WB.copy()
             normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
             clear[:3, 3] += self._job.lift * off_and_up(normal)
             self._move_hull(state, time, clear)
         elif away:
+            if state.rising_from is not None:
+                state.q, state.arm_held = np.array(estimate.q), True
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _way_back(self, state: SupervisorState) -> float:
@@ -487,7 +492,10 @@ class SurfaceWork:
             if state.state is WorkState.RETREAT:
                 back = min((time - state.since) * job.approach_speed, back)
             X_WG = self._on_path(state, state.path_s, state.depth - job.standoff - back)[0]
-            if state.unloading:
+            if state.rising_from is not None:
+                X_WG[:3, 3] += state.risen
+                v_tool = v_hull
+            elif state.unloading:
                 force, force_control = state.force, True
             elif state.state is WorkState.RETREAT:
                 v_tool = -job.approach_speed * X_WG[:3, 2]

@@ -122,5 +122,7 @@ class SupervisorState:
     halted: float = np.inf  # [s] until it is over, once nothing can be controlled
     lost_thrusters: tuple[int, ...] = ()
     adrift: bool = False  # the hull cannot be held as it should be: rise, once the tool is off
+    rising_from: Array | None = None  # (3,) [m] where the hull was then, in W
+    risen: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] that it has come since
     reason: str = ""  # why the work was broken off
     note: str = ""  # what else the user should know

@@ -17,7 +17,7 @@ from controllers.surface_job import Job
 from models.targets import barrel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 from tests.unit.told import Told
 
@@ -74,6 +74,7 @@ class Script(Told):
     holding: Holding | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
+    dead: int | None = None  # thruster that is found dead half-way along the path
 
     def run(self, seconds: float = 120.0) -> "Script":
         own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
@@ -84,7 +85,7 @@ class Script(Told):
             holding=self.holding,
         )  # fmt: skip
         X_WB, state, command, seen, scanning = SCAN_POSE, None, None, None, False
-        looks, finds = iter(self.looks), iter(self.finds)
+        looks, finds, faults = iter(self.looks), iter(self.finds), ()
         for tick in range(round(seconds / PERIOD)):
             time, zero = tick * PERIOD, np.zeros(3)
             estimate = StateEstimate(
@@ -98,9 +99,11 @@ class Script(Told):
             if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
                 seen = target(time, accepted, next(finds) if accepted else 0.0)
             scanning = reference.scan
+            if self.dead is not None and not faults and reference.path_s > 0.06:
+                faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
             command = Command(
                 time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan,
-                felt_normal=self.felt(reference),
+                felt_normal=self.felt(reference), faults=faults,
             )  # fmt: skip
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
                 break
@@ -455,6 +458,22 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int | None, 
     assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
     turning = np.array([np.any(r.qd) for r in script.of(WorkState.CLOSE_IN)])
     assert np.count_nonzero(np.diff(turning.astype(int)) == 1) == 1
+
+
+def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_left():
+    """Held in W and taken along by the hull's way, not by its tilt: that swung it in, with 1.8 times the set force."""
+    script = Script(dead=3, fastest=0.05).run()  # a hull that comes less far than it is asked to
+    assert script.states == [*JOURNEY, WorkState.ABORT]
+    back = [r for r in script.of(WorkState.RETREAT) if r.X_WG is not None]
+    rising = [r for r in back if np.any(r.v_WB_W)]
+    assert all(r.lost_thrusters == (3,) for r in back)
+    assert len(rising) > 100
+    away = np.array([tip(r)[2] for r in back])  # the surface is at 0, the tool looks down
+    assert np.diff(away).min() >= 0.0
+    assert script.job.standoff + 0.2 < away[-1] < script.job.standoff + 0.3
+    turns = np.array([np.abs(np.asarray(r.X_WG)[:3, :3] - np.asarray(rising[0].X_WG)[:3, :3]).max() for r in rising])
+    assert turns.max() == 0.0
+    assert script.end.X_WG is None  # and is held to the hull when that has come up
 
 
 def test_path_out_of_reach(monkeypatch):

@@ -360,9 +360,11 @@ class ArmDynamics:
         self.work = np.zeros(39 * nb + 27)
 
     def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
-        """Views (nb, k) into a block like `numbers`, to change what the kernels believe of each body.
+        """Views (nb, k) into `numbers`, a block like that of the arm, to change what the kernels believe of each body.
 
-        Of "mass" (k = 1), "inertia" (9), "added" and "linear" (36), "quadratic" (6), "buoyancy" (1), ...
+        `names`: "mass" [kg] (k = 1), "com" [m] (3), "inertia" about the joint frame's origin [kg m^2] (9), "added" and
+        "linear" (6 x 6, 36) and "quadratic" (6) of the water in SI, "buoyancy", the displaced mass [kg] (1), "cob" [m]
+        (3), and of the kinematics "axis" (3), "R0" (9), "p0" and "origin" [m] (3). Raises KeyError for others.
         """
         nb, views, first = len(self._tree.parent), {}, 0
         for name, width in _OF_BODIES.items():
@@ -371,7 +373,7 @@ class ArmDynamics:
         return tuple(views[name] for name in names)
 
     def weightless(self, numbers: Array) -> None:
-        """Take gravity out of a block like `numbers`; what buoyancy lifts goes with it."""
+        """Take gravity out of `numbers`, a block like that of the arm; what buoyancy lifts goes with it."""
         first = len(self._tree.parent) * sum(_OF_BODIES.values())
         numbers[first : first + 3] = 0.0
 

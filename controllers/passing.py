@@ -35,7 +35,7 @@ class Passing:
         return min(hull_gap(X_WB, self._hull_box, self._skin), to_arm)
 
     def lowest(self, X_WB: Array) -> float:
-        """Height [m] in W of the lowest of the arm's joints, its tip, and the underside of a level hull."""
+        """Height [m] in W of the lowest of the arm's joints, its tip, and the underside of a level hull at `X_WB`."""
         arm_W = transform_points(X_WB, self._arm_B)
         return min(float(arm_W[:, 2].min()), float(X_WB[2, 3] + self._hull_box[0, 2]))
 

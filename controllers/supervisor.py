@@ -26,7 +26,7 @@ from models.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
+from sim.interfaces.spatial import Array, checked, exp_so3, pose, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
 _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # of the way between a path's ends that the hull may go with the tool
@@ -374,32 +374,37 @@ class SurfaceWork:
     def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
         """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts.
 
-        What rises on the thrusters that are left tilts: the arm holds the tool as it is in W and goes along, for held
-        to the hull the tool was swung into the object.
-        Once the work is done the force is let go first: what is dropped at 90 N rebounds from a hard surface.
+        What rises on the thrusters that are left tilts: held to the hull, the tool would be swung into the object, so
+        it is held in W and goes along with the hull's way. Once the work is done the force is let go first: what is
+        dropped at 90 N rebounds from a hard surface.
         """
         time = estimate.time
         if state.unloading:
             self._ramp_force(state, 0.0)
             state.unloading, state.since = state.force > self._job.touch, time
             return
-        if state.arm_held or state.rising_from is not None:
+        if rising := state.rising_from is not None:
+            state.risen = estimate.X_WB[:3, 3] - state.rising_from
+        if rising or state.arm_held:
             away = state.hull_move is None or state.hull_move.done(time)
         else:
             away = (time - state.since) * self._job.approach_speed > self._way_back(state)
-        if state.rising_from is not None:
-            state.risen = estimate.X_WB[:3, 3] - state.rising_from
-        if away and state.adrift and not state.arm_held and state.rising_from is None:
-            state.X_WB = np.array(state.X_WB)
-            state.X_WB[:3, 3] = state.rising_from = np.array(estimate.X_WB[:3, 3])
-            clear = state.X_WB.copy()
-            normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
-            clear[:3, 3] += self._job.lift * off_and_up(normal)
-            self._move_hull(state, time, clear)
-        elif away:
-            if state.rising_from is not None:
-                state.q, state.arm_held = np.array(estimate.q), True
-            self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
+        if not away:
+            return
+        if state.adrift and not (rising or state.arm_held):
+            self._rise(state, estimate)
+            return
+        if rising:  # clear of everything now
+            state.q, state.arm_held = np.array(estimate.q), True
+        self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
+
+    def _rise(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Off the object and up from where the hull has come to."""
+        state.rising_from = np.array(estimate.X_WB[:3, 3])
+        state.X_WB = pose(state.X_WB[:3, :3], state.rising_from)
+        normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
+        clear = pose(state.X_WB[:3, :3], state.rising_from + self._job.lift * off_and_up(normal))
+        self._move_hull(state, estimate.time, clear)
 
     def _way_back(self, state: SupervisorState) -> float:
         """Length [m] of the retreat: off the surface where it was met, and off where it was expected."""

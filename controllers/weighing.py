@@ -104,7 +104,7 @@ class Weighing:
         return found[: len(self._parts)]
 
     def weighed(self, excess: Array) -> Array:
-        """The arm's numbers with those excesses, for `newton_euler`."""
+        """The arm's numbers, for `newton_euler`, with parts heavier by `excess` (nb,), shares of their masses."""
         numbers = self._arm.numbers.copy()
         for masses in self._arm.of_bodies(numbers, "mass", "inertia"):
             masses *= (1.0 + excess)[:, None]

@@ -453,7 +453,7 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int | None, 
         return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
 
     monkeypatch.setattr(supervisor, "place", place)
-    script = Script().run()
+    script = Script().run(seconds=200.0)  # half a turn takes 113
     assert script.states == [*JOURNEY, WorkState.DONE]
     assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
     turning = np.array([np.any(r.qd) for r in script.of(WorkState.CLOSE_IN)])

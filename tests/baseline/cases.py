@@ -1,0 +1,267 @@
+"""The short scenarios whose figures the baseline holds: each a function from a seed to figures by name.
+
+They come in by the doors that users take (the scenarios' own options, `perception.identify`, `calib.identify`,
+`controllers.mkps.solve`) and give back every number that a run's metrics hold, but its wall times.
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bands import Figures, numbers_of
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
+
+import inspect_object
+from _calibration import nominal, simulated
+from _insertion import Setting as InsertionSetting
+from _insertion import judge as judge_insertion
+from _insertion import prepare as prepare_insertion
+from _job import Built, ContactJob, build, judge
+from _object_scenes import object_scene
+from _pool import run_all
+from _pushing import Case as Push
+from _pushing import run as push
+from _pushing import sphere
+from _seabed_job import Setting as SeabedSetting
+from _seabed_job import prepare as prepare_seabed
+from _steps import figures as figures_of_step
+from _steps import steps_up
+from _whole_run import Ran, Ready, run_through
+from clean_barrel import Options as BarrelOptions
+from clean_barrel import barrel_job
+from clean_object import Options as ObjectOptions
+from clean_object import object_job
+from clean_pile import Options as PileOptions
+from clean_pile import pile_job
+from study_hover import POSTURES, flow
+
+from calib import identify as calibrate
+from calib.simulation import HAND_NOISE
+from calib.verification import kabsch
+from controllers.mkps import Chain, solve
+from controllers.seabed_work import SeabedJob
+from models import arms
+from perception import identify
+from sim.inspection_metrics import assess_inspection
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import transform_points
+from sim.metrics import Assessment
+from sim.recording import Recorder
+from sim.seabed_metrics import assess_seabed_work
+from sim.startup import ScenarioOptions
+
+__all__ = ["CASES", "run_all"]
+
+CURRENT, GUST = (0.15, 0.0, 0.0), 0.03  # [m/s] the sea of every scenario
+CONTROLLER = "controllers.work_controller:WorkController"
+NO_BEHAVIOUR = ("timings", "run.seed")  # what metrics hold beside figures
+
+
+def figures_of(assessment: Assessment) -> Figures:
+    """Every number of a run's metrics that is behaviour, and its verdict."""
+    return numbers_of(assessment.metrics, without=NO_BEHAVIOUR)
+
+
+def ran(ready: Ready) -> Ran:
+    return run_through(ready, Recorder(ready.plant.model, timestep=ready.plant.timestep, full=False))
+
+
+JobOf = Callable[[Any, np.random.Generator], ContactJob]
+
+
+def built_of(options: ScenarioOptions, job_of: JobOf) -> Built:
+    """Work on a surface, wired as its script wires it."""
+    rng = np.random.default_rng(options.seed)
+    return build(job_of(options, rng), options, rng)
+
+
+def contact_job(options: ScenarioOptions, job_of: JobOf) -> Figures:
+    built = built_of(options, job_of)
+    return figures_of(judge(built, ran(built.ready)))
+
+
+@lru_cache(maxsize=1)
+def barrel_longitudinal_run(seed: int) -> tuple[Built, Ran]:
+    """The main job; the last run is kept, for its trajectory is compared too."""
+    built = built_of(BarrelOptions(seed=seed, record=False, quick=True), barrel_job)
+    return built, ran(built.ready)
+
+
+def barrel_longitudinal(seed: int) -> Figures:
+    return figures_of(judge(*barrel_longitudinal_run(seed)))
+
+
+def barrel_transverse(seed: int) -> Figures:
+    return contact_job(BarrelOptions(seed=seed, record=False, quick=True, path="transverse"), barrel_job)
+
+
+def pile(seed: int) -> Figures:
+    return contact_job(PileOptions(seed=seed, record=False, quick=True), pile_job)
+
+
+def rock(seed: int) -> Figures:
+    return contact_job(ObjectOptions(seed=seed, record=False, quick=True, object="rock"), object_job)
+
+
+def force_steps(seed: int) -> Figures:
+    """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along the barrel."""
+    low, high, steps = 60.0, 90.0, 3
+    options = BarrelOptions(seed=seed, record=False, length=0.36, forces=(low, high) * steps)
+
+    def abrupt(asked: BarrelOptions, rng: np.random.Generator) -> ContactJob:
+        return replace(barrel_job(asked, rng), force_rate=1e6)
+
+    rng = np.random.default_rng(seed)
+    built = build(abrupt(options, rng), options, rng)
+    recording = ran(built.ready).recording
+    responses = steps_up(recording, low, high)["true"]
+    work = recording.within(WorkState.WORK)
+    error = (recording["contact_normal"].scalar - recording["set_force"].scalar)[work]
+    figures = {"steps": float(len(responses)), "force_error_rms_n": float(np.sqrt(np.mean(error**2)))}
+    if not len(responses):
+        return figures
+    mean = responses.mean(axis=0)
+    scatter = float(np.sqrt(np.mean((responses - mean) ** 2)))
+    return {**figures, **figures_of_step(mean, low, high), "scatter_n": scatter}
+
+
+def insertion(seed: int) -> Figures:
+    setting = InsertionSetting(
+        hole="a", clearance=2e-3, depth=0.03, chamfer=2e-3, error=(2.5e-3, 0.0), compliance=True, scan_range=1.25,
+        current=CURRENT, gust=GUST, vehicle="uuv_puma", controller=CONTROLLER,
+    )  # fmt: skip
+    prepared = prepare_insertion(setting, seed)
+    return figures_of(judge_insertion(prepared, ran(prepared.ready)))
+
+
+def seabed(seed: int, job: SeabedJob) -> Figures:
+    setting = SeabedSetting(
+        kind="ripples", soil="sand", job=job, cloud=None, targets=None, dead_beams=(), current=CURRENT, gust=GUST,
+        without=frozenset(), vehicle="uuv_puma", controller=CONTROLLER,
+    )  # fmt: skip
+    prepared = prepare_seabed(setting, seed)
+    done = ran(prepared.ready)
+    return figures_of(assess_seabed_work(done.recording, prepared.truth, seed=seed, wall_s=done.wall_s))
+
+
+def core(seed: int) -> Figures:
+    return seabed(seed, SeabedJob(push=40.0))
+
+
+def drag(seed: int) -> Figures:
+    return seabed(seed, SeabedJob(depth=0.03, drag=True))
+
+
+def inspection(seed: int) -> Figures:
+    """Once around a rock, fast."""
+    options = inspect_object.Options(seed=seed, record=False, object="rock", speed=0.25)
+    ready, truth = inspect_object.prepare(options)
+    done = ran(ready)
+    return figures_of(assess_inspection(done.recording, truth, seed=seed, wall_s=done.wall_s))
+
+
+def identification(name: str, seed: int) -> Figures:
+    """Two scenes of the object, white and stereo noise: errors over all, and along the line of sight with its sign."""
+    figures: dict[str, float | None] = {}
+    for sensor in ("white", "stereo"):
+        scenes = [object_scene(name, 2 * seed + k, sensor) for k in range(2)]
+        found = [identify(s.scan, s.target, s.approach, s.orientation, sensor=s.sensor.model) for s in scenes]
+        errors = np.array([scene.error(one.X_sensor_target) for scene, one in zip(scenes, found, strict=True)])
+        farther = [  # [m] mean distance by which the found points lie behind the true ones
+            np.linalg.norm(transform_points(one.X_sensor_target, s.target.center))
+            - np.linalg.norm(transform_points(s.X_CT, s.target.center))
+            for s, one in zip(scenes, found, strict=True)
+        ]
+        figures |= {
+            f"{sensor}.position_m": float(np.sqrt(np.mean(errors[:, 0] ** 2))),
+            f"{sensor}.orientation_rad": float(np.sqrt(np.mean(errors[:, 1] ** 2))),
+            f"{sensor}.farther_m": float(np.mean(farther)),
+            f"{sensor}.accepted": float(np.mean([one.accepted for one in found])),
+        }
+    return figures
+
+
+def calibration(seed: int) -> Figures:
+    """63 touches of a UR10e by hand, one distance known: what the identified arm's tip is off in new postures."""
+    rng = np.random.default_rng(seed)
+    source = nominal("ur10e", Path(), None, None)
+    case = simulated(source, points=3, touches=21, noise=HAND_NOISE, pin="off-axis", known=True, errors=seed, rng=rng)
+    assert case.truth is not None
+    found = calibrate(list(case.touches.series), source.arm, distances=case.distances)
+    q = rng.uniform(-np.pi, np.pi, (200, source.arm.n))
+    true = case.truth.arm.tips(q, case.truth.tcp)
+    figures = {"noise_m": found.noise, "cost_m2": found.cost, "free": float(len(found.names))}
+    for name, arm, tcp in (("nominal", source.arm, found.nominal_tcp), ("identified", found.arm, found.tcp)):
+        tips = arm.tips(q, tcp)
+        off = transform_points(kabsch(tips, true), tips) - true  # the base of either is nobody's
+        figures[f"{name}_tip_rms_m"] = float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+    return figures
+
+
+def inverse_kinematics(seed: int) -> Figures:
+    """Poses that four published arms can take, cold starts: iterations, restarts, misses and what errors are left."""
+    rng = np.random.default_rng(seed)
+    figures: dict[str, float | None] = {}
+    for name in ("puma560", "ur10e", "panda", "gen3"):
+        arm = arms.load(name)
+        limits = np.clip(arm.limits, -np.pi, np.pi)
+        chain = Chain.from_dh(arm.dh, arm.joint_types, limits=limits, tool=arm.tool)
+        rows = []
+        for q in rng.uniform(limits[:, 0], limits[:, 1], (150, arm.n)):
+            start = rng.uniform(limits[:, 0], limits[:, 1])
+            result = solve(chain, arm.frames(q)[-1], start)
+            rows.append((result.iterations, result.restarts, not result.converged, result.position_error,
+                         result.orientation_error))  # fmt: skip
+        iterations, restarts, missed, position, orientation = np.array(rows, dtype=np.float64).T
+        figures |= {
+            f"{name}.iterations": float(np.log(iterations + 1.0).mean()),
+            f"{name}.restarted": float(np.mean(restarts > 0)),
+            f"{name}.missed": float(missed.sum()),
+            f"{name}.position_error_log": float(np.log(position + 1e-9).mean()),
+            f"{name}.orientation_error_log": float(np.log(orientation + 1e-9).mean()),
+        }
+    return figures
+
+
+def hover_envelope(seed: int) -> Figures:
+    """The tool pushed with 90 N at full reach in three directions, with and without compensation."""
+    case = Push(
+        directions_B=sphere(6)[[0, 2, 4]], q=np.array(POSTURES["down"]), settle=8.0, push=3.0, rest=1.5, gust=GUST,
+        current_W=flow(0.2), seed=seed,
+    )  # fmt: skip
+    figures: dict[str, float | None] = {}
+    for name, compensation in (("compensated", True), ("alone", False)):
+        pushed = push(replace(case, compensation=compensation))
+        figures |= {
+            f"{name}.excursion_m": float(pushed.excursion.mean()),
+            f"{name}.tilt_rad": float(pushed.tilt.mean()),
+            f"{name}.turn_rad": float(pushed.turn.mean()),
+            f"{name}.force_error_n": float(pushed.force_error.mean()),
+            f"{name}.current_error_m_s": float(np.sqrt(np.mean(pushed.current_error**2))),
+            f"{name}.command_rate": pushed.command_rate,
+        }
+    return figures
+
+
+CASES: Mapping[str, Callable[[int], Figures]] = {
+    "barrel_longitudinal": barrel_longitudinal,
+    "barrel_transverse": barrel_transverse,
+    "pile": pile,
+    "rock": rock,
+    "force_steps": force_steps,
+    "insertion": insertion,
+    "core": core,
+    "drag": drag,
+    "inspection": inspection,
+    "identification_barrel": lambda seed: identification("barrel", seed),
+    "identification_valve": lambda seed: identification("valve", seed),
+    "identification_rock": lambda seed: identification("rock", seed),
+    "calibration": calibration,
+    "inverse_kinematics": inverse_kinematics,
+    "hover_envelope": hover_envelope,
+}

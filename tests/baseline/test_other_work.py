@@ -1,0 +1,12 @@
+"""Insertion, the seabed, inspection: figures of short runs against the behaviour baseline."""
+
+import holding
+import pytest
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["insertion", "core", "drag", "inspection"],
+)
+def test_figures_keep_their_bands(name):
+    holding.check(name)

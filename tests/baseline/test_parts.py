@@ -1,0 +1,19 @@
+"""Identification, calibration, inverse kinematics, the hover: figures of short runs against the behaviour baseline."""
+
+import holding
+import pytest
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "identification_barrel",
+        "identification_valve",
+        "identification_rock",
+        "calibration",
+        "inverse_kinematics",
+        "hover_envelope",
+    ],
+)
+def test_figures_keep_their_bands(name):
+    holding.check(name)

@@ -1,0 +1,17 @@
+"""Work on surfaces: figures of short runs against the behaviour baseline."""
+
+import holding
+import pytest
+import traces
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["barrel_longitudinal", "barrel_transverse", "pile", "rock", "force_steps"],
+)
+def test_figures_keep_their_bands(name):
+    holding.check(name)
+
+
+def test_the_main_job_goes_the_way_that_is_held():
+    traces.check(traces.CLOSED)  # of the run of "barrel_longitudinal", which is kept

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import open3d_loader
 from models.closed_shells import split, vertex_normals, welded
+from models.nearest_surface import NearestSurface
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, readonly
@@ -90,12 +90,8 @@ class Deformed:
         points = np.asarray(points_T, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not np.all(np.isfinite(points)):
             raise ConfigurationError(f"offset_at: expected finite points (N, 3), got shape {points.shape}")
-        scene = open3d_loader.ray_scene(self.target.vertices, self.target.triangles)
-        nearest = scene.compute_closest_points(open3d_loader.load().core.Tensor(points.astype(np.float32)))
-        faces = self.target.triangles[nearest["primitive_ids"].numpy()]
-        u, v = nearest["primitive_uvs"].numpy().astype(np.float64).T
-        weights = np.column_stack([1.0 - u - v, u, v])
-        return np.einsum("nk,nk->n", weights, self.offset[faces])
+        nearest = NearestSurface.of(self.target.vertices, self.target.triangles).query(points)
+        return np.einsum("nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]])
 
 
 def fouled(
@@ -176,8 +172,7 @@ def _drawn(
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
     if places is not None:
-        scene = open3d_loader.ray_scene(target.vertices, target.triangles)
-        away = float(scene.compute_distance(places.astype(np.float32)).numpy().min())
+        away = float(NearestSurface.of(target.vertices, target.triangles).query(places).distance.min())
         close = 0.5 * min(4.5 * most, widest)
         if away >= close:
             raise ConfigurationError(

@@ -12,7 +12,8 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import convex_parts, open3d_loader
+from models import convex_parts
+from models.mesh_files import read_mesh
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, checked_pose, exp_so3, quat_wxyz_from_rotation, readonly
 
@@ -209,37 +210,19 @@ class TargetModel:
         paths: Mapping[str, ModelPath] | None = None,
         scale: float | None = None,
     ) -> "TargetModel":
-        """A target from a mesh file in any format that Open3D reads (STL, PLY, OBJ, OFF, glTF).
+        """A target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB).
 
         `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a mesh larger than LARGEST
         is refused. Raises ConfigurationError if the file is missing, unreadable or without triangles, or in a wrong
-        unit, MissingLibraryError if Open3D cannot be imported.
+        unit.
         """
         path = Path(file)
         if not path.is_file():
             raise ConfigurationError(f"target mesh: no file {str(path)!r}")
         if scale is not None and not (np.isfinite(scale) and scale > 0.0):
             raise ConfigurationError(f"target mesh: scale must be positive, got {scale}")
-        o3d = open3d_loader.load()
-        try:
-            mesh = o3d.io.read_triangle_mesh(str(path))
-            if not len(mesh.triangles):  # faces of four corners and more are cut into triangles by this reader alone
-                mesh = o3d.t.io.read_triangle_mesh(str(path)).to_legacy()
-        except (RuntimeError, UnicodeError) as error:
-            raise ConfigurationError(f"target mesh {str(path)!r}: {error}") from error
-        except IndexError as error:
-            raise ConfigurationError(
-                f"target mesh {str(path)!r}: a face points at a vertex that is not there"
-            ) from error
-        mesh.remove_duplicated_vertices()
-        mesh.remove_degenerate_triangles()
-        mesh.remove_unreferenced_vertices()  # they would count for its size and middle
-        triangles = np.asarray(mesh.triangles)
-        if not len(triangles):
-            raise ConfigurationError(
-                f"target mesh {str(path)!r}: no triangles could be read (formats: STL, PLY, OBJ, OFF, glTF/GLB)"
-            )
-        vertices = np.asarray(mesh.vertices) * (1.0 if scale is None else scale)
+        vertices, triangles = read_mesh(path)
+        vertices = vertices * (1.0 if scale is None else scale)
         size = float(np.ptp(vertices, axis=0).max())
         if scale is None and size > LARGEST:
             raise ConfigurationError(

@@ -1,6 +1,6 @@
 """Measurements -> what is where: depth frames to clouds, target poses, surfaces and tool paths.
 
-Names are imported when first used, so that `import perception` needs neither Open3D nor SciPy.
+Names are imported when first used, so that `import perception` needs neither Embree nor SciPy.
 """
 
 from importlib import import_module

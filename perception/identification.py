@@ -103,14 +103,14 @@ def identify(
     """Find `target` in one look of a depth sensor.
 
     `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
-    `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as Open3D's).
+    `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as trimesh's).
     `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
     `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
     `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
     `method`: "planes", or "paper" for the papers' own fit (`paper_icp`), which searches nothing: give `orientation`.
 
     An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
-    reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without Open3D.
+    reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without a ray caster.
     """
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
-from models import open3d_loader
+from models import ray_casting
 from models.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3
@@ -96,11 +96,11 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
     if not np.all(length > _NEAR):
         raise ConfigurationError("direction: must not be zero")
     ways = np.broadcast_to(ways / length, points.shape)
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    scene = ray_casting.ray_scene(target.vertices, target.triangles)
     b = _tangents(points)
     aside = np.cross(ways, b)
     starts = points - before * ways
-    hit = open3d_loader.cast_rays(scene, starts, ways)
+    hit = ray_casting.cast_rays(scene, starts, ways)
     missed = np.flatnonzero(~np.isfinite(hit["t"]))
     if len(missed):
         raise ConfigurationError(
@@ -117,7 +117,7 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
         )
     normals = np.zeros_like(p)
     for side in (-1.0, 0.0, 1.0):
-        near = open3d_loader.cast_rays(scene, starts + side * _FOOTPRINT * aside, ways)
+        near = ray_casting.cast_rays(scene, starts + side * _FOOTPRINT * aside, ways)
         same = np.isfinite(near["t"]) & (np.abs(near["t"] - hit["t"]) < _STEEPEST * _FOOTPRINT)
         facing = near["normal"] * -np.sign(np.einsum("ij,ij->i", near["normal"], ways))[:, None]
         normals[same] += facing[same]
@@ -152,9 +152,9 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     reach = (crossings - ends[0]) @ along
     crossings = crossings[(reach > 0.0) & (reach < chord @ along)]
     # Of what lies in the plane, the part that a ray along the direction meets first.
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    scene = ray_casting.ray_scene(target.vertices, target.triangles)
     ahead = float(np.ptp(corners.reshape(-1, 3) @ way)) + 0.1
-    first = open3d_loader.cast_rays(scene, crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
+    first = ray_casting.cast_rays(scene, crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
     crossings = crossings[np.abs(first - ahead) < 1e-4]
     points = np.vstack([ends[0], crossings[np.argsort((crossings - ends[0]) @ along)], ends[1]])
     return laid_on(target, _respaced(points), way, before=0.05)

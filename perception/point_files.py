@@ -4,15 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from models import open3d_loader
+from models.ply_files import read_ply
+from perception.pcd_files import read_pcd
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 _POINT_CLOUDS = (".ply", ".pcd")
-_PLY_SIZES = {
-    "short": 2, "ushort": 2, "int16": 2, "uint16": 2, "int": 4, "uint": 4, "int32": 4, "uint32": 4, "float": 4,
-    "float32": 4, "double": 8, "float64": 8,
-}  # [bytes]; of others at least 1  # fmt: skip
 _UP = "z"  # first word of the line that gives the direction
 
 
@@ -24,11 +21,7 @@ def read_cloud(file: str | Path) -> Array:
     """
     path = _existing(file, "cloud")
     if path.suffix.lower() in _POINT_CLOUDS:
-        _whole(path)
-        points = np.asarray(open3d_loader.load().io.read_point_cloud(str(path)).points, dtype=np.float64)
-        if not len(points):
-            raise ConfigurationError(f"cloud {path}: no points can be read from this {path.suffix[1:].upper()} file")
-        return points
+        return read_pcd(path) if path.suffix.lower() == ".pcd" else _ply_points(path)
     text = _text(path, "cloud")
     try:
         points = np.loadtxt(text.translate(_BLANKS).splitlines(), dtype=np.float64, comments="#", ndmin=2)
@@ -79,23 +72,14 @@ def _existing(file: str | Path, what: str) -> Path:
     return path
 
 
-def _whole(path: Path) -> None:
-    """Raise ConfigurationError for a binary PLY file that ends before its points do: it would be read as if whole."""
-    with path.open("rb") as file:
-        points, size, at_points = 0, 0, False
-        if file.readline().strip() != b"ply" or not file.readline().startswith(b"format binary"):
-            return
-        while (line := file.readline()) and line.strip() != b"end_header":
-            words = line.decode("ascii", "replace").split()
-            if words[:1] == ["element"] and len(words) == 3:
-                if at_points:
-                    break
-                at_points = words[1] == "vertex" and words[2].isdigit()
-                points = int(words[2]) if at_points else 0
-            elif at_points and words[:1] == ["property"]:
-                size += _PLY_SIZES.get(words[1], 1)
-    if path.stat().st_size < points * size:
-        raise ConfigurationError(f"cloud {path}: the file is cut short, there are {points} points in its header")
+def _ply_points(path: Path) -> Array:
+    try:
+        points, _ = read_ply(path)
+    except ValueError as error:
+        raise ConfigurationError(f"cloud {path}: no points can be read from this PLY file: {error}") from error
+    if not len(points):
+        raise ConfigurationError(f"cloud {path}: there are no points in this PLY file")
+    return points
 
 
 def _text(path: Path, what: str) -> str:

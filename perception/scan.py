@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models import open3d_loader
+from models import ray_casting
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, readonly
@@ -183,7 +183,7 @@ def _resampled(points: Array) -> Scan:
     if min(len(tangent_x), len(tangent_y)) < 2:
         raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
     rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
-    hit = open3d_loader.cast_rays(open3d_loader.ray_scene(points, triangles), np.zeros(3), rays)
+    hit = ray_casting.cast_rays(ray_casting.ray_scene(points, triangles), np.zeros(3), rays)
     depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan)[..., None]
     return Scan(points=readonly(rays * depth), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
 

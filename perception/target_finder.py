@@ -57,7 +57,7 @@ class KnownObjectFinder:
         (3, 3): coarse rotation of T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool
         path's samples; `tool_radius` [m] of the ball that the tool ends in. `looks`: depth frames, or pings, in a row
         whose median the path is planned on.
-        Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without Open3D.
+        Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without a ray caster.
         """
         self._path = target.path(path) if isinstance(path, str) else path
         self._approach_W = checked(approach_W, (3,), "approach_W")

@@ -10,14 +10,14 @@ Frame S is that of the cloud (paper: Oxyz of the hull); `up` is its vertical, th
 """
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models import open3d_loader
+from models import ray_casting
+from models.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked, readonly
 
@@ -47,7 +47,7 @@ class Terrain:
     hole: float  # [m] longest edge that was taken for surface
     points: int  # of the cloud
     outliers: int  # of them, left out
-    scene: Any = field(repr=False)  # Open3D's ray caster over the mesh, about `origin`
+    scene: RayScene = field(repr=False)  # of the mesh, about `origin`
     origin: Array = field(repr=False)  # (3,) [m]
     layered: Array = field(repr=False)  # (k, 2) [m] places on the ground plane with two heights around them
     looked_at: Array = field(repr=False)  # (m, 2) [m] places where they were looked for
@@ -64,7 +64,7 @@ class Terrain:
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
         """Distance (N,) [m] straight down from `points` (N, 3) to the surface, inf if there is none, and triangles."""
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        hit = open3d_loader.cast_rays(self.scene, p - self.origin, np.broadcast_to(-self.up, p.shape))
+        hit = ray_casting.cast_rays(self.scene, p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
 
 
@@ -113,7 +113,7 @@ def build_terrain(
         hole=float(limit),
         points=len(points),
         outliers=int(count[~good].sum()) + len(points) - int(count.sum()),
-        scene=open3d_loader.ray_scene(p_S, triangles),
+        scene=ray_casting.ray_scene(p_S, triangles),
         origin=readonly(origin),
         layered=readonly(layered + (R @ origin)[:2]),
         looked_at=readonly(looked_at + (R @ origin)[:2]),
@@ -416,7 +416,7 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
     """Why a ray from `B` meets no surface."""
-    above = open3d_loader.cast_rays(terrain.scene, (B - terrain.origin)[None], terrain.up[None])["t"][0]
+    above = ray_casting.cast_rays(terrain.scene, (B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
         raise PerceptionError(f"target {name} lies {above:.2f} m under the surface: the ray down from it meets nothing")
     place = terrain.ground(B[None])[0]

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from _object_scenes import ObjectScene, object_scene, target_of
 
-from models import open3d_loader, targets
+from models import ray_casting, targets
+from models.closed_shells import split, vertex_normals, welded
 from models.targets import Solid, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -117,15 +118,10 @@ def fouled(
     target: TargetModel, rng: np.random.Generator, thick: tuple[float, float], cover: float = 0.3
 ) -> TargetModel:
     """`target` with mounds `thick` [m] on a share `cover` of its vertices, along their normals."""
-    o3d = open3d_loader.load()
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(np.array(target.vertices)),
-        o3d.utility.Vector3iVector(np.array(target.triangles, dtype=np.int32)),
-    ).merge_close_vertices(1e-6)
-    while len(mesh.triangles) < _FINE // 4:
-        mesh = mesh.subdivide_midpoint(1)
-    mesh.compute_vertex_normals()
-    vertices, normals = np.asarray(mesh.vertices), np.asarray(mesh.vertex_normals)
+    vertices, triangles = welded(target.vertices, target.triangles)
+    while len(triangles) < _FINE // 4:
+        vertices, triangles = split(vertices, triangles, np.ones(len(triangles), dtype=bool), 0.0)
+    normals = vertex_normals(vertices, triangles)
     growth = np.zeros(len(vertices))
     while (growth > 0.25 * thick[0]).mean() < cover:
         middle = vertices[rng.integers(len(vertices))]
@@ -135,7 +131,7 @@ def fouled(
     return TargetModel(
         name=f"{target.name}, fouled",
         vertices=vertices + growth[:, None] * normals,
-        triangles=np.asarray(mesh.triangles),
+        triangles=triangles,
         stand=target.stand,
     )
 
@@ -147,8 +143,8 @@ def occluders(
     X_TC = inverse(X_CT)
     x, y = np.meshgrid((np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
-    t = open3d_loader.cast_rays(scene, X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
+    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    t = ray_casting.cast_rays(scene, X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
     seen = rays[np.isfinite(t)] * t[np.isfinite(t), None]
     spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
     way = seen / np.linalg.norm(seen, axis=1, keepdims=True)

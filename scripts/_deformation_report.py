@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from models import open3d_loader
+from models.ply_files import write_ply
 from perception.deformation import DeformationMap
 from sim.interfaces.spatial import Array
 
@@ -78,11 +78,8 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
 
 def save_cloud(made: DeformationMap, file: Path) -> None:
     """The points that were compared, in the sensor's frame, in the colours of the picture, as a PLY file."""
-    o3d = open3d_loader.load()
     points, off = made.cloud_S
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.colors = o3d.utility.Vector3dVector(np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
-    o3d.io.write_point_cloud(str(file), cloud)
+    write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
 
 
 def _most(made: DeformationMap) -> float:

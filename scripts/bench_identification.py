@@ -205,6 +205,7 @@ def main() -> None:
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
+    open3d_loader.load()
     rows, fits = [], []
     for name in options.objects:
         surface = ModelSurface.of(target_of(name))

@@ -20,7 +20,8 @@ from _object_scenes import object_scene
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from models import open3d_loader, targets
+from models import targets
+from models.ply_files import write_ply
 from models.targets import TargetModel
 from perception.check import Check
 from perception.cloud_files import load_cloud
@@ -28,7 +29,7 @@ from perception.deformation import map_deformation
 from perception.identification import Identification, Method, identify
 from perception.scan import SensorModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, transform_points
+from sim.interfaces.spatial import exp_so3, transform_points
 
 NOT_ACCEPTED = 1  # exit code
 _TOO_LARGE = 20.0  # times the cloud's extent: an object of which nothing could be told
@@ -160,12 +161,6 @@ def picture(found: Identification, title: str) -> Figure:
     return figure
 
 
-def save(file: Path, points: Array) -> None:
-    """Points (N, 3) [m] as a PLY file."""
-    o3d = open3d_loader.load()
-    o3d.io.write_point_cloud(str(file), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points))))
-
-
 def main() -> int:
     options, console = parse(Options), Console()
     if options.sigma is not None and not (np.isfinite(options.sigma) and options.sigma > 0.0):
@@ -194,8 +189,8 @@ def main() -> int:
             console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
     file = options.out / "identification.json"
     file.write_text(json.dumps(said, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    save(options.out / "cloud.ply", found.cloud)
-    save(options.out / "model.ply", found.model_after)
+    write_ply(options.out / "cloud.ply", found.cloud)
+    write_ply(options.out / "model.ply", found.model_after)
     picture(found, f"{target.name}: {decision}").savefig(options.out / "identification.png", dpi=120)
     console.print(f"written to {options.out}/", highlight=False)
     return 0 if found.accepted else NOT_ACCEPTED

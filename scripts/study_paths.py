@@ -20,9 +20,10 @@ from _contact_options import coarse_detection
 from rich.console import Console
 from rich.table import Table
 
-from models import deformed, open3d_loader
+from models import deformed, ray_casting
 from models.closed_shells import vertex_normals
 from models.deformed import Deformed
+from models.nearest_surface import NearestSurface
 from models.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from perception.identification import Identification, identify
 from perception.looks import Look, on_all_looks
@@ -123,20 +124,18 @@ class TrueSurface:
     def __init__(self, target: TargetModel) -> None:
         self._triangles = target.triangles
         self._normals = vertex_normals(target.vertices, target.triangles)
-        self._scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+        self._scene = ray_casting.ray_scene(target.vertices, target.triangles)
+        self._nearest = NearestSurface.of(target.vertices, target.triangles)
 
     def distances(self, p_T: Array, z_T: Array) -> Array:
         """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an axis misses."""
-        along = open3d_loader.cast_rays(self._scene, p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
-        shortest = self._scene.compute_distance(open3d_loader.load().core.Tensor(p_T.astype(np.float32))).numpy()
-        return np.where(np.isfinite(along), along, shortest)
+        along = ray_casting.cast_rays(self._scene, p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
+        return np.where(np.isfinite(along), along, self._nearest.query(p_T).distance)
 
     def normals(self, p_T: Array) -> Array:
         """Outward unit normals (N, 3) where the surface is nearest to points (N, 3)."""
-        nearest = self._scene.compute_closest_points(open3d_loader.load().core.Tensor(p_T.astype(np.float32)))
-        u, v = nearest["primitive_uvs"].numpy().astype(np.float64).T
-        corners = self._normals[self._triangles[nearest["primitive_ids"].numpy()]]
-        return _unit(np.einsum("kn,nkj->nj", np.stack([1.0 - u - v, u, v]), corners))
+        nearest = self._nearest.query(p_T)
+        return _unit(np.einsum("nk,nkj->nj", nearest.weights, self._normals[self._triangles[nearest.triangle]]))
 
     def mean_normals(self, p_T: Array, x_T: Array, z_T: Array) -> Array:
         """The same, averaged over a pad on the points, its plane along x_T (N, 3) and perpendicular to z_T (N, 3)."""

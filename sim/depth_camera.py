@@ -60,7 +60,7 @@ class DepthCamera:
         Without `port` the camera is a pinhole that is known exactly. Behind a `port` (`sim.refraction`), `focal` is
         that of the lens, and frames are rectified by `calibration`, the best in water by default: their `K` and the
         place that they claim for the camera are those of the calibration, right or wrong.
-        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without Open3D.
+        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without a ray caster.
         """
         whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
         if not (whole and 0.0 < focal < np.inf):

@@ -11,20 +11,28 @@ B hull, H the hull pose to hold.
 
 from collections import OrderedDict
 
+import mujoco
 import numpy as np
-from dm_control.rl import control
-from dm_control.utils import rewards
-from dm_env import specs
 from numpy.typing import ArrayLike
 
 from models import scenes
 from sim import hydrodynamics
 from sim.current import Current
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, MissingLibraryError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
 from sim.plant import Plant, Truth
 from sim.rollout import ticks_per_period
+
+try:
+    from dm_control.rl import control
+    from dm_control.utils import rewards
+    from dm_env import specs
+except Exception as error:  # on MuJoCo 4 it can be any: dm_control builds itself from MuJoCo's names
+    raise MissingLibraryError(
+        f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {mujoco.__version__}): "
+        f"pip install 'uuv-arm[dm-control]' ({type(error).__name__}: {error})"
+    ) from error
 
 CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from models import open3d_loader
+from models import ray_casting
 from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
@@ -131,7 +131,7 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
     weight = rng.dirichlet(np.ones(3), _PIECES)
     pieces = np.einsum("ni,nij->nj", weight, corner[which])
     normal = normal[which] / (2.0 * area[which, None])
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    scene = ray_casting.ray_scene(target.vertices, target.triangles)
     seen = np.zeros(_PIECES, dtype=bool)
     for X in X_WC:
         X_TC = inverse(truth.X_WT) @ X
@@ -146,6 +146,6 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
         )  # fmt: skip
         if len(asked):
             starts = np.broadcast_to(X_TC[:3, 3], (len(asked), 3))
-            hit = open3d_loader.cast_rays(scene, starts, away[asked] / distance[asked, None])["t"]
+            hit = ray_casting.cast_rays(scene, starts, away[asked] / distance[asked, None])["t"]
             seen[asked] = hit > distance[asked] - _SKIN
     return float(seen.mean())

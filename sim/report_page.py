@@ -10,7 +10,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "open3d-cpu", "open3d", "rerun-sdk")
+PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "embreex", "rerun-sdk")
 
 
 def page(title: str, body: str) -> str:

@@ -122,7 +122,7 @@ class Sonar:
         `range_limits` and `delay` are in m and s; `noise` None leaves the footprint alone; bodies named in `exclude`
         and geoms outside `groups` are not seen, nor are transparent ones (alpha 0), flexes and skins. Height fields
         are read now, and not again.
-        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without Open3D.
+        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without a ray caster.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1] < np.inf):
             raise ConfigurationError(f"sonar: range_limits must be 0 < near < far, got {range_limits}")

@@ -1,22 +1,22 @@
 """What a sensor can see of a compiled model, and the casting of its rays: every geom that a viewer shows.
 
-Open3D's ray caster is used because no screen or GL may be assumed, `mj_multiRay` takes 20 times as long and misses
+Embree casts the rays because no screen or GL may be assumed, `mj_multiRay` takes 20 times as long and misses
 visual-only geoms. Most rays of most sensors meet nothing of a given scene, so rays go in tiles and geometry in
 clusters, and only tiles whose cone meets a cluster are cast.
 """
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numba
 import numpy as np
 
-from models import open3d_loader
 from models.closed_shells import joined
+from models.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz
+from sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
 from sim.tessellation import tessellate
 
 VISIBLE_GROUPS = (0, 1, 2)  # what MuJoCo's own renderer shows; models keep collision shapes in 3 and above
@@ -62,7 +62,7 @@ class Rays:
 
 
 class VisibleWorld:
-    """The surfaces of a model, for rays: static ones kept as they are, those of moving bodies placed anew each time."""
+    """The surfaces of a model, for rays: static ones in one scene, those of each moving body in one of its own."""
 
     def __init__(
         self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
@@ -70,7 +70,7 @@ class VisibleWorld:
         """All that is seen of `model`: not bodies in `exclude`, geoms outside `groups` or transparent ones (alpha 0),
         nor flexes and skins. Height fields are read now, and not again.
 
-        Raises MissingLibraryError without Open3D.
+        Raises MissingLibraryError without a ray caster.
         """
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -99,12 +99,11 @@ class VisibleWorld:
         self._static, self._static_clusters, self._middle_W = None, np.zeros((0, 4)), np.zeros(3)
         if static:
             vertices, faces = joined(static)
-            # Open3D counts in single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
+            # Embree counts in single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
             self._middle_W = vertices.mean(axis=0)
-            self._static = open3d_loader.ray_scene(vertices - self._middle_W, faces)
+            self._static = RayScene(vertices - self._middle_W, faces)
             self._static_clusters = _clusters(vertices, faces)
         self._moving = [_MovingBody.of(body, *joined(parts)) for body, parts in moving.items()]
-        open3d_loader.load()
 
     def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
         """Distance to the first surface along each ray, in lengths of its direction, and cosine of the incidence there.
@@ -118,7 +117,7 @@ class VisibleWorld:
         R_WS, p_WS = X_WS[:3, :3], X_WS[:3, 3]
         if self._static is not None:
             centers = (self._static_clusters[:, :3] - p_WS) @ R_WS
-            tiles, _ = _meetings(rays.cone, _spheres(centers, self._static_clusters[:, 3]))
+            tiles = _meetings(rays.cone, _spheres(centers, self._static_clusters[:, 3]))
             self._cast_chosen(self._static, pose(R_WS, p_WS - self._middle_W), rays, tiles, distance, cosine)
         for X_WG, size in self._planes:
             R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
@@ -131,30 +130,16 @@ class VisibleWorld:
     def _cast_moving(
         self, X_WS: Array, rays: Rays, xpos: Array, R_W: Array, distance: np.ndarray, cosine: np.ndarray
     ) -> None:
-        """Draw the moving bodies over `distance` and `cosine` (N,), in S."""
-        R_SW = X_WS[:3, :3].T
-        X_SB = [(R_SW @ R_W[part.body], R_SW @ (xpos[part.body] - X_WS[:3, 3])) for part in self._moving]
-        clusters = [
-            _spheres(part.clusters[:, :3] @ R.T + p, part.clusters[:, 3])
-            for part, (R, p) in zip(self._moving, X_SB, strict=True)
-        ]
-        tiles, met = _meetings(rays.cone, np.concatenate(clusters))
-        if not met.any():
-            return
-        vertices, faces, first, cluster = [], [], 0, 0
-        for part, (R, p) in zip(self._moving, X_SB, strict=True):
-            shown = met[cluster : cluster + len(part.clusters)]
-            cluster += len(part.clusters)
-            if shown.any():
-                vertices.append(part.vertices @ R.T + p)
-                faces.append(part.faces[shown[part.cluster]] + first)
-                first += len(part.vertices)
-        scene = open3d_loader.ray_scene(np.concatenate(vertices), np.concatenate(faces))
-        self._cast_chosen(scene, np.eye(4), rays, tiles, distance, cosine)
+        """Draw the moving bodies over `distance` and `cosine` (N,), each in its own frame B."""
+        for part in self._moving:
+            X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
+            centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
+            tiles = _meetings(rays.cone, _spheres(centers, part.clusters[:, 3]))
+            self._cast_chosen(part.scene, X_BS, rays, tiles, distance, cosine)
 
     @staticmethod
     def _cast_chosen(
-        scene: Any, X_FS: Array, rays: Rays, tiles: np.ndarray, distance: np.ndarray, cosine: np.ndarray
+        scene: RayScene, X_FS: Array, rays: Rays, tiles: np.ndarray, distance: np.ndarray, cosine: np.ndarray
     ) -> None:
         """Draw `scene`, whose frame is F, over `distance` and `cosine` (N,) by the rays of the chosen tiles (T,)."""
         chosen = np.flatnonzero(tiles[rays.tile])
@@ -165,21 +150,19 @@ class VisibleWorld:
         origins, directions = _gathered(way, start, chosen, near)
         turn = X_FS[:3, :3].T.astype(np.float32)
         directions = directions @ turn
-        hit = open3d_loader.cast_rays(scene, origins @ turn + X_FS[:3, 3].astype(np.float32), directions)
+        hit = scene.cast(origins @ turn + X_FS[:3, 3].astype(np.float32), directions)
         _keep_nearer(hit["t"], hit["normal"], directions, chosen, near, distance, cosine)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MovingBody:
     body: int
-    vertices: Array  # (V, 3) [m], body axes
-    faces: np.ndarray  # (T, 3)
-    cluster: np.ndarray  # (T,) of each triangle
-    clusters: Array  # (C, 4) centre and radius [m]
+    scene: RayScene  # in body axes
+    clusters: Array  # (C, 4) centre and radius [m], body axes
 
     @classmethod
     def of(cls, body: int, vertices: Array, faces: np.ndarray) -> "_MovingBody":
-        return cls(body, vertices, faces, np.arange(len(faces)) // _cluster_size(faces), _clusters(vertices, faces))
+        return cls(body, RayScene(vertices, faces), _clusters(vertices, faces))
 
 
 def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
@@ -246,10 +229,9 @@ def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> 
 
 
 @numba.njit(cache=True)
-def _meetings(cones: np.ndarray, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which cones (T,) meet any of the spheres, and which spheres (C,) any of the cones."""
+def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
+    """Which cones (T,) meet any of the spheres."""
     tiles = np.zeros(len(cones), dtype=np.bool_)
-    met = np.zeros(len(spheres), dtype=np.bool_)
     for i in range(len(cones)):
         cos_half, sin_half = np.cos(cones[i, 7]), np.sin(cones[i, 7])
         for j in range(len(spheres)):
@@ -265,8 +247,8 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> tuple[np.ndarray, np.nd
                 or (beside * cos_half - along * sin_half <= reach and along * cos_half + beside * sin_half >= 0.0)
             ):
                 tiles[i] = True
-                met[j] = True
-    return tiles, met
+                break
+    return tiles
 
 
 @numba.njit(cache=True)

@@ -3,13 +3,15 @@
 import os
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import sim
+from models import open3d_loader
 from sim.interfaces.errors import MissingLibraryError
 from sim.startup import run_scenario
 
@@ -44,18 +46,26 @@ def pytest_runtest_call():
 def pytest_make_collect_report(collector: pytest.Collector):
     report = yield
     if report.failed and MissingLibraryError.__name__ in str(report.longrepr) and not os.environ.get("CI"):
-        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, "Skipped: a system library is missing")
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, "Skipped: a library is missing")
     return report
 
 
 def skipping():
-    """Run what is wrapped; where it lacks a system library, skip with the line that names it."""
+    """Run what is wrapped; where it lacks a library, skip with the line that names it."""
     try:
         return (yield)
     except MissingLibraryError as error:
         if os.environ.get("CI"):
             raise
         pytest.skip(str(error))
+
+
+@pytest.fixture
+def open3d() -> Any:
+    """Open3D, to compare with; skips where it is not installed, as by default: uvw run --extra open3d pytest ..."""
+    if not find_spec("open3d"):
+        pytest.skip("Open3D is not installed")
+    return open3d_loader.load()
 
 
 @pytest.fixture

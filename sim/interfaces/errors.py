@@ -14,7 +14,7 @@ class HydrodynamicsError(UuvError):
 
 
 class MissingLibraryError(UuvError, ImportError):
-    """A wheel is installed but a system library that it needs is not."""
+    """A package that only some things need, or a system library of one, is not installed."""
 
 
 class PerceptionError(UuvError):

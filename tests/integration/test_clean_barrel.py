@@ -11,11 +11,9 @@ import jsonschema
 import pytest
 
 import models
-from models import open3d_loader
 from sim import hydrodynamics
 from sim.metrics import Bounds, schema
 
-open3d_loader.load()  # without its system libraries the main job cannot run: see tests/conftest.py
 BOUNDS = Bounds()
 RUNS = {"longitudinal": "longitudinal", "again": "longitudinal", "transverse": "transverse"}
 

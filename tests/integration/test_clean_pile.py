@@ -10,11 +10,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from models import open3d_loader
 from sim import hydrodynamics
 from sim.metrics import Bounds, schema
 
-open3d_loader.load()  # without its system libraries the job cannot run: see tests/conftest.py
 BOUNDS = Bounds()
 RUNS = {"vertical": (), "ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}
 

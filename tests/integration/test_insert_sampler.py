@@ -5,11 +5,9 @@ import json
 import jsonschema
 import pytest
 
-from models import open3d_loader
 from sim import hydrodynamics
 from sim.insertion_metrics import InsertionBounds, crashed, schema
 
-open3d_loader.load()  # without its system libraries there is no identification: see tests/conftest.py
 BOUNDS = InsertionBounds()
 
 

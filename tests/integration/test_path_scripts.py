@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import open3d_loader
+from models.closed_shells import sphere
+from models.ply_files import write_ply
 from models.targets import TargetModel, barrel, rock
 from sim.interfaces.errors import ConfigurationError
 
@@ -16,12 +17,14 @@ import clean_barrel
 import clean_object
 import study_paths
 
+from tests.unit.surface_distance import signed_distance
+
 
 def test_true_surface_of_a_ball(within):
     """Distances along the tool, normals, and their mean over a pad, which on a ball is the normal in its middle."""
     radius = 0.5
-    mesh = open3d_loader.load().geometry.TriangleMesh.create_sphere(radius, 100)
-    ball = TargetModel(name="ball", vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles))
+    unit, triangles = sphere(5)
+    ball = TargetModel(name="ball", vertices=radius * unit, triangles=triangles)
     surface = study_paths.TrueSurface(ball)
     rng = np.random.default_rng(2)
     outward, aside = rng.standard_normal((2, 20, 3))
@@ -68,9 +71,7 @@ def test_job_on_what_the_sea_has_left(fouled: float, dented: float):
     """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
     job = clean_barrel.barrel_job(clean_barrel.Options(fouled=fouled, dented=dented), np.random.default_rng(1))
     assert job.there is not None
-    scene = open3d_loader.ray_scene(job.target.vertices, job.target.triangles)
-    tensor = open3d_loader.load().core.Tensor(np.asarray(job.there.vertices, dtype=np.float32))
-    off = scene.compute_signed_distance(tensor).numpy()
+    off = signed_distance(job.target.vertices, job.target.triangles, job.there.vertices)
     off, near = off[np.abs(off) > 0.004], job.there.vertices[np.abs(off) > 0.004]
     assert np.linalg.norm(near[:, None] - job.target.path(job.path).p[::10], axis=-1).min(axis=1).max() < 0.3
     for height, sign in ((fouled, 1.0), (dented, -1.0)):
@@ -86,13 +87,8 @@ def test_clean_job_has_nothing_else_there():
 
 
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
-    o3d, known = open3d_loader.load(), barrel()
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(np.array(known.vertices)),
-        o3d.utility.Vector3iVector(np.array(known.triangles, dtype=np.int32)),
-    )
-    file = tmp_path / "drum.ply"
-    o3d.io.write_triangle_mesh(str(file), mesh)
+    known, file = barrel(), tmp_path / "drum.ply"
+    write_ply(file, known.vertices, known.triangles)
     job = clean_object.object_job(clean_object.Options(object=str(file)), np.random.default_rng(0))
     path = job.target.path(job.path)
     within("on the top [m]", path.p[:, 2] - 0.3, 1e-4)

@@ -7,13 +7,11 @@ import jsonschema
 import numpy as np
 import pytest
 
-from models import open3d_loader
 from perception.seabed_finder import SeabedFinder
 from sim import hydrodynamics
 from sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
 from sim.seabed_metrics import SeabedBounds, schema
 
-open3d_loader.load()  # without its system libraries there is no terrain: see tests/conftest.py
 BOUNDS = SeabedBounds()
 
 

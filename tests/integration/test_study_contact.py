@@ -8,9 +8,6 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from models import open3d_loader
-
-open3d_loader.load()  # without its system libraries a job cannot run: see tests/conftest.py
 SOFT = ("--ranges.stiffness", "1e4", "2e4")  # keeps the physics at its longest step
 
 

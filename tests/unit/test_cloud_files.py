@@ -1,23 +1,28 @@
 """Files that users have: each works, with what was left out said, or gets one clear error."""
 
+import struct
+
 import numpy as np
 import pytest
 
-from models import open3d_loader, targets
+from models import targets
+from models.ply_files import read_ply, write_ply
 from models.target_model import TargetModel
 from perception.cloud_files import MOST, load_cloud
 from perception.identification import identify
 from perception.scan import Scan
 from sim.interfaces.errors import ConfigurationError
 from tests.unit.depth_scenes import look, seen_from
+from tests.unit.test_point_files import pcd
 
 POINTS = np.random.default_rng(0).uniform([-0.5, -0.5, 1.0], [0.5, 0.5, 2.0], (500, 3))
 
 
 def save(path, points: np.ndarray) -> str:
-    o3d = open3d_loader.load()
-    if path.suffix in (".ply", ".pcd"):
-        assert o3d.io.write_point_cloud(str(path), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)))
+    if path.suffix == ".ply":
+        write_ply(path, points)
+    elif path.suffix == ".pcd":
+        path.write_bytes(pcd("binary", points.astype("<f4").tobytes(), len(points)))
     else:
         np.savetxt(path, points)
     return str(path)
@@ -39,12 +44,8 @@ def test_millimetres_are_detected_and_said(tmp_path, within):
     within("points [m]", load_cloud(file, scale=1e-3).points - POINTS, 1e-9)
     with pytest.raises(ConfigurationError, match="mixed"):
         load_cloud(save(tmp_path / "mixed.xyz", np.vstack([POINTS, 1e3 * POINTS[:100]])))
-    o3d = open3d_loader.load()
     stone = targets.named("rock")
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(1e3 * stone.vertices), o3d.utility.Vector3iVector(stone.triangles)
-    )
-    assert o3d.io.write_triangle_mesh(str(tmp_path / "rock.ply"), mesh)
+    write_ply(tmp_path / "rock.ply", 1e3 * stone.vertices, stone.triangles)
     with pytest.raises(ConfigurationError, match=r"millimetres.*0\.001"):
         TargetModel.from_file(tmp_path / "rock.ply")
     assert TargetModel.from_file(tmp_path / "rock.ply", scale=1e-3).radius == pytest.approx(stone.radius)
@@ -80,7 +81,7 @@ def test_file_that_is_cut_short(tmp_path):
 
 def test_awkward_meshes(tmp_path, within):
     """The same pose, whatever is the matter with the mesh: doubled and zero-area faces, a fin, strays, turned in."""
-    o3d, rock = open3d_loader.load(), targets.named("rock")
+    rock = targets.named("rock")
     V, F = np.array(rock.vertices), np.array(rock.triangles)
     n = len(V)
     view = seen_from(np.array([0.3, -0.6, 1.0]))
@@ -93,10 +94,7 @@ def test_awkward_meshes(tmp_path, within):
         "turned in": (V, F[:, ::-1]),
     }  # fmt: skip
     for name, (vertices, faces) in cases.items():
-        mesh = o3d.geometry.TriangleMesh(
-            o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(np.array(faces, dtype=np.int32))
-        )
-        assert o3d.io.write_triangle_mesh(str(tmp_path / "awkward.ply"), mesh)
+        write_ply(tmp_path / "awkward.ply", vertices, faces)
         target = TargetModel.from_file(tmp_path / "awkward.ply")
         found = identify(scan, target, view[:3, 3], view[:3, :3])
         position, angle = rock.symmetry.error(found.X_sensor_target, view)
@@ -110,3 +108,50 @@ def test_faces_of_four_corners(tmp_path):
     (tmp_path / "beyond.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     with pytest.raises(ConfigurationError, match="not there"):
         TargetModel.from_file(tmp_path / "beyond.obj")
+
+
+def test_ply_of_many_kinds(tmp_path):
+    """Big-endian, faces of different corners, extra properties and elements, in text and in bytes; never cut short."""
+    head = (
+        "comment x\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n"
+        "element face 3\nproperty uchar flags\nproperty list uchar int vertex_index\nelement edge 1\n"
+        "property int vertex1\nproperty int vertex2\nend_header\n"
+    )
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.5, 0.5, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
+    faces = [(0, 1, 2, 3, 4), (0, 1, 2), (1, 2, 3, 4)]
+    text = "".join(f"{x} {y} {z} 9\n" for x, y, z in corners)
+    text += "".join(f"1 {len(face)} {' '.join(map(str, face))}\n" for face in faces) + "0 1\n"
+    for form, order in (("ascii", ""), ("binary_little_endian", "<"), ("binary_big_endian", ">")):
+        if order:
+            data = b"".join(struct.pack(order + "3fB", *corner, 9) for corner in corners)
+            data += b"".join(struct.pack(f"{order}BB{len(face)}i", 1, len(face), *face) for face in faces)
+            data += struct.pack(order + "2i", 0, 1)
+        else:
+            data = text.encode()
+        file = tmp_path / f"{form}.ply"
+        file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data)
+        points, triangles = read_ply(file)
+        assert points.tolist() == [list(corner) for corner in corners], form
+        assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [1, 2, 3], [1, 3, 4]], form
+        assert len(TargetModel.from_file(file).triangles) == 6
+        for left in (20, 40):  # the faces, or some vertices too
+            file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data[:-left])
+            with pytest.raises(ConfigurationError, match="cut short"):
+                TargetModel.from_file(file)
+
+
+def test_off_and_what_is_none(tmp_path):
+    file = tmp_path / "a.off"
+    body = "0 0 0 255 0 0\n1 0 0 255 0 0\n1 1 0 0 0 9\n0 1 0 0 0 9 # last\n4 0 1 2 3\n3 0 1 2 255 0 0\n"
+    for head in ("COFF\n# a comment\n4 2 0\n", "OFF 4 2 0\n"):
+        file.write_text(head + body)
+        assert TargetModel.from_file(file).triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
+    for text, words in (
+        ("OFF\n4 3 0\n" + body, "cut short"), ("OFF\n", "no vertices"), ("4 2 0\n" + body, "begin with"),
+        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n4 0 1 2\n", "fewer corners"),
+        ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "not there"),
+        ("OFF 3 1 0\n0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "not finite"),
+    ):  # fmt: skip
+        file.write_text(text)
+        with pytest.raises(ConfigurationError, match=words):
+            TargetModel.from_file(file)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from controllers.ground_approach import GroundApproach
-from models import open3d_loader
 from models.seabed import Seabed, seabed
 from perception.ground_plane import GroundBelow, plane_through
 from sim.dvl_ranges import DvlBeams, DvlRanges
@@ -15,7 +14,6 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-open3d_loader.load()
 P_BD = np.array([-0.7, 0.1, -0.4])
 X_WB = pose(exp_so3([0.03, -0.05, 0.8]), [0.2, -0.1, -6.1])
 BOX = np.array([[-0.8, -0.5, -0.4], [0.8, 0.5, 0.4]])

@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import perception
-from models import open3d_loader
+from models.closed_shells import box, joined, revolve
 from models.targets import Symmetry, TargetModel, barrel
 from perception.check import check
 from perception.identification import Identification, identify
@@ -51,14 +51,20 @@ def bracket() -> TargetModel:
 
 
 def boxes(name: str, parts: list[tuple[list[float], list[float]]], pipes: tuple = ()) -> TargetModel:
-    o3d = open3d_loader.load()
-    mesh = o3d.geometry.TriangleMesh()
-    for size, corner in parts:
-        mesh += o3d.geometry.TriangleMesh.create_box(*size).translate(np.array(corner))
+    """Boxes by size and lowest corner, and pipes by radius, length, turn from upright and middle."""
+    shells = [box(size, np.array(corner) + 0.5 * np.array(size)) for size, corner in parts]
     for radius, length, R, center in pipes:
-        pipe = o3d.geometry.TriangleMesh.create_cylinder(radius, length, 40)
-        mesh += pipe.rotate(R, center=np.zeros(3)).translate(np.array(center))
-    return TargetModel(name=name, vertices=np.asarray(mesh.vertices), triangles=np.asarray(mesh.triangles))
+        points, faces = upright(radius, length)
+        shells.append((points @ R.T + center, faces))
+    vertices, triangles = joined(shells)
+    return TargetModel(name=name, vertices=vertices, triangles=triangles)
+
+
+def upright(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """A cylinder about z, of 40 sides."""
+    half = 0.5 * length
+    points, faces = revolve([(-half, 0.0), (-half, radius), (half, radius), (half, 0.0)], 40)
+    return points[:, [1, 2, 0]], faces
 
 
 def manifold() -> TargetModel:
@@ -360,21 +366,18 @@ def test_a_view_that_holds_not_all_of_the_pose_is_refused():
 
 
 def barrel_like_bar() -> TargetModel:
-    o3d = open3d_loader.load()
-    mesh = o3d.geometry.TriangleMesh.create_cylinder(0.1, 3.0, 60).rotate(
-        exp_so3([0, 0.5 * np.pi, 0]), center=np.zeros(3)
-    )
+    vertices, triangles = revolve([(-1.5, 0.0), (-1.5, 0.1), (1.5, 0.1), (1.5, 0.0)], 60)
     return TargetModel(
         name="bar",
-        vertices=np.asarray(mesh.vertices),
-        triangles=np.asarray(mesh.triangles),
+        vertices=vertices,
+        triangles=triangles,
         symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0])),
     )
 
 
 def test_importing_the_room_is_light():
     code = (
-        "import sys, perception; assert 'open3d' not in sys.modules and 'scipy' not in sys.modules; "
+        "import sys, perception; assert 'embreex' not in sys.modules and 'scipy' not in sys.modules; "
         "assert callable(perception.identify)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

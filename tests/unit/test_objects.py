@@ -6,12 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import convex_parts, open3d_loader, targets
+from models import convex_parts, ray_casting, targets
 from models.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
+from models.nearest_surface import NearestSurface
 from models.rock import rock
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, transform_points
+from tests.unit.surface_distance import signed_distance
 
 FRESH = secrets.randbits(31)
 OBJECTS = {name: targets.named(name) for name in targets.available()} | {"a fresh rock": rock(FRESH)}
@@ -35,7 +37,7 @@ def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> t
     start = (
         rng.uniform(target.vertices.min(axis=0), target.vertices.max(axis=0), (rays, 3)) - 2.5 * target.radius * ways
     )
-    seen = open3d_loader.cast_rays(open3d_loader.ray_scene(target.vertices, target.triangles), start, ways)
+    seen = ray_casting.cast_rays(ray_casting.ray_scene(target.vertices, target.triangles), start, ways)
     model.geom_group[:] = np.where(collides, 3, 0)
     group, geom = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
     start_W, ways_W = transform_points(X_WT, start), ways @ X_WT[:3, :3].T
@@ -55,22 +57,21 @@ def test_object_is_closed_and_wound_outwards(name: str):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_declared_symmetry_is_one(name: str, within):
     target = OBJECTS[name]
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    nearest = NearestSurface.of(target.vertices, target.triangles)
     turns = list(target.symmetry.rotations)
     if target.symmetry.axis is not None:
         turns += [exp_so3(angle * target.symmetry.axis) for angle in (0.4, 2.0)]
     for R in turns:
-        turned = open3d_loader.load().core.Tensor((target.vertices @ R.T).astype(np.float32))
-        within("from the surface [m]", scene.compute_distance(turned).numpy(), 1e-4)  # 0.02 mm: facets
+        within("from the surface [m]", nearest.query(target.vertices @ R.T).distance, 1e-4)  # 0.02 mm: facets
 
 
 @pytest.mark.parametrize("name", OBJECTS)
 def test_paths_lie_on_the_object(name: str, within):
     target = OBJECTS[name]
-    scene = open3d_loader.ray_scene(target.vertices, target.triangles)
+    scene = ray_casting.ray_scene(target.vertices, target.triangles)
     assert len(target.paths) > 1
     for path in target.paths.values():
-        hit = open3d_loader.cast_rays(scene, path.p - 0.05 * path.a, path.a)
+        hit = ray_casting.cast_rays(scene, path.p - 0.05 * path.a, path.a)
         within("from the surface [m]", hit["t"] - 0.05, 1e-3)  # 0.2 mm on the rock: its facets
         within("a . b", np.einsum("ij,ij->i", path.a, path.b), 1e-9)
         lean = np.arccos(np.clip(-np.einsum("ij,ij->i", hit["normal"], path.a), -1.0, 1.0))
@@ -102,7 +103,7 @@ def test_pad_rests_where_the_surface_is(within):
     dome.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.06, 0, 0])
     model = spec.compile()
     data = mujoco.MjData(model)
-    scene = open3d_loader.ray_scene(stone.vertices, stone.triangles)
+    nearest = NearestSurface.of(stone.vertices, stone.triangles)
 
     def touches(p: np.ndarray) -> bool:
         data.qpos[:] = p
@@ -115,8 +116,7 @@ def test_pad_rests_where_the_surface_is(within):
         for _ in range(22):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if touches(p + np.array([0.0, 0.0, middle])) else (low, middle)
-        at = open3d_loader.load().core.Tensor((p + np.array([0.0, 0.0, high]))[None].astype(np.float32))
-        gaps.append(float(scene.compute_distance(at).numpy()[0]) - 0.06)
+        gaps.append(float(nearest.query((p + np.array([0.0, 0.0, high]))[None]).distance[0]) - 0.06)
     within("gap under the dome [m]", gaps, 1e-3)  # 0.2 mm
 
 
@@ -159,12 +159,9 @@ def test_no_part_spans_a_hollow_corner(within, seed):
     thin, wide, long = rng.uniform(0.05, 0.15), rng.uniform(0.2, 0.3), rng.uniform(0.2, 0.5)
     outline = [(-long, 0.0), (-long, thin), (0.0, thin), (0.0, wide), (0.1, wide), (0.1, 0.0)]
     shaft = revolve(outline, int(rng.integers(60, 120)))
-    scene = open3d_loader.ray_scene(*shaft)
-    tensor = open3d_loader.load().core.Tensor
     for hull in convex_parts.parts(*shaft):
         inside = rng.dirichlet(np.ones(len(hull)), 400) @ hull
-        over = scene.compute_signed_distance(tensor(inside.astype(np.float32))).numpy()
-        within("over the surface [m]", np.maximum(over, 0.0), convex_parts.TOLERANCE)
+        within("over the surface [m]", np.maximum(signed_distance(*shaft, inside), 0.0), convex_parts.TOLERANCE)
 
 
 def test_splitting_keeps_a_shell_closed(within):

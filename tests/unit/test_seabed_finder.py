@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import open3d_loader
 from models.seabed import Seabed, seabed
 from perception.seabed_finder import SeabedFinder, points_in_world
 from perception.terrain import ReliefLimits
@@ -13,7 +12,6 @@ from sim.interfaces.messages import ImuMeasurement, SonarScan, StateEstimate, Ta
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 from sim.sonar import Sonar, SonarBeams
 
-open3d_loader.load()
 X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])
 X_BS = pose(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), [0.7, 0.0, -0.4])
 B_W = transform_points(X_WB, np.array([[0.5, -0.15, 0.0], [0.5, 0.15, 0.0]]))

@@ -3,8 +3,9 @@
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 
-from models import open3d_loader
+from models import ray_casting
 from models.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, transverse
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
@@ -36,7 +37,7 @@ def test_picture_and_contact_agree(within):
     start_T *= 1.5 / np.linalg.norm(start_T, axis=1, keepdims=True)
     way_T = rng.uniform([-0.4, -0.15, -0.15], [0.4, 0.15, 0.15], (400, 3)) - start_T
     way_T /= np.linalg.norm(way_T, axis=1, keepdims=True)
-    mesh = open3d_loader.cast_rays(open3d_loader.ray_scene(BARREL.vertices, BARREL.triangles), start_T, way_T)["t"]
+    mesh = ray_casting.cast_rays(ray_casting.ray_scene(BARREL.vertices, BARREL.triangles), start_T, way_T)["t"]
     geom = np.zeros(1, dtype=np.int32)
     solid = [
         mujoco.mj_ray(model, data, start, way, None, 1, -1, geom)
@@ -108,14 +109,10 @@ def test_path_lengths(within):
 
 
 def test_file_round_trip(tmp_path, within):
-    o3d = open3d_loader.load()
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(1e3 * BARREL.vertices), o3d.utility.Vector3iVector(BARREL.triangles)
-    )
-    for suffix in ("ply", "obj", "stl"):
+    mesh = trimesh.Trimesh(1e3 * BARREL.vertices, BARREL.triangles, process=False)
+    for suffix in ("ply", "obj", "stl", "off", "glb"):
         file = tmp_path / f"drum.{suffix}"
-        mesh.compute_triangle_normals()
-        assert o3d.io.write_triangle_mesh(str(file), mesh)
+        mesh.export(file)
         target = TargetModel.from_file(file, scale=1e-3)
         assert target.name == "drum"
         assert len(target.triangles) == len(BARREL.triangles)

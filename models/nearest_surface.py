@@ -1,0 +1,157 @@
+"""The nearest point of a triangle mesh, exact in double precision: a tree of boxes around halves of the triangles."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from sim.interfaces.spatial import Array
+
+_LEAF = 4  # triangles, at most
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nearest:
+    """The points of a mesh that are nearest to some points."""
+
+    distance: Array  # (N,) [m], never negative
+    point: Array  # (N, 3) [m] on the mesh
+    triangle: np.ndarray  # (N,) index of one that holds it
+    weights: Array  # (N, 3) of that triangle's corners: they sum to 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestSurface:
+    """A mesh sorted into boxes. Made by `of`."""
+
+    corners: Array  # (T, 3, 3) [m], box by box
+    order: np.ndarray  # (T,) index that each of them came with
+    boxes: Array  # (B, 6) [m] lowest and highest corner
+    spans: np.ndarray  # (B, 3) first and last + 1 triangle of a leaf, and -1; else two boxes within, and 0
+
+    @classmethod
+    def of(cls, vertices: ArrayLike, triangles: ArrayLike) -> "NearestSurface":
+        """Vertices (V, 3) [m], finite, and triangles (T, 3) indices, T >= 1; some may be without area."""
+        corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
+        order, boxes, spans = _tree(corners)
+        return cls(corners[order], order, boxes, spans)
+
+    def query(self, points: ArrayLike) -> Nearest:
+        """What is nearest to each of `points` (N, 3) [m], which are finite."""
+        asked = np.ascontiguousarray(points, dtype=np.float64)
+        at, weights = np.empty(len(asked), dtype=np.int64), np.empty((len(asked), 3))
+        _search(asked, self.corners, self.boxes, self.spans, at, weights)
+        point = np.einsum("nk,nkj->nj", weights, self.corners[at])
+        distance = np.linalg.norm(asked - point, axis=1)
+        return Nearest(distance=distance, point=point, triangle=self.order[at], weights=weights)
+
+
+@njit(cache=True)
+def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
+    """Order (T,) of the triangles, boxes (B, 6) and spans (B, 3): each box halved across its longest side."""
+    count = len(corners)
+    order = np.arange(count)
+    middles = np.empty((count, 3))
+    for n in range(count):
+        for a in range(3):
+            middles[n, a] = (corners[n, 0, a] + corners[n, 1, a] + corners[n, 2, a]) / 3.0
+    boxes, spans = np.empty((2 * count, 6)), np.zeros((2 * count, 3), dtype=np.int64)
+    made = 1
+    waiting = [(0, 0, count)]
+    while len(waiting) > 0:
+        box, first, end = waiting.pop()
+        widest, side = -1.0, 0
+        for a in range(3):
+            boxes[box, a], boxes[box, a + 3] = np.inf, -np.inf
+            low, high = np.inf, -np.inf
+            for n in order[first:end]:
+                low, high = min(low, middles[n, a]), max(high, middles[n, a])
+                for k in range(3):
+                    boxes[box, a] = min(boxes[box, a], corners[n, k, a])
+                    boxes[box, a + 3] = max(boxes[box, a + 3], corners[n, k, a])
+            if high - low > widest:
+                widest, side = high - low, a
+        if end - first <= _LEAF:
+            spans[box] = np.array([first, end, -1])
+            continue
+        part = order[first:end].copy()
+        order[first:end] = part[np.argsort(middles[part, side], kind="mergesort")]
+        half = (first + end) // 2
+        spans[box, 0], spans[box, 1] = made, made + 1
+        waiting.append((made, first, half))
+        waiting.append((made + 1, half, end))
+        made += 2
+    return order, boxes[:made].copy(), spans[:made].copy()
+
+
+@njit(cache=True)
+def _search(
+    asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
+) -> None:  # fmt: skip
+    """Write the triangle `at` (N,) which is nearest to each point, and the weights (N, 3) there."""
+    waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
+    for n in range(len(asked)):
+        x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
+        best = np.inf
+        waiting[0], away[0], depth = 0, 0.0, 1
+        while depth > 0:
+            depth -= 1
+            if away[depth] >= best:
+                continue
+            box = waiting[depth]
+            first, second = spans[box, 0], spans[box, 1]
+            if spans[box, 2] < 0:
+                for t in range(first, second):
+                    u, v, w, square = _on_triangle(x, y, z, corners[t])
+                    if square < best:
+                        best, at[n] = square, t
+                        weights[n, 0], weights[n, 1], weights[n, 2] = u, v, w
+                continue
+            near, far = _from_box(x, y, z, boxes[first]), _from_box(x, y, z, boxes[second])
+            if near > far:
+                first, second, near, far = second, first, far, near
+            waiting[depth], away[depth] = second, far
+            waiting[depth + 1], away[depth + 1] = first, near
+            depth += 2
+
+
+@njit(cache=True)
+def _from_box(x: float, y: float, z: float, box: Array) -> float:
+    """Square of the distance from a box."""
+    a = max(box[0] - x, x - box[3], 0.0)
+    b = max(box[1] - y, y - box[4], 0.0)
+    c = max(box[2] - z, z - box[5], 0.0)
+    return a * a + b * b + c * c
+
+
+@njit(cache=True)
+def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
+    """Weights of the corners (3, 3) at the nearest point, and the square of its distance."""
+    ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
+    bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
+    px, py, pz = x - corner[0, 0], y - corner[0, 1], z - corner[0, 2]
+    aa, ab, bb = ax * ax + ay * ay + az * az, ax * bx + ay * by + az * bz, bx * bx + by * by + bz * bz
+    pa, pb = px * ax + py * ay + pz * az, px * bx + py * by + pz * bz
+    area = aa * bb - ab * ab
+    if area > 1e-14 * aa * bb:
+        v, w = (bb * pa - ab * pb) / area, (aa * pb - ab * pa) / area
+        if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
+            ex, ey, ez = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
+            return 1.0 - v - w, v, w, ex * ex + ey * ey + ez * ez
+    # Beside it, or without area: on one of the sides.
+    u, v, w, best = 1.0, 0.0, 0.0, np.inf
+    for side in range(3):
+        i, j = side, (side + 1) % 3
+        sx, sy, sz = corner[j, 0] - corner[i, 0], corner[j, 1] - corner[i, 1], corner[j, 2] - corner[i, 2]
+        qx, qy, qz = x - corner[i, 0], y - corner[i, 1], z - corner[i, 2]
+        length = sx * sx + sy * sy + sz * sz
+        along = 0.0 if length == 0.0 else min(max((qx * sx + qy * sy + qz * sz) / length, 0.0), 1.0)
+        ex, ey, ez = qx - along * sx, qy - along * sy, qz - along * sz
+        square = ex * ex + ey * ey + ez * ez
+        if square < best:
+            best = square
+            u = (1.0 - along) * (i == 0) + along * (j == 0)
+            v = (1.0 - along) * (i == 1) + along * (j == 1)
+            w = (1.0 - along) * (i == 2) + along * (j == 2)
+    return u, v, w, best

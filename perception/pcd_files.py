@@ -1,0 +1,131 @@
+"""PCD files, the point clouds of PCL: text, binary and compressed, in the order in which they were written."""
+
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
+    (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
+}
+_LONGEST_HEADER = 100  # lines
+
+
+def read_pcd(file: Path) -> Array:
+    """Points (N, 3) of a PCD file, N > 0, in its own unit. NaN stays NaN, in its place.
+
+    Raises ConfigurationError for a file that is not PCD, has no x, y, z, or is cut short.
+    """
+    content = file.read_bytes()
+    header, data = _header(content, file)
+    try:
+        names = header["FIELDS"]
+        sizes, counts = ([int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT"))
+        types = [_TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)]
+        count = int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        columns = [names.index(axis) for axis in "xyz"]
+        kind = header["DATA"][0].lower()
+        if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
+            raise ValueError("fields")
+    except (KeyError, ValueError, IndexError) as error:
+        raise ConfigurationError(
+            f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
+        ) from error
+    if not count:
+        raise ConfigurationError(f"cloud {file}: no points can be read from this PCD file, it says that it has none")
+    widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
+    if kind == "ascii":
+        return _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
+    if kind == "binary":
+        if len(data) < count * sum(widths):
+            raise _cut_short(file, count)
+        rows = np.frombuffer(data, np.uint8, count * sum(widths)).reshape(count, -1)
+        parts = [rows[:, sum(widths[:k]) : sum(widths[: k + 1])] for k in range(len(names))]
+    elif kind == "binary_compressed":
+        packed, whole = np.frombuffer(data[:8].ljust(8, b"\0"), "<u4").astype(np.int64)
+        if len(data) < 8 + packed or whole != count * sum(widths):
+            raise _cut_short(file, count)
+        flat = np.zeros(whole, dtype=np.uint8)
+        if _unpack(np.frombuffer(data, np.uint8, packed, 8), flat) != whole:
+            raise _cut_short(file, count)
+        # Field by field, not point by point.
+        ends = count * np.cumsum([0, *widths])
+        parts = [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(names))]
+    else:
+        raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
+    return np.column_stack([np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns])
+
+
+def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:
+    """The words of each line of the header, by the first, and what comes after it."""
+    header: dict[str, list[str]] = {}
+    at = 0
+    for _ in range(_LONGEST_HEADER):
+        end = content.find(b"\n", at)
+        if end < 0:
+            break
+        words = content[at:end].decode("ascii", "replace").split()
+        at = end + 1
+        if words and not words[0].startswith("#"):
+            header[words[0].upper()] = words[1:]
+            if words[0].upper() == "DATA":
+                return header, content[at:]
+    raise ConfigurationError(f"cloud {file}: no points can be read from this PCD file, it has no header")
+
+
+def _from_text(data: bytes, count: int, columns: list[int], width: int, file: Path) -> Array:
+    lines = [line.split() for line in data.decode("ascii", "replace").splitlines() if line.strip()]
+    if len(lines) < count:
+        raise _cut_short(file, count)
+    points = np.empty((count, 3))
+    for i, words in enumerate(lines[:count]):
+        try:
+            if len(words) != width:
+                raise ValueError
+            points[i] = [float(words[k]) for k in columns]
+        except ValueError:
+            raise ConfigurationError(
+                f"cloud {file}, point {i + 1}: expected {width} numbers, got {' '.join(words)[:60]!r}"
+            ) from None
+    return points
+
+
+def _cut_short(file: Path, count: int) -> ConfigurationError:
+    return ConfigurationError(f"cloud {file}: the file is cut short, there are {count} points in its header")
+
+
+@njit(cache=True)
+def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
+    """Unpack LZF (Lehmann's) into `whole`; how many bytes came of it, or -1 if that cannot be."""
+    i, o = 0, 0
+    while i < len(packed):
+        head = np.int64(packed[i])
+        i += 1
+        if head < 32:  # so many bytes, and one, as they are
+            if i + head + 1 > len(packed) or o + head + 1 > len(whole):
+                return -1
+            for _ in range(head + 1):
+                whole[o] = packed[i]
+                i += 1
+                o += 1
+            continue
+        length = head >> 5  # else bytes that were there before
+        if length == 7:
+            if i >= len(packed):
+                return -1
+            length += np.int64(packed[i])
+            i += 1
+        if i >= len(packed):
+            return -1
+        back = o - ((head & 31) << 8) - np.int64(packed[i]) - 1
+        i += 1
+        if back < 0 or o + length + 2 > len(whole):
+            return -1
+        for _ in range(length + 2):
+            whole[o] = whole[back]
+            o += 1
+            back += 1
+    return o

@@ -229,7 +229,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
                     f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
                 )
-    kinds = mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE
+    kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
     holding = {j for i in wet for j in _above(model, i)}
     blind = [
         model.sensor(k).name or f"sensor {k}"
@@ -264,11 +264,11 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
     if any(carries(body.userdata) for body in spec.bodies):
+        install()
         attach(spec, {})
     model = spec.compile()
     if not carries_hydrodynamics(model):
         return model
-    install()
     check(model)
     _set_constants(model, _damping_ratios(spec))
     for doubt in doubts(model):

@@ -5,6 +5,7 @@ in `body.userdata`, one row of `LAYOUT.size` numbers a body, so that a compiled 
 stateless callback (`sim.hydrodynamics`) serves every model of the process.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import elliprd
 
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
 
 SEA_WATER: Final = 1025.0  # [kg/m^3]
@@ -26,6 +27,8 @@ LARGEST: Final = 1e15  # of any coefficient, SI: beyond every body, and far from
 LONGEST: Final = 1e5  # [m] of any shape
 SHORTEST: Final = 1e-6  # [m]
 THINNEST: Final = 1e-6  # of any shape, to its longest extent
+UNEVEN: Final = 1e-3  # asymmetry of an added mass, to its largest number, that is rounding of a printed table
+CEILING: Final = 10.0  # [m] above z = 0, the surface of the sea: a wet body that rises so far is told of
 
 _STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stations
 _UPPER: Final = np.triu_indices(6)
@@ -52,7 +55,14 @@ LAYOUT: Final = SimpleNamespace(
     current_acceleration=2,  # 3
     current_shear=5,  # 3
     compiled=8,  # the sum of dof_invweight0, once sim.hydrodynamics.compile has made it wet
+    drag_rate=9,  # [1/s] of drag over inertia: at rest, and what each m/s, rad/s adds to it
+    ceiling=11,  # [m] above z = 0; a wet body that rises higher is told of (`attach` sets CEILING)
+    seen=12,  # sum of TOO_FAST, TOO_HIGH, INDEFINITE: what the callback has met; it adds each once
+    told=13,  # those of them that Python has warned of
 )
+TOO_FAST: Final = 1  # drag beyond what the step was judged for
+TOO_HIGH: Final = 2  # above the ceiling
+INDEFINITE: Final = 4  # the inertia with the added mass was not positive definite
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +98,8 @@ class BodyHydrodynamics:
 
     Raises ConfigurationError if a shape is wrong, a number is not finite or beyond `LARGEST` (lengths: `LONGEST`), the
     volume or a damping is negative, the added mass is not symmetric or not positive semidefinite, or the symmetric
-    part of the linear damping is not.
+    part of the linear damping is not. An asymmetry within 1e-3 of the largest number, as printed tables have, is taken
+    out, with a PhysicsWarning.
     """
 
     volume: float  # [m^3] of displaced water
@@ -148,6 +159,7 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
+    world[LAYOUT.ceiling] = world[LAYOUT.ceiling] or CEILING
     spec.worldbody.userdata = world
     for name, coefficients in bodies.items():
         known[name].userdata = pack(coefficients)
@@ -199,7 +211,7 @@ def world_row(model: mujoco.MjModel) -> Array:
     """
     row = model.body_user[0]
     if not carries(row):
-        row[LAYOUT.density] = water_density(model)
+        row[LAYOUT.density], row[LAYOUT.ceiling] = water_density(model), CEILING
         row[LAYOUT.stamp] = LAYOUT.stamp_value
     return row
 
@@ -559,9 +571,13 @@ def _positive(value: float, name: str) -> float:
 def _added_mass(values: ArrayLike) -> Array:
     matrix = _bounded(values, (6, 6), "added_mass")
     largest = float(np.max(np.abs(matrix)))
-    if float(np.max(np.abs(matrix - matrix.T))) > 1e-9 * largest:
-        i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), (6, 6))
-        raise ConfigurationError(f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}")
+    uneven = np.abs(matrix - matrix.T)
+    i, j = np.unravel_index(np.argmax(uneven), (6, 6))
+    if uneven[i, j] > 1e-9 * largest:
+        said = f"added_mass: not symmetric, [{i}, {j}] = {matrix[i, j]}, [{j}, {i}] = {matrix[j, i]}"
+        if uneven[i, j] > UNEVEN * largest:
+            raise ConfigurationError(said)
+        warnings.warn(f"{said}; their mean is taken", PhysicsWarning, 4)
     return _semidefinite(readonly(0.5 * (matrix + matrix.T)), "added_mass")
 
 

@@ -119,6 +119,9 @@ class PlantPhysics(control.Physics):
 class Hover(control.Task):
     """Hold the model's own pose of the hull in a current, from a random start nearby.
 
+    As in dm_control's own tasks all that is random comes from `_random`, which a wrapper may replace to seed it anew
+    (Shimmy does, by a RandomState, in Gymnasium's `reset(seed=...)`).
+
     Action: normalised propeller speeds (m,) in [-1, 1]. Observation, in hull axes:
 
         position          (3,) [m] of the pose to hold
@@ -140,17 +143,17 @@ class Hover(control.Task):
         """
         if not (np.isfinite(current_speed) and current_speed >= 0.0):
             raise ConfigurationError(f"current_speed: must be finite and >= 0 m/s, got {current_speed}")
-        self._rng = rng
+        self._random: np.random.Generator | np.random.RandomState = rng  # its name in dm_control, where seeding looks
         self._current_speed = current_speed
         self._X_WH = np.eye(4)
 
     def initialize_episode(self, physics: PlantPhysics) -> None:
         """Draw the current and the start; `physics` has just been reset, so its hull is where it is to be held."""
         self._X_WH = _hull_pose(physics.truth)
-        heading = self._rng.uniform(-np.pi, np.pi)
+        heading = self._random.uniform(-np.pi, np.pi)
         flow_W = self._current_speed * np.array([np.cos(heading), np.sin(heading), 0.0])
-        turn = exp_so3([0.0, 0.0, self._rng.uniform(-START_TURN, START_TURN)])
-        offset = self._rng.uniform(-START_OFFSET, START_OFFSET, 3)
+        turn = exp_so3([0.0, 0.0, self._random.uniform(-START_TURN, START_TURN)])
+        offset = self._random.uniform(-START_OFFSET, START_OFFSET, 3)
         X_HB = pose(turn, offset)
         physics.place(current=Current(flow_W, timestep=physics.timestep()), X_WB=self._X_WH @ X_HB)
 

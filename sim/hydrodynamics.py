@@ -13,14 +13,19 @@ The current is `model.opt.wind` (3,) [m/s], world axes; its acceleration and she
 (`models.hydrodynamics.set_current`). A flow that varies in space moves past the body with its own acceleration,
 vdot_c + (v_c . grad) v_c, and is taken at the body origin (Auton, Hunt and Prud'homme 1988).
 
-MuJoCo's force and torque sensors do not see `qfrc_passive`; `mj_setConst` undoes the wet contact weights (call
-`set_constants` after it); and the
-integrator "implicit" takes the velocity terms of the bodies implicitly, those of the water explicitly.
+MuJoCo's force and torque sensors do not see `qfrc_passive` (`compile` warns of them); `mj_setConst` undoes the wet
+contact weights (call `set_constants` after it); and the integrator "implicit" takes the velocity terms of the bodies
+implicitly, those of the water explicitly.
+
+The callback belongs to the process. A pickled model brings it along; an MJB or MJCF file does not, so a process that
+loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry.
 """
 
+import copyreg
 import ctypes
 import sys
 import warnings
+import weakref
 from typing import Any
 
 import llvmlite.binding
@@ -29,8 +34,11 @@ import numpy as np
 from numba.core import event
 
 from models.hydrodynamics import (
+    INDEFINITE,
     LARGEST,
     LAYOUT,
+    TOO_FAST,
+    TOO_HIGH,
     BodyHydrodynamics,
     attach,
     carries,
@@ -40,7 +48,7 @@ from models.hydrodynamics import (
     world_row,
 )
 from sim import hydrodynamics_kernel, mujoco_layout
-from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
@@ -52,16 +60,25 @@ _DRY_WEIGHTS = (
     "or call sim.hydrodynamics.set_constants() after mj_setConst"
 )
 
+DENSITIES = 30.0, 20_000.0  # [kg/m^3] of a body, between which mass and volume may belong together
+
+# What is angular in a coefficient over what is linear is a length squared (drag on v^2: cubed), and that length is near
+# the radius of gyration of the dry body: its power, and how many times that is still believed. Vehicles here: 2 and 30.
+_LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 10.0), "quadratic_damping": (3, 100.0)}
+
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
+_place: Any = (
+    None  # weakref.finalize of the pointer that MuJoCo alone holds: tells when another callback takes its place
+)
 
 
 def install() -> None:
     """Make the hydrodynamic callback the passive callback of this process. Idempotent; about 10 s the first time ever.
 
-    Raises HydrodynamicsError if MuJoCo's layout is not what its introspection says, or if another passive callback is
-    already installed.
+    Who then sets another one is warned, for from there on wet models move dry. Raises HydrodynamicsError if MuJoCo's
+    layout is not what its introspection says, or if another passive callback is already installed.
     """
-    global _callback
+    global _callback, _place
     if is_installed():
         return
     if mujoco.get_mjcb_passive() is not None:
@@ -74,18 +91,24 @@ def install() -> None:
             llvmlite.binding.add_symbol(symbol, address)
         with event.install_listener("numba:compile", _Notice()):
             _callback = hydrodynamics_kernel.build()
-    mujoco.set_mjcb_passive(_callback.ctypes)
+    pointer = type(_callback.ctypes)(_callback.address)
+    mujoco.set_mjcb_passive(pointer)
+    (pointer._objects or {}).clear()  # MuJoCo's binding has left it a reference to itself
+    _place = weakref.finalize(pointer, _warn_replaced)
+    _place.atexit = False
 
 
 def uninstall() -> None:
     """Remove the callback. Nothing happens if it is not installed."""
     if is_installed():
+        _place.detach()
         mujoco.set_mjcb_passive(None)
 
 
 def is_installed() -> bool:
     """Whether the passive callback of this process is ours."""
-    return _callback is not None and mujoco.get_mjcb_passive() is _callback.ctypes
+    ours = _place.peek() if _place is not None else None
+    return ours is not None and mujoco.get_mjcb_passive() is ours[0]
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
@@ -98,7 +121,7 @@ def check_installed(model: mujoco.MjModel) -> bool:
     if not _carriers(model):
         return True
     if not is_installed():
-        problem = "moves dry: call sim.hydrodynamics.install()"
+        problem = _moves_dry()
     elif found := _refused(model):
         problem = f"cannot be run with {'; '.join(found)}"
     elif _has_dry_weights(model):
@@ -116,12 +139,24 @@ def check_constants(model: mujoco.MjModel) -> None:
 
 
 def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse a state in which MuJoCo has met numbers that are not finite or too large, and has reset the simulation.
+    """Refuse a state that came of numbers without sense, and warn of what the callback has met since it was last asked.
 
-    MuJoCo itself says so only in a log file and in `data.warning`. Raises HydrodynamicsError with what was bad, and
-    where. `model` is that of `data`.
+    Raises HydrodynamicsError, with what was bad and where, if MuJoCo has met numbers that are not finite or too large,
+    and has reset the simulation (it says so only in a log file and in `data.warning`), or if the inertia with the added
+    mass was not positive definite. PhysicsWarning, once, of drag beyond what the step was judged for and of bodies
+    above the water. `model` is that of `data`.
     """
     kinds = mujoco.mjtWarning
+    water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
+    seen, told = int(water[LAYOUT.seen]), int(water[LAYOUT.told])
+    water[LAYOUT.told] = seen
+    new, singular = seen & ~told, data.warning[kinds.mjWARN_INERTIA]
+    if singular.number or new & INDEFINITE:
+        at = f" (body {model.body(model.dof_bodyid[singular.lastinfo]).name!r})" if singular.number else ""
+        raise HydrodynamicsError(
+            f"the inertia with the added mass was not positive definite near t = {data.time:g} s{at}; "
+            "call sim.hydrodynamics.set_constants() after changing coefficients: it checks them"
+        )
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
@@ -135,6 +170,78 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
                 f"(body {model.body(body).name!r}) was not "
                 f"finite or too large; timestep {model.opt.timestep:g} s may be too long for drag or contact"
             )
+    if new & TOO_FAST:
+        limit = (1.0 / model.opt.timestep - water[LAYOUT.drag_rate]) / water[LAYOUT.drag_rate + 1]
+        warnings.warn(
+            f"a body moved through the water faster than {max(limit, 0.0):.3g} m/s or rad/s, up to which a timestep of "
+            f"{model.opt.timestep:g} s can follow the drag: the motion may overshoot or blow up",
+            PhysicsWarning,
+            2,
+        )
+    if new & TOO_HIGH:
+        warnings.warn(
+            f"a body rose more than {water[LAYOUT.ceiling]:g} m above z = 0 and is still buoyant: no free surface",
+            PhysicsWarning,
+            2,
+        )
+
+
+def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Refuse data whose last forward pass had no water in it, though `model` carries hydrodynamics.
+
+    Raises HydrodynamicsError: the callback has been removed, replaced or switched off by flags.
+    """
+    if _bodies(model) and data.crb[0, 0] != hydrodynamics_kernel.WET_MARK:
+        problem = "moved dry: MuJoCo was kept from calling its callback" if is_installed() else _moves_dry()
+        raise HydrodynamicsError(f"this model carries hydrodynamics but {problem}")
+
+
+def doubts(model: mujoco.MjModel) -> list[str]:
+    """What in a wet model is likely a slip, one line each. Empty for a model without coefficients.
+
+    Movable bodies without coefficients beside others that have them (of one tree); a body whose mass and volume give no
+    density within DENSITIES; coefficients whose linear and angular parts look swapped (a body of about 1 m cannot show
+    it); force and torque sensors, which do not see the water.
+    """
+    wet = _bodies(model)
+    trees = {int(model.body_treeid[i]) for i in wet}
+    names = [model.body(i).name or f"body {i}" for i in range(model.nbody)]
+    dry = [
+        names[i]
+        for i in range(1, model.nbody)
+        if model.body_treeid[i] in trees and model.body_mass[i] > 0.0 and not carries(model.body_user[i])
+    ]
+    found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
+    for i, body in wet.items():
+        mass = float(model.body_mass[i])
+        if body.volume > 0.0 and not DENSITIES[0] <= mass / body.volume <= DENSITIES[1]:
+            found.append(
+                f"{names[i]}: {mass:.4g} kg in {body.volume:.4g} m^3 make {mass / body.volume:.3g} kg/m^3, outside "
+                f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
+            )
+        gyration = np.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else np.inf  # [m]
+        for name, (power, most) in _LEVERS.items():
+            numbers = getattr(body, name)
+            linear, angular = np.split(np.diag(numbers) if numbers.ndim == 2 else numbers, 2)
+            lever = angular.max() / linear.max() if linear.max() > 0.0 else 0.0
+            if lever > most * gyration**power:
+                found.append(
+                    f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
+                    f"gyration is {gyration:.3g} m; six-vectors are (linear; angular)"
+                )
+    kinds = int(mujoco.mjtSensor.mjSENS_FORCE), int(mujoco.mjtSensor.mjSENS_TORQUE)
+    holding = {j for i in wet for j in _above(model, i)}
+    blind = [
+        model.sensor(k).name or f"sensor {k}"
+        for k in range(model.nsensor)
+        if model.sensor_type[k] in kinds and int(model.site_bodyid[model.sensor_objid[k]]) in holding
+    ]
+    if blind:
+        found.append(
+            f"force and torque sensors that do not see the water: {', '.join(blind)}; "
+            "take the wrench on a wet body from sim.reaction"
+        )
+    return found
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
@@ -148,20 +255,24 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
     Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0` (softness of contacts,
     limits and equalities), `dof_M0`, `actuator_acc0`, `stat.meaninertia`, and the damping of position actuators
     given by `dampratio`. A spec without coefficients is compiled as it is. Where only bodies carry water (the spec
-    came from MJCF, or was attached to this one), the world is given theirs.
+    came from MJCF, or was attached to this one), the world is given theirs. Installs the process's passive callback if
+    the model is wet. PhysicsWarning for each of its `doubts`.
 
     Raises ConfigurationError for what is no MjSpec or if the bodies carry waters of different density,
-    HydrodynamicsError as `check` does.
+    HydrodynamicsError as `install` and `check` do.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
     if any(carries(body.userdata) for body in spec.bodies):
+        install()
         attach(spec, {})
     model = spec.compile()
     if not carries_hydrodynamics(model):
         return model
     check(model)
     _set_constants(model, _damping_ratios(spec))
+    for doubt in doubts(model):
+        warnings.warn(doubt, PhysicsWarning, 2)
     return model
 
 
@@ -180,11 +291,13 @@ def check(model: mujoco.MjModel) -> None:
     """Refuse, by name and with the number, settings under which the hydrodynamics would be wrong or unstable.
 
     Drag is explicit, so its rate, lambda_max of the slope of drag over M + A at qpos0, must not exceed 1 / timestep.
-    Call it again after changing `model.opt`. Raises HydrodynamicsError, ConfigurationError for a row that
-    `BodyHydrodynamics` would refuse.
+    Call it again after changing `model.opt`. Raises HydrodynamicsError, also where the callback is not installed;
+    ConfigurationError for a row that `BodyHydrodynamics` would refuse.
     """
     if not carries_hydrodynamics(model):
         return
+    if not is_installed():
+        raise HydrodynamicsError(f"this model carries hydrodynamics but {_moves_dry()}")
     if found := _refused(model):
         raise HydrodynamicsError(f"hydrodynamics cannot be run with {'; '.join(found)}")
     bodies = _bodies(model)
@@ -202,7 +315,7 @@ def check(model: mujoco.MjModel) -> None:
             f"the inertia with the added mass is not positive definite at qpos0 (its diagonal runs from "
             f"{np.diag(inertia).min():.3g} to {np.diag(inertia).max():.3g})"
         ) from error
-    rate = float(np.linalg.eigvalsh(factor @ drag_slope(model, data, DRAG_SPEED) @ factor.T)[-1])
+    rate = _drag_rate(model, data, factor, DRAG_SPEED)
     if not model.opt.timestep * rate <= 1.0:
         raise HydrodynamicsError(
             f"timestep {model.opt.timestep:g} s times the rate of the drag at {DRAG_SPEED:g} m/s, {rate:.4g} 1/s, is "
@@ -265,6 +378,61 @@ class _Notice(event.Listener):
 
     def on_end(self, event: event.Event) -> None:
         pass
+
+
+def _moves_dry() -> str:
+    if mujoco.get_mjcb_passive() is None:
+        return "moves dry: call sim.hydrodynamics.install()"
+    return "moves dry: another passive callback is installed, and MuJoCo has room for one"
+
+
+def _warn_replaced() -> None:
+    warnings.warn(
+        "the passive callback of sim.hydrodynamics was replaced or removed: models that carry hydrodynamics move dry",
+        RuntimeWarning,
+        3,
+    )
+
+
+def _reduced(stored: Any) -> Any:
+    """For pickle: what is wet installs the callback where it is read; a process that starts so would else run dry."""
+    if not is_wet(stored if isinstance(stored, mujoco.MjModel) else stored.model):
+        return stored.__reduce_ex__(2)
+    return _restored, (type(stored), stored.__getstate__())
+
+
+def _restored(kind: Any, state: Any) -> Any:
+    install()
+    stored: Any = kind.__new__(kind)
+    stored.__setstate__(state)
+    return stored
+
+
+copyreg.pickle(mujoco.MjModel, _reduced)
+copyreg.pickle(mujoco.MjData, _reduced)
+
+
+def _above(model: mujoco.MjModel, body: int) -> list[int]:
+    """`body` and what carries it, up to the world and without it."""
+    chain = []
+    while body:
+        chain.append(body)
+        body = int(model.body_parentid[body])
+    return chain
+
+
+def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
+    """Largest principal moment [kg m^2] of the dry body about its origin."""
+    R, p = np.zeros(9), model.body_ipos[body]
+    mujoco.mju_quat2Mat(R, model.body_iquat[body])
+    R = R.reshape(3, 3)
+    about_origin = R @ np.diag(model.body_inertia[body]) @ R.T - model.body_mass[body] * skew(p) @ skew(p)
+    return float(np.linalg.eigvalsh(about_origin)[-1])
+
+
+def _drag_rate(model: mujoco.MjModel, data: mujoco.MjData, factor: np.ndarray, speed: float) -> float:
+    """Largest rate [1/s] of drag over inertia at `speed` in every direction; `factor` is that of inv(M + A)."""
+    return float(np.linalg.eigvalsh(factor @ drag_slope(model, data, speed) @ factor.T)[-1])
 
 
 def _carriers(model: mujoco.MjModel) -> list[int]:
@@ -374,6 +542,10 @@ def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> N
             first += block
     model.dof_M0 = np.diag(M)
     water[LAYOUT.compiled] = model.dof_invweight0.sum()
+    factor = np.linalg.inv(np.linalg.cholesky(M))
+    still, moving = (_drag_rate(model, data, factor, speed) for speed in (0.0, DRAG_SPEED))
+    water[LAYOUT.drag_rate :][:2] = still, (moving - still) / DRAG_SPEED
+    water[LAYOUT.seen] = water[LAYOUT.told] = 0.0
     model.stat.meaninertia = np.diag(M).mean()
     for i in range(model.ntendon):
         row = np.zeros(model.nv)

@@ -1,9 +1,10 @@
 """The native passive callback: added mass into `d.M`, drag, buoyancy and velocity terms into `d.qfrc_passive`.
 
-Compiled by numba to a bare C function that MuJoCo calls without the GIL. It keeps no state, allocates only on MuJoCo's
-own stack, and is linear in the number of bodies: per-body 6x6 inertias and wrenches are taken to world axes at the
-tree's centre of mass (the reference point of `cdof` and `cvel`), four bodies at a time, summed up to the parents, and
-projected on each joint's axis, as MuJoCo's own composite-rigid-body pass does for the dry inertia.
+Compiled by numba to a bare C function that MuJoCo calls without the GIL. It keeps no state but a note in the model of
+what it has warned of (`LAYOUT.seen`), allocates only on MuJoCo's own stack, and is linear in the number of bodies:
+per-body 6x6 inertias and wrenches are taken to world axes at the tree's centre of mass (the reference point of `cdof`
+and `cvel`), four bodies at a time, summed up to the parents, and projected on each joint's axis, as MuJoCo's own
+composite-rigid-body pass does for the dry inertia.
 
 Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
 MuJoCo, or a table of coefficients, with another layout (nor code of other files than these).
@@ -20,7 +21,7 @@ from llvmlite import ir
 from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
-from models.hydrodynamics import LAYOUT, MAX_STATIONS, MAX_STRIPS
+from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
 from sim.four_lanes import all_four, at_least, four_of, load_four, put_four, transposed_four
 from sim.interfaces.kernels import imports_stamp
 from sim.interfaces.spatial import Array
@@ -46,10 +47,18 @@ DATA_FIELDS = (
 WET_MARK = 6.20261121e8
 
 # Symbols of libmujoco, which `sim.hydrodynamics.install` gives to LLVM under these names.
-SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum")
+SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
 _stack_numbers = types.ExternalFunction("mj_stackAllocNum", types.intp(types.intp, types.intp))
+_count_warning = types.ExternalFunction("mj_warning", types.void(types.intp, types.int32, types.int32))
+_print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
+
+SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
+NEVER = 1e300  # a limit that nothing reaches
+
+FAST_TEXT = "sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
+HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -83,6 +92,21 @@ def _storer() -> Callable[[int, int, float], None]:
 
 
 _put = _storer()
+
+
+def _text(text: str) -> Callable[[], int]:
+    """An intrinsic f(): the address of `text` as a C string, which lies in the compiled code."""
+
+    def address(_typing: Any) -> Any:
+        def codegen(context: Any, builder: Any, _signature: Any, _args: Any) -> ir.Value:
+            return builder.ptrtoint(context.insert_const_string(builder.module, text), ir.IntType(64))
+
+        return types.intp(), codegen
+
+    return cast(Any, intrinsic(address))
+
+
+_fast_text, _high_text = _text(FAST_TEXT), _text(HIGH_TEXT)
 
 
 @_inline
@@ -327,8 +351,10 @@ def _subtract(row: int, other: int, factor: float, count: int) -> None:
 
 
 @_inline
-def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> None:
+def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> int:
     """M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them (Featherstone 2008, table 6.3).
+
+    Returns the last degree of freedom at which M is not positive definite, or -1.
 
     A row holds a joint's ancestors in order, so that an ancestor's row has the pattern of its beginning: plain dense
     subtraction, four numbers at a time. It is on long chains that this counts.
@@ -338,12 +364,14 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
         put_four(LD, k, load_four(M, k))
     for k in range(last - last % 4, last):
         _put(LD, k, _f64(M, k))
-    j = nv - 1
+    j, singular = nv - 1, -1
     while j >= 0:
         here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
         count = _i32(rownnz, j)
         scale = 1.0 / _f64(here, count - 1)
         _put(inverse, j, scale)
+        if _f64(here, count - 1) < SINGULAR:
+            singular = j
         if count > 1 and _i32(columns, count - 2) == j - 1:
             # Two rows of a chain at once: an ancestor's row is read and written once for both.
             above = LD + 8 * _i32(rowadr, j - 1)
@@ -351,6 +379,8 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
             _put(here, count - 2, _f64(here, count - 2) * scale)
             scale_above = 1.0 / _f64(above, count - 2)
             _put(inverse, j - 1, scale_above)
+            if _f64(above, count - 2) < SINGULAR:
+                singular = j - 1
             for i in range(count - 3, -1, -1):
                 ancestor = LD + 8 * _i32(rowadr, _i32(columns, i))
                 factor, factor_above = _f64(here, i) * scale, _f64(above, i) * scale_above
@@ -371,6 +401,15 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
                 _subtract(LD + 8 * _i32(rowadr, _i32(columns, i)), here, factor, i + 1)
                 _put(here, i, factor)
             j -= 1
+    return singular
+
+
+@_inline
+def _is_new(user: int, seen_at: int, what: int) -> bool:
+    """Whether the world's row `user` does not have `what` among what was met; it has it from now on."""
+    seen = int(_f64(user, seen_at))
+    _put(user, seen_at, float(seen | what))
+    return seen & what == 0
 
 
 def build() -> Any:
@@ -396,6 +435,9 @@ def build() -> Any:
     volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
     linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
     strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
+    timestep_at = offset("mjModel", "opt.timestep")
+    rate_at, ceiling_at, seen_at = LAYOUT.drag_rate, LAYOUT.ceiling, LAYOUT.seen
+    singular_kind = int(mujoco.mjtWarning.mjWARN_INERTIA)
 
     # Gauss-Legendre on [0, 1], one rule a row, by its number of stations; what a row does not use weighs nothing.
     nodes, weights = np.zeros((2, MAX_STATIONS + 1, MAX_STATIONS))
@@ -423,8 +465,13 @@ def build() -> Any:
         M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
 
         wind, surge, shear, density = _load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
-        if _f64(user, 0) == stamp:  # MJCF does not keep the row of the world
+        fastest, ceiling, ours = NEVER, NEVER, _f64(user, 0) == stamp
+        if ours:  # MJCF does not keep the row of the world
             surge, shear, density = _load3(user, surge_at), _load3(user, shear_at), _f64(user, density_at)
+            ceiling = _f64(user, ceiling_at)
+            if _f64(user, rate_at + 1) > 0.0:  # the speed at which drag's rate would be that of the steps
+                limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
+                fastest = limit * limit
         gravity = _load3(m + gravity_at, 0)
         if _i32(m + disable_at, 0) & gravity_off:
             gravity = (0.0, 0.0, 0.0)
@@ -457,6 +504,7 @@ def build() -> Any:
         for k in range(count, count + 3):  # fill the last four with one of them: it is only computed again
             _put(carrying, k, _f64(carrying, count - 1))
 
+        too_fast, too_high = all_four(0.0), all_four(0.0)
         for k in range(0, count, 4):
             i, i1 = int(_f64(carrying, k)), int(_f64(carrying, k + 1))
             i2, i3 = int(_f64(carrying, k + 2)), int(_f64(carrying, k + 3))
@@ -486,6 +534,8 @@ def build() -> Any:
             Rt = _transposed(R)
             v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
             drag_f, drag_t = _drag(user, row, linear_at, quadratic_at, v_B, w_B)
+            too_fast = too_fast + at_least(_dot(v_B, v_B) - fastest, 0.0) + at_least(_dot(w_B, w_B) - fastest, 0.0)
+            too_high = too_high + at_least(p[2] - ceiling, 0.0)
             strips = 0
             for n in row:
                 strips = max(strips, int(_f64(user, n + strip_count_at)))
@@ -512,6 +562,16 @@ def build() -> Any:
             f = _plus(f, lift)
             t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
             _put_body(scratch, here, (B, C, J), f, t)
+
+        if ours:
+            put_four(scratch, 0, too_fast)  # the world needs no wrench
+            put_four(scratch, 4, too_high)
+            over = _f64(scratch, 0) + _f64(scratch, 1) + _f64(scratch, 2) + _f64(scratch, 3)
+            if over > 0.0 and _is_new(user, seen_at, TOO_FAST):
+                _print_warning(_fast_text())
+            over = _f64(scratch, 4) + _f64(scratch, 5) + _f64(scratch, 6) + _f64(scratch, 7)
+            if over > 0.0 and gravity[2] < 0.0 and _is_new(user, seen_at, TOO_HIGH):
+                _print_warning(_high_text())
 
         rownnz, rowadr, colind = _pointer(m, rownnz_at), _pointer(m, rowadr_at), _pointer(m, colind_at)
         for i in range(nbody - 1, 0, -1):
@@ -542,6 +602,10 @@ def build() -> Any:
         if dry:
             _put(crb, 0, WET_MARK)
             factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)
-            _factor(M, factored, inverse, _pointer(m, nv_at), rownnz, rowadr, colind)
+            singular = _factor(M, factored, inverse, _pointer(m, nv_at), rownnz, rowadr, colind)
+            if singular >= 0:
+                _count_warning(d, singular_kind, singular)
+                if ours:
+                    _is_new(user, seen_at, INDEFINITE)
 
     return passive

@@ -7,6 +7,7 @@ from models.hydrodynamics import LAYOUT, world_row
 from models.vehicle import HOME_KEY, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
+from sim.hydrodynamics_kernel import WET_MARK
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
@@ -90,9 +91,9 @@ class Plant:
             )
         if not isinstance(substeps, int) or substeps < 1:
             raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+        hydrodynamics.install()
         hydrodynamics.check(model)
         hydrodynamics.check_constants(model)
-        hydrodynamics.install()
         self.model = model
         self.vehicle = vehicle = Vehicle.of(model)
         self.data = mujoco.MjData(model)
@@ -102,7 +103,11 @@ class Plant:
         # Written each step; a model without our coefficients has no place for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
-        self._current_slot = world_row(model)[slot : slot + 3] if wet else np.zeros(3)
+        water = world_row(model) if wet else np.zeros(LAYOUT.size)
+        self._current_slot = water[slot : slot + 3]
+        self._seen, self._told = water[LAYOUT.seen :][:1], water[LAYOUT.told :][:1]  # what the callback has met
+        self._mark = self.data.crb[0, :1] if wet else np.array([WET_MARK])  # says that the water is in this step
+        self._observed = False
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
@@ -157,6 +162,7 @@ class Plant:
             self._soil.reset()
         self._flow()  # over what the last step left in the model
         truth.time = float(data.time)
+        self._observed = False
         truth.saturated = False
         truth.tau_friction[:] = 0.0
         truth.arm_wrench_B[:] = np.nan
@@ -195,21 +201,31 @@ class Plant:
         return truth
 
     def observe(self) -> Truth:
-        """Bring the kinematics up to now, and return the truth. Raises HydrodynamicsError if the motion blew up."""
+        """Bring the kinematics up to now, and return the truth.
+
+        Raises HydrodynamicsError if the motion blew up or is no longer in water, because the passive callback was
+        replaced; warns as `sim.hydrodynamics.check_motion` does.
+        """
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
         truth = self.truth
         # MuJoCo met numbers that are none, and began anew; in the first step that need not show in the time.
-        if time - truth.time < self._least_gain or truth.time == 0.0:
+        if time - truth.time < self._least_gain or truth.time == 0.0 or self._seen[0] != self._told[0]:
             hydrodynamics.check_motion(self.model, self.data)
+        if self._mark[0] != WET_MARK:
+            hydrodynamics.check_wet(self.model, self.data)
         truth.time = time
+        self._observed = True
         return truth
 
     def step(self, command: Command) -> None:
         """Let the command act for one `timestep`; `observe` must have been called since the last one.
 
-        Raises ConfigurationError for torques or thruster commands of another shape or that are not finite.
+        Raises ConfigurationError if it has not, and for torques or thruster commands of another shape or that are not
+        finite.
         """
+        if not self._observed:
+            raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
         model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
         truth.saturated = self._thrusters.step(
@@ -231,6 +247,7 @@ class Plant:
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
         else:
             mujoco.mj_step2(model, data)
+        self._observed = False
         self._tick += 1
         self._read_off(last, last + 1)
         self._contact()

@@ -23,3 +23,7 @@ class PerceptionError(UuvError):
 
 class ReachError(UuvError):
     """A pose or path lies outside what the arm can take."""
+
+
+class PhysicsWarning(UserWarning):
+    """The physics runs, but a model looks unlike any real vehicle, or has gone beyond what it was judged for."""

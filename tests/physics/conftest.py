@@ -5,15 +5,26 @@ and shows one line for each name. What `within` was given travels there in the t
 """
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sim import hydrodynamics
+from sim.interfaces.errors import PhysicsWarning
 
 
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "check(name, reference): a line of the validation page")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Equations are tested on bodies that nobody could build; what is said of those has tests of its own."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(
+                pytest.mark.filterwarnings(f"ignore::{PhysicsWarning.__module__}.{PhysicsWarning.__name__}")
+            )
 
 
 @pytest.fixture(autouse=True)

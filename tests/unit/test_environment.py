@@ -125,6 +125,18 @@ def test_seed_repeats_every_episode(seed: Callable[[], Any]):
     assert not np.array_equal(trace(hover(seed=6), commands), runs[0][0])
 
 
+def test_seeds_as_gymnasium_gives_them():
+    """Shimmy, which makes a Gymnasium environment of it, replaces the task's `_random` before a reset with a seed."""
+    env = hover(seed=0)
+    starts = []
+    for seed in (3, 3, 4):
+        assert env.task._random is not None  # it is read as `np_random`
+        env.task._random = np.random.RandomState(seed)
+        starts.append(np.concatenate(list(env.reset().observation.values())))
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert not np.array_equal(starts[0], starts[2])
+
+
 def test_observation_in_hull_axes(within: Callable[[str, object, float], None]):
     env = hover(seed=0)
     env.reset()

@@ -6,6 +6,8 @@ Names are imported when first used, so that `import calib` needs neither numba n
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import sim.interfaces  # noqa: F401  decides where compiled loops are kept
+
 if TYPE_CHECKING:
     from calib.arm import Arm
     from calib.identification import Calibration, identify

@@ -1,0 +1,3 @@
+"""Estimates and references to commands."""
+
+import sim.interfaces  # noqa: F401  decides where compiled loops are kept

@@ -6,6 +6,8 @@ Names are imported when first used, so that `import perception` needs neither Em
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import sim.interfaces  # noqa: F401  decides where compiled loops are kept
+
 if TYPE_CHECKING:
     from perception.identification import Identification, identify
     from perception.scan import Scan, SensorModel

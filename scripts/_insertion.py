@@ -145,16 +145,18 @@ def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, cons
         begun=AT_THE_HOLE,
     )
     title = f"A sampler into hole {setting.hole}, seed {options.seed}"
-    return run_shown(insertion.ready, judging, title, options, folder, console, started)
+    return run_shown("insert_sampler", insertion.ready, judging, title, options, folder, console, started)
 
 
-def run_trials(setting: Setting, seeds: Sequence[int], workers: int, folder: Path, console: Console) -> int:
+def run_trials(
+    setting: Setting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
+) -> int:
     """An insertion for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit
     code."""
     prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
     figures = summary(trials)
-    return _trials.say_trials(trials, figures, _ROWS, folder, console, f"; searched in {figures['searched']}")
+    return _trials.say_trials(trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}")
 
 
 def _one(setting: Setting, seed: int) -> dict[str, Any]:

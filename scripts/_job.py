@@ -11,7 +11,6 @@ from _variation import NOMINAL, Variation, slide, vary
 from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
 from rich.console import Console
 
-from controllers import drive
 from controllers.holding import Holding
 from controllers.mkps import Chain
 from controllers.supervisor import SurfaceWork
@@ -24,6 +23,7 @@ from perception.raw_navigation import RawNavigation
 from perception.target_finder import FinderState, KnownObjectFinder
 from sim import hydrodynamics, sensors
 from sim.current import Current
+from sim.interfaces import kernel_cache
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
@@ -200,7 +200,7 @@ def run_contact_job(
 ) -> int:  # fmt: skip
     """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
     console = Console()
-    if not any(Path(drive.__file__).parent.glob("__pycache__/drive*.nbi")):
+    if not kernel_cache.is_kept("drive"):
         console.print("first start: the inner loops are compiled, once; this takes a minute or so")
     folder = options.folder(job.scenario)  # before the work: it may not be possible
     built = build(job, options, rng, variation)
@@ -213,4 +213,4 @@ def run_contact_job(
         return path_figures(ran.recording, built.truth)
 
     judging = Judging(assess=lambda ran: judge(built, ran), pictures=pictures, begun=(WorkState.WORK,))
-    return run_shown(built.ready, judging, job.title, options, folder, console, started)
+    return run_shown(job.scenario, built.ready, judging, job.title, options, folder, console, started)

@@ -3,9 +3,11 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
 Task = TypeVar("Task")
@@ -53,7 +55,17 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 
 def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends a worker without a word; the study says it once
+    """Let a worker end with the study: without a word on Ctrl-C, and on whatever else ends it, SIGKILL too."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the study says it once
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    wait_for([parent.sentinel])  # a pipe that the system closes when the parent is gone
+    os._exit(1)
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:

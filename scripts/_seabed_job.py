@@ -125,11 +125,13 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     return SeabedRun(ready=ready, truth=truth)
 
 
-def run_trials(setting: Setting, seeds: Sequence[int], workers: int, folder: Path, console: Console) -> int:
+def run_trials(
+    setting: Setting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
+) -> int:
     """One run for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit code."""
     prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
-    return _trials.say_trials(trials, summary(trials), _ROWS, folder, console)
+    return _trials.say_trials(trials, summary(trials), _ROWS, folder, made_by, console)
 
 
 def _one(setting: Setting, seed: int) -> dict[str, Any]:

@@ -16,8 +16,9 @@ if Path(_found.origin).resolve() != _ours:
     print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
     raise SystemExit(2)
 
-from sim.startup import ScenarioOptions, check, made_folder, parse, run_scenario  # noqa: E402
+from sim.run_folder import new_folder  # noqa: E402
+from sim.startup import ScenarioOptions, check, parse, run_scenario  # noqa: E402
 
 check()
 
-__all__ = ["ScenarioOptions", "made_folder", "parse", "run_scenario"]
+__all__ = ["ScenarioOptions", "new_folder", "parse", "run_scenario"]

@@ -44,6 +44,12 @@ def responses(task: StepTask) -> dict[str, Any]:
     return {"task": task, "note": note, **steps_up(outcome.recording, task.low, task.high)}
 
 
+def died(task: StepTask) -> dict[str, Any]:
+    """What `responses` gives of a run that killed its process."""
+    none = np.empty((0, len(times())))
+    return {"task": task, "note": "its process died", "set": none, "true": none}
+
+
 def times() -> Array:
     """(N,) [s] from the beginning of a step."""
     return np.linspace(-BEFORE, AFTER, 1 + round((BEFORE + AFTER) / SAMPLE))

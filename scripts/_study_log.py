@@ -1,14 +1,20 @@
 """The rows of a study, kept line by line, so that it goes on where it was stopped."""
 
+import ast
 import hashlib
 import json
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from _study import CRASHED, Task
 
 from sim.interfaces.errors import ConfigurationError
+from sim.provenance import versions
+from sim.run_folder import alone_in
+from sim.saving import write_json
 from sim.startup import ROOMS
 
 Row = dict[str, Any]
@@ -20,51 +26,95 @@ class Log:
     def __init__(self, folder: Path, settings: dict[str, Any], *, anew: bool = False) -> None:
         """Open the log in `folder`, to be gone on with if it is of the same `settings` and the same code.
 
-        Raises ConfigurationError if it is of others; `anew` throws those away.
+        Raises ConfigurationError if it is of others, or something else lies there; `anew` throws old runs away. Only
+        for one process at a time: see `open`.
         """
         self._file, about = folder / "results.jsonl", folder / "study.json"
-        said = json.dumps({**settings, "code": fingerprint()}, indent=2, sort_keys=True) + "\n"
+        said = json.loads(json.dumps({**settings, "code": fingerprint(), "versions": versions()}))
+        foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+        if foreign and not about.exists():
+            raise ConfigurationError(
+                f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
+            )
         if anew:
             self._file.unlink(missing_ok=True)
-        elif self._file.exists() and about.exists() and about.read_text(encoding="utf-8") != said:
-            old = json.loads(about.read_text(encoding="utf-8"))
-            new = json.loads(said)
-            other = sorted(key for key in {*old, *new} if old.get(key) != new.get(key))
+        elif self._file.exists() and (old := json.loads(about.read_text(encoding="utf-8"))) != said:
+            other = sorted(key for key in {*old, *said} if old.get(key) != said.get(key))
             raise ConfigurationError(
                 f"{folder} holds runs of another study (other: {', '.join(other)}); --anew throws them away, or take "
                 "another --out"
             )
-        about.write_text(said, encoding="utf-8")
+        write_json(about, said)
         self.rows = _whole_lines(self._file)
 
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path, settings: dict[str, Any], *, anew: bool = False) -> Iterator[Self]:
+        """The log in `folder`, made if need be, for this process alone. Raises ConfigurationError as `Log` does, and if
+        another process is at work there."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+        with alone_in(folder):
+            yield cls(folder, settings, anew=anew)
+
     def add(self, row: Row) -> None:
+        """Keep `row`: it is on the disk when this returns. Raises ConfigurationError where that cannot be."""
         self.rows.append(row)
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row, allow_nan=False) + "\n")
+        try:
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row, allow_nan=False) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise ConfigurationError(f"{self._file}: cannot be written ({error.strerror})") from error
 
 
 def _whole_lines(file: Path) -> list[Row]:
     """The rows of a log; a last line that was cut short when the study was stopped is taken off the file."""
     if not file.exists():
         return []
-    text = file.read_bytes()
-    whole = text[: text.rfind(b"\n") + 1]
-    if len(whole) < len(text):
-        file.write_bytes(whole)
-    return [json.loads(line) for line in whole.splitlines()]
+    rows: list[Row] = []
+    whole = 0  # bytes of good lines
+    with file.open("rb+") as log:
+        for line in log:
+            try:
+                row = json.loads(line)
+            except ValueError:  # of a power cut: its length was kept, its content was not
+                row = None
+            if not line.endswith(b"\n") or not isinstance(row, dict):
+                break
+            rows.append(row)
+            whole += len(line)
+        log.truncate(whole)
+    return rows
 
 
 def fingerprint() -> str:
-    """Of all code and models that a run depends on."""
+    """Of all code and models that a run depends on: every file of the rooms, and the scripts that `_study` runs on."""
     home, digest = Path(__file__).resolve().parents[1], hashlib.sha256()
-    folders = [*(home / room for room in ROOMS), home / "scripts"]
-    for file in sorted(path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
-        if file.parent.name != "scripts" or file.name in _OURS:
-            digest.update(file.relative_to(home).as_posix().encode() + file.read_bytes())
+    of_rooms = (path for room in ROOMS for path in (home / room).rglob("*"))
+    kept = {path for path in of_rooms if path.is_file() and "__pycache__" not in path.parts}
+    for file in sorted(kept | imported_scripts(home / "scripts" / "_study.py")):
+        digest.update(file.relative_to(home).as_posix().encode() + file.read_bytes())
     return digest.hexdigest()[:16]
 
 
-_OURS = ("_study.py", "_job.py", "_job_parts.py", "_variation.py", "clean_barrel.py")
+def imported_scripts(file: Path) -> set[Path]:
+    """`file` and all files beside it that it imports, at its top or later, and that these do."""
+    found, ahead = set[Path](), [file]
+    while ahead:
+        path = ahead.pop()
+        if path in found or not path.is_file():
+            continue
+        found.add(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Import):
+                ahead += [file.parent / f"{alias.name}.py" for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                ahead.append(file.parent / f"{node.module}.py")
+    return found
 
 
 def died(task: Task) -> Row:

@@ -1,6 +1,5 @@
 """Many seeds of one job on all cores: their metrics, the table of how they spread, and the verdict."""
 
-import json
 import os
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -13,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.saving import write_json
 
 WANTED = 0.95  # share of the trials
 Metrics = dict[str, Any]
@@ -61,10 +61,14 @@ def check_trials(trials: int, workers: int) -> None:
 
 
 def say_trials(
-    trials: Sequence[Metrics], figures: Metrics, rows: Iterable[Row], folder: Path, console: Console, said: str = ""
-) -> int:
-    """Write trials.json to `folder`, print the summary `figures` of `trials`. Returns the exit code."""
-    (folder / "trials.json").write_text(json.dumps({"summary": figures, "trials": trials}, indent=2) + "\n", "utf-8")
+    trials: Sequence[Metrics], figures: Metrics, rows: Iterable[Row], folder: Path, made_by: Metrics, console: Console,
+    said: str = "",
+) -> int:  # fmt: skip
+    """Write trials.json to `folder`, with what it was `made_by`, and print the summary `figures` of `trials`.
+
+    Returns the exit code.
+    """
+    write_json(folder / "trials.json", {"summary": figures, "trials": list(trials), "provenance": made_by})
     console.print(trials_table(figures, rows))
     console.print(
         f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "

@@ -17,10 +17,11 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.metrics import Assessment
 from sim.plant import Plant
+from sim.provenance import provenance
 from sim.recording import Recorder, Recording
 from sim.results_table import results_table
 from sim.rollout import Moment, Observer, Parts, rollout
-from sim.startup import ScenarioOptions
+from sim.startup import Interrupted, ScenarioOptions, signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +51,7 @@ class Ran:
     recording: Recording
     last: Moment
     wall_s: float
+    stopped: Interrupted | None = None  # before its end, from outside
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,25 +72,39 @@ def rehearse(ready: Ready) -> None:
 
 
 def run_through(
-    ready: Ready, recorder: Recorder, observers: Sequence[Observer] = (), longest: float = LONGEST
+    ready: Ready, recorder: Recorder, observers: Sequence[Observer] = (), longest: float = LONGEST,
+    stop: "Stop | None" = None,
 ) -> Ran:  # fmt: skip
-    """Run from the start to the end, or for `longest` [s] simulated, without a word."""
+    """Run from the start to the end, or for `longest` [s] simulated, or until `stop` is asked; without a word."""
     ready.restart()
+    stop = stop or Stop()
     began = time.perf_counter()
-    last = rollout(ready.plant, ready.parts, duration=longest, rng=ready.loop, observers=[recorder, *observers])
-    return Ran(recording=recorder.recording(), last=last, wall_s=time.perf_counter() - began)
+    try:
+        seen = [recorder, *observers, stop]
+        last = rollout(ready.plant, ready.parts, duration=longest, rng=ready.loop, observers=seen)
+    except Interrupted:
+        if stop.last is None:
+            raise
+        last = stop.last
+    by = stop.asked if stop.last is not None else None
+    return Ran(
+        recording=recorder.recording(interrupted=by.signal.name if by else ""), last=last,
+        wall_s=time.perf_counter() - began, stopped=by,
+    )  # fmt: skip
 
 
 def run_shown(
-    ready: Ready, judging: Judging, title: str, options: ScenarioOptions, folder: Path, console: Console,
+    scenario: str, ready: Ready, judging: Judging, title: str, options: ScenarioOptions, folder: Path, console: Console,
     started: float, story: Callable[[Recorder, Any], Observer] | None = None,
 ) -> int:  # fmt: skip
     """Run to the end with progress on screen, judge, and write all there is of it to `folder`. Returns the exit code.
 
     `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
-    and the log (None: there is none). Raises ConfigurationError where the work never began.
+    and the log (None: there is none). Raises ConfigurationError where the work never began, and Interrupted, after all
+    is written, where it was ended from outside.
     """
     plant = ready.plant
+    made_by = provenance(scenario, options, plant.model)  # before it runs: the current rides in the model
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
     log: Any = None
@@ -101,13 +117,14 @@ def run_shown(
     observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
     rehearse(ready)
     console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+    stop = Stop()
     try:
-        with bar:
-            ran = run_through(ready, recorder, observers)
+        with bar, signals(stop.ask):
+            ran = run_through(ready, recorder, observers, stop=stop)
     finally:
         if log is not None:
             log.close()
-    assessment = judging.assess(ran)
+    assessment = judging.assess(ran).made_by(made_by)
     assessment.write(folder / "metrics.json")
     _say(assessment, console)
     if options.record:
@@ -118,6 +135,8 @@ def run_shown(
             pictures=judging.pictures(ran),
         )  # fmt: skip
     console.print(f"written to {folder}/", highlight=False)
+    if ran.stopped is not None:
+        raise ran.stopped
     if not ran.recording.within(*judging.begun).any():
         raise ConfigurationError(
             f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"
@@ -128,9 +147,9 @@ def run_shown(
 def _say(assessment: Assessment, console: Console) -> None:
     """The table, the pace and the verdict."""
     console.print(results_table(assessment))
-    run = assessment.metrics["run"]
+    simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
     console.print(
-        f"{run['simulated_s']:.0f} s simulated in {run['wall_s']:.1f} s, {run['real_time_factor']:.1f} times real time",
+        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
         highlight=False,
     )
     console.print(
@@ -144,6 +163,25 @@ def progress(console: Console) -> Progress:
         TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
         console=console, disable=not sys.stdout.isatty(),
     )  # fmt: skip
+
+
+class Stop:
+    """The last of the observers: ends a run after a whole step, when a signal has asked for it."""
+
+    def __init__(self) -> None:
+        self.asked: Interrupted | None = None
+        self.last: Moment | None = None  # at which it was ended
+
+    def ask(self, number: int, _frame: Any = None) -> None:
+        """Meet a signal: after the first the step is ended, after a second nothing is."""
+        if self.asked is not None:
+            raise Interrupted(number)
+        self.asked = Interrupted(number)
+
+    def observe(self, moment: Moment) -> None:
+        if self.asked is not None:
+            self.last = moment
+            raise self.asked
 
 
 class Clouds:

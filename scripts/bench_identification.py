@@ -12,7 +12,7 @@ the range and 5 deg, modulo declared symmetry.
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from _object_scenes import ObjectScene, object_scene, target_of
-from _start import parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -51,7 +51,7 @@ class Options:
     """Name of the sensor."""
     first_seed: int = 0
     """Of the scenes, one after the other."""
-    out: Path = field(default_factory=lambda: Path("runs/bench_identification"))
+    out: Path | None = None
     """Folder of figures.json."""
 
 
@@ -243,8 +243,8 @@ def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Opti
     alone = {name: float(np.median([fit[name] for fit in fits])) for name in fits[0]}
     console.print(f"a fit alone of {FIT_POINTS} points, from 1 cm and 2 deg off, median: ", end="")
     console.print(", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items()), highlight=False)
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "figures.json").write_text(json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
+    folder = new_folder("bench_identification", options.out, options.first_seed)
+    (folder / "figures.json").write_text(json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
 
 
 if __name__ == "__main__":

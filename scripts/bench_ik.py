@@ -26,7 +26,7 @@ import numpy as np
 from _ik_baseline import arguments, baseline, solve_all
 from _ik_peers import Solver, Task, peers, present
 from _ik_report import draw, tables
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -55,7 +55,7 @@ RESAMPLES = 400  # of the bootstrap
 class Options:
     """Solve rates and times of inverse kinematics."""
 
-    out: Path = Path("runs/bench_ik")
+    out: Path | None = None
     """Folder for bench_ik.json, bench_ik.md and bench_ik.png."""
     arms: tuple[str, ...] = arms.available()
     """Which arms."""
@@ -327,7 +327,7 @@ def main() -> int:
         raise ConfigurationError(f"--links: every chain needs at least one, got {options.links}")
     for name in options.arms:
         arms.load(name)
-    made_folder(options.out)
+    folder = new_folder("bench_ik", options.out, options.seed)
     console = Console(width=None if sys.stdout.isatty() else 160)
     results = Results(machine())
     columns = TextColumn("{task.description:<8}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
@@ -344,7 +344,7 @@ def main() -> int:
                 if case.bar == "A" and case.degrees == options.limits[0]:
                     results.kernel.append(kernel(case, 5 * options.repeats))
         results.growth = growth(options, progress)
-    (options.out / "bench_ik.json").write_text(json.dumps(vars_of(results), indent=1))
+    (folder / "bench_ik.json").write_text(json.dumps(vars_of(results), indent=1))
     missing = [] if not options.peers else [name for name, here in present().items() if not here]
     shown = tables(vars_of(results), options.limits[0])
     text = []
@@ -353,9 +353,9 @@ def main() -> int:
         text.append(table.markdown())
     if missing:
         console.print(f"not in this Python: {', '.join(missing)}")
-    (options.out / "bench_ik.md").write_text("\n\n".join(text) + "\n")
-    draw(vars_of(results), options.limits[0], options.out / "bench_ik.png")
-    console.print(f"written to {options.out}/", highlight=False)
+    (folder / "bench_ik.md").write_text("\n\n".join(text) + "\n")
+    draw(vars_of(results), options.limits[0], folder / "bench_ik.png")
+    console.print(f"written to {folder}/", highlight=False)
     worst = {m: min(row["rate"] for row in results.rates if row["method"] == m) for m in RATE_GOALS}
     return 0 if all(worst[m] >= goal for m, goal in RATE_GOALS.items()) else 1
 

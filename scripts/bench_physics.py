@@ -19,7 +19,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 from _physics_peers import auv_sim_bench, fossen_loop, numpy_callback
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -42,7 +42,7 @@ class Options:
     """Lengths of the growing chains and trees."""
     sims: int = 64
     """Simulations of the batch."""
-    out: Path = Path("runs/bench_physics")
+    out: Path | None = None
     """Folder for the results."""
 
 
@@ -250,7 +250,7 @@ def batch(options: Options, report: Report) -> None:
 
 def main() -> int:
     options = parse(Options)
-    made_folder(options.out)
+    folder = new_folder("bench_physics", options.out)
     report = Report(Console())
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
@@ -267,9 +267,9 @@ def main() -> int:
     if cores:
         os.sched_setaffinity(0, cores)
     batch(options, report)
-    (options.out / "bench_physics.json").write_text(json.dumps(report.numbers, indent=1) + "\n")
-    (options.out / "bench_physics.md").write_text("\n\n".join(report.markdown) + "\n")
-    report.console.print(f"written to {options.out}")
+    (folder / "bench_physics.json").write_text(json.dumps(report.numbers, indent=1) + "\n")
+    (folder / "bench_physics.md").write_text("\n\n".join(report.markdown) + "\n")
+    report.console.print(f"written to {folder}")
     return 0
 
 

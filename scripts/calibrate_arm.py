@@ -9,7 +9,6 @@ vehicle's own with the errors of a workshop, with a hand's noise or by contact i
 from _start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import datetime
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +24,8 @@ from calib import report
 from calib.results import write_results
 from calib.touch_files import write_touches
 from sim.interfaces.errors import ConfigurationError
+from sim.provenance import provenance
+from sim.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code
 
@@ -152,7 +153,7 @@ def main() -> int:
     if case.truth is not None:
         write_touches(folder / "touches", case.touches.names, case.touches.series, source.joint_names)
     metrics = _calibration.metrics(case, outcome, accepted, options.seed)
-    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n", encoding="utf-8")
+    write_json(folder / "metrics.json", {**metrics, "provenance": provenance("calibrate_arm", options)})
     if options.record:
         report.write_report(
             folder / "report.html", found, title=case.title, figures_of_merit=figures, accepted=accepted,

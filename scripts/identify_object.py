@@ -6,7 +6,7 @@ The object is one of the library by name, or a mesh file. Coordinates are those 
 ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class Options:
     """The same with dents, up to this deep [m]."""
     seed: int = 0
     """Of the simulated scene, and of random samples."""
-    out: Path = Path("runs/identify_object")
+    out: Path | None = None
     """Folder for identification.json, cloud.ply, model.ply and identification.png, and where the object differs from
     its model deformation.ply and deformation.png."""
 
@@ -168,7 +168,7 @@ def main() -> int:
     target = targets.of(options.object, options.mesh_scale)
     found, notes = found_in(options, target)
     decision = found.decision.value
-    made_folder(options.out)
+    folder = new_folder("identify_object", options.out, options.seed)
     for note in notes:
         console.print(note, highlight=False)
     console.print(f"{target.name}: {decision}{': ' + found.reason if found.reason else ''}", highlight=False)
@@ -181,18 +181,18 @@ def main() -> int:
         said["deformation"] = figures(made)
         if made.regions:
             console.print(table(made))
-            save_cloud(made, options.out / "deformation.ply")
+            save_cloud(made, folder / "deformation.ply")
             title = f"{target.name}: off its model by more than {1e3 * made.size_m:.1f} mm"
-            picture_of_deviations(made, title).savefig(options.out / "deformation.png", dpi=120)
+            picture_of_deviations(made, title).savefig(folder / "deformation.png", dpi=120)
         else:
             compared = f"of the {made.compared:.0%} of the surface in view that was compared"
             console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
-    file = options.out / "identification.json"
+    file = folder / "identification.json"
     file.write_text(json.dumps(said, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    write_ply(options.out / "cloud.ply", found.cloud)
-    write_ply(options.out / "model.ply", found.model_after)
-    picture(found, f"{target.name}: {decision}").savefig(options.out / "identification.png", dpi=120)
-    console.print(f"written to {options.out}/", highlight=False)
+    write_ply(folder / "cloud.ply", found.cloud)
+    write_ply(folder / "model.ply", found.model_after)
+    picture(found, f"{target.name}: {decision}").savefig(folder / "identification.png", dpi=120)
+    console.print(f"written to {folder}/", highlight=False)
     return 0 if found.accepted else NOT_ACCEPTED
 
 

@@ -15,6 +15,8 @@ from _insertion import Setting, run_and_write, run_trials
 from _trials import check_trials
 from rich.console import Console
 
+from sim.provenance import provenance
+
 
 @dataclass(kw_only=True)
 class Options(ScenarioOptions):
@@ -66,7 +68,7 @@ def main() -> int:
     if not options.trials:
         return run_and_write(setting, options, folder, console, started)
     seeds = range(options.seed, options.seed + options.trials)
-    return run_trials(setting, seeds, options.workers, folder, console)
+    return run_trials(setting, seeds, options.workers, folder, provenance("insert_sampler", options), console)
 
 
 if __name__ == "__main__":

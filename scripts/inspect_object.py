@@ -125,7 +125,7 @@ def main() -> int:
         begun=(WorkState.WORK,),
     )
     title = f"Inspection of the {options.object} from {options.distance:g} m, seed {options.seed}"
-    return run_shown(ready, judging, title, options, folder, console, started)
+    return run_shown("inspect_object", ready, judging, title, options, folder, console, started)
 
 
 if __name__ == "__main__":

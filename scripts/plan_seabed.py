@@ -4,7 +4,7 @@ The cloud is a text file (x y z a line), PLY or PCD; the targets are a text file
 (paper 004). A cloud that is no surface, a hole under a target, a relief that is too rough: one line and exit code 2.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ class Options:
     """Of the tool [m]: the axes are those of the ground as it meets it."""
     speed: float = 0.02
     """Along the path [m/s]."""
-    out: Path = Path("runs/plan_seabed")
+    out: Path | None = None
     """Folder for profile.csv, path.csv and plan.png."""
 
 
@@ -76,7 +76,7 @@ def main() -> int:
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     plan = plan_seabed_work(cloud, B, z, width=options.width)
-    made_folder(options.out)
+    folder = new_folder("plan_seabed", options.out)
     console = Console()
     terrain, relief = plan.terrain, plan.relief
     console.print(
@@ -89,13 +89,13 @@ def main() -> int:
         console.print(f"A_{i}: {A[0]:.4f} {A[1]:.4f} {A[2]:.4f} m, +- {1e3 * sigma:.1f} mm", highlight=False)
     if plan.profile is not None and plan.path is not None:
         rows = np.column_stack([plan.profile.T, plan.profile.a, plan.profile.n])
-        np.savetxt(options.out / "profile.csv", rows, "%.6f", ",", header="x,y,z,a_x,a_y,a_z,n_x,n_y,n_z", comments="")
+        np.savetxt(folder / "profile.csv", rows, "%.6f", ",", header="x,y,z,a_x,a_y,a_z,n_x,n_y,n_z", comments="")
         law = speed_law(plan.path, options.speed)
         rows = np.column_stack([law.time, plan.path.s, law.speed, plan.path.p, plan.path.z, plan.path.x])
         head = "time,s,speed,x,y,z,a_x,a_y,a_z,n_x,n_y,n_z"
-        np.savetxt(options.out / "path.csv", rows, "%.6f", ",", header=head, comments="")
-    picture(plan).savefig(options.out / "plan.png", dpi=120, bbox_inches="tight")
-    console.print(f"written to {options.out}/", highlight=False)
+        np.savetxt(folder / "path.csv", rows, "%.6f", ",", header=head, comments="")
+    picture(plan).savefig(folder / "plan.png", dpi=120, bbox_inches="tight")
+    console.print(f"written to {folder}/", highlight=False)
     return 0
 
 

@@ -22,6 +22,7 @@ from controllers.seabed_work import SeabedJob
 from controllers.work_controller import Method
 from models.seabed import Kind
 from sim.interfaces.messages import WorkState
+from sim.provenance import provenance
 from sim.seabed_figures import seabed_figures
 from sim.seabed_metrics import assess_seabed_work
 
@@ -84,7 +85,7 @@ def main() -> int:
     folder = options.folder("sample_seabed")
     if options.trials:
         seeds = range(options.seed, options.seed + options.trials)
-        return run_trials(setting, seeds, options.workers, folder, console)
+        return run_trials(setting, seeds, options.workers, folder, provenance("sample_seabed", options), console)
     work = prepare(setting, options.seed, record=options.record)
     title = (
         f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"
@@ -94,7 +95,7 @@ def main() -> int:
         pictures=lambda ran: seabed_figures(ran.recording, work.truth),
         begun=(WorkState.APPROACH,),
     )
-    return run_shown(work.ready, judging, title, options, folder, console, started, Story)
+    return run_shown("sample_seabed", work.ready, judging, title, options, folder, console, started, Story)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ which is up, then trim about z, then roll about x; read so, the arm of the first
 metrics.json and two pictures. Exit code 0: every method reached the single solution, and the default one all poses.
 """
 
-import json
 import math
 import sys
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from rich.console import Console
@@ -26,6 +25,8 @@ from rich.table import Table
 from controllers.mkps import Chain, IkResult, Method, solve
 from models import arms
 from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.provenance import provenance
+from sim.saving import write_json
 
 INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
 GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])
@@ -45,7 +46,7 @@ class Options:
     poses: int = 101
     """Of each motion."""
     out: Path | None = None
-    """Folder for metrics.json and the pictures; runs/servo_arm by default."""
+    """Folder for metrics.json and the pictures; a new one in runs/servo_arm by default."""
     quick: bool = False
     """Fewer poses."""
 
@@ -167,7 +168,7 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
 def main() -> int:
     options = parse(Options)
     count = max(2, options.poses // 8 if options.quick else options.poses)
-    folder = made_folder(options.out or Path("runs/servo_arm"))
+    folder = new_folder("servo_arm", options.out)
     arm = arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)
     console = Console(width=None if sys.stdout.isatty() else 120)
@@ -220,9 +221,9 @@ def main() -> int:
             }
             for method, result in single.items()
         },
-        "motions": told,
+        "motions": told, "provenance": provenance("servo_arm", options),
     }  # fmt: skip
-    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    write_json(folder / "metrics.json", metrics)
     draw_single(dict(single), folder / "single_solution.png")
     draw_motions(runs, folder / "motions.png")
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")

@@ -4,18 +4,16 @@ Each run steps the set force up and down several times; the mean of the response
 sensors and sea does not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
-import json
-import multiprocessing
 import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _steps import StepTask, figures, responses, times
+from _pool import run_all
+from _steps import StepTask, died, figures, responses, times
 from _whole_run import NOT_ACCEPTED
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -23,8 +21,11 @@ from rich.table import Table
 
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
+from sim.provenance import provenance
 from sim.report_figures import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
-from sim.report_page import page, provenance, section, table, text
+from sim.report_page import page, section, table, text
+from sim.report_page import provenance as made_by
+from sim.saving import write_json, write_whole
 
 OVERSHOOT = 0.05  # share of the step that is allowed
 COLUMNS = ("surface [N/m]", "steps", "rise, 10-90 % [s]", "overshoot [%]", "settling, 5 % [s]", "spread [N]")
@@ -54,8 +55,8 @@ class Options:
     """[m/s]"""
     workers: int = 0
     """Processes at work; 0: one for each core."""
-    out: Path = Path("runs/step_response")
-    """Folder for metrics.json and report.html."""
+    out: Path | None = None
+    """Folder for metrics.json and report.html; a new one in runs/step_response by default."""
     quick: bool = False
     """One run on each surface."""
 
@@ -67,7 +68,7 @@ def main() -> int:
     if not (options.rate > 0.0 and 1 <= options.steps <= 6 and options.runs >= 1 and options.workers >= 0):
         raise ConfigurationError("--rate must be > 0 N/s, --steps from 1 to 6, --runs at least 1, --workers at least 0")
     console = Console()
-    made_folder(options.out)
+    folder = new_folder("step_response", options.out, options.seed)
     tasks = [
         StepTask(
             stiffness=stiffness, seed=options.seed + run, low=options.low, high=options.high, steps=options.steps,
@@ -77,10 +78,8 @@ def main() -> int:
         for run in range(1 if options.quick else options.runs)
     ]  # fmt: skip
     hydrodynamics.install()
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    workers = options.workers or os.cpu_count() or 1
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        found = list(pool.map(responses, tasks))
+    by_task = dict(run_all(tasks, options.workers or os.cpu_count() or 1, responses, died))
+    found = [by_task[task] for task in tasks]
     for one in found:
         if one["note"]:
             console.print(f"{one['task'].stiffness:g} N/m, seed {one['task'].seed}: {one['note']}", highlight=False)
@@ -94,18 +93,17 @@ def main() -> int:
     rows = [judged(stiffness, curve["true"], options) for stiffness, curve in curves.items()]
     accepted = all(row["overshoot"] is not None and row["overshoot"] <= OVERSHOOT for row in rows)
     accepted &= not any(one["note"] for one in found)
-    settings = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(options).items()}
-    metrics = {"settings": settings, "surfaces": rows, "accepted": accepted}
-    (options.out / "metrics.json").write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    metrics = {"surfaces": rows, "accepted": accepted, "provenance": provenance("step_response", options)}
+    write_json(folder / "metrics.json", metrics)
     shown = Table(title=f"Force from {options.low:g} to {options.high:g} N", title_justify="left")
     for column in COLUMNS:
         shown.add_column(column, justify="right")
     for row in rows:
         shown.add_row(*cells(row))
     console.print(shown)
-    write_report(options, rows, curves, accepted)
+    write_report(folder / "report.html", options, rows, curves, accepted)
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
-    console.print(f"written to {options.out}/", highlight=False)
+    console.print(f"written to {folder}/", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
 
 
@@ -128,7 +126,7 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def write_report(
-    options: Options, rows: list[dict[str, Any]], curves: dict[float, dict[str, np.ndarray]], accepted: bool
+    file: Path, options: Options, rows: list[dict[str, Any]], curves: dict[float, dict[str, np.ndarray]], accepted: bool
 ) -> None:
     title = f"Step of the set force from {options.low:g} to {options.high:g} N"
     verdict = "accepted" if accepted else "not accepted"
@@ -141,9 +139,9 @@ def write_report(
             "True normal force at the tool, moving along the path: each step thin, their mean thick; the set force "
             "dashed, and the bound of the overshoot.",
         ),
-        f"<section><h2>How it was made</h2>{provenance(asdict(options))}</section>",
+        f"<section><h2>How it was made</h2>{made_by(asdict(options))}</section>",
     ]
-    (options.out / "report.html").write_text(page(title, "\n".join(body)), encoding="utf-8")
+    write_whole(file, page(title, "\n".join(body)))
 
 
 def picture_of(options: Options, curves: dict[float, dict[str, np.ndarray]]) -> Figure:

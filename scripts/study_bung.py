@@ -6,7 +6,7 @@ part. The turn is told or said to be unknown; told by more than 2 deg wrong is t
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from _object_scenes import CAMERAS, ObjectScene, object_scene
 from _pool import run_all
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -40,7 +40,7 @@ class Options:
     """Of the scenes, one after the other."""
     workers: int = 1
     """Processes at a time."""
-    out: Path = field(default_factory=lambda: Path("runs/study_bung"))
+    out: Path | None = None
     """Folder of scenes.json."""
 
 
@@ -114,7 +114,7 @@ def main() -> None:
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
-    made_folder(options.out)
+    folder = new_folder("study_bung", options.out, options.first_seed)
     tasks = [Task(sensor, options.first_seed + k) for sensor in options.sensors for k in range(options.scenes)]
     rows = [row for _, row in run_all(tasks, options.workers, run, died)]
     rows.sort(key=lambda row: (row["sensor"], row["bung"], row["seed"]))
@@ -123,7 +123,7 @@ def main() -> None:
     for row in rows:
         if row["told"] and row["turn_deg"] > WRONG:
             console.print("told wrong:", row, highlight=False)
-    (options.out / "scenes.json").write_text(json.dumps(rows, indent=1))
+    (folder / "scenes.json").write_text(json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":

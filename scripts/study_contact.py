@@ -8,15 +8,14 @@ What is drawn for a run depends on --seed and its number alone. Exit code 0: at 
 stay within 3 mm and 8 N after transients, and none damages or diverges.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import parse, run_scenario  # isort: skip
 
-import json
 import os
 import sys
 import time
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from _job import run_contact_job
 from _pool import run_all
@@ -30,6 +29,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
+from sim.provenance import provenance
+from sim.saving import write_json
 
 RUNS, QUICK_RUNS = 500, 4
 
@@ -57,7 +58,7 @@ class Options:
     without: str = ""
     """With --only: a method to leave out."""
     out: Path = Path("runs/study_contact")
-    """Folder for results.jsonl, metrics.json and report.html."""
+    """Folder for results.jsonl, metrics.json and report.html; of one study, which goes on there."""
     anew: bool = False
     """Throw away the runs that are in that folder."""
     quick: bool = False
@@ -69,13 +70,18 @@ def main() -> int:
     _check(options)
     if options.only is not None:
         return _one(options)
-    console, bounds = Console(width=None if sys.stdout.isatty() else 160), Bounds()
+    console = Console(width=None if sys.stdout.isatty() else 160)
     runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
     settings = {
         "seed": options.seed, "paths": list(options.paths), "quick": options.quick, "ranges": asdict(options.ranges)
     }  # fmt: skip
-    made_folder(options.out)
-    log = Log(options.out, json.loads(json.dumps(settings)), anew=options.anew)
+    with Log.open(options.out, settings, anew=options.anew) as log:
+        return _study(options, runs, settings, log, console)
+
+
+def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, console: Console) -> int:
+    """Do what is left of the study, and say and write what came of all of it. Returns the exit code."""
+    bounds = Bounds()
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [_task(options, run) for run in range(runs)]
     tasks += [replace(task, without=method) for method in methods for task in tasks[: options.ablate_runs]]
@@ -100,9 +106,7 @@ def main() -> int:
     wanted = {task.key for task in tasks}
     rows = in_order(row for row in log.rows if (row["run"], row["without"]) in wanted)
     metrics = summary(rows, bounds, {**settings, "runs": runs})
-    (options.out / "metrics.json").write_text(
-        json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8"
-    )  # fmt: skip
+    write_json(options.out / "metrics.json", {**metrics, "provenance": provenance("study_contact", options)})
     for table in rich_tables(metrics):
         console.print(table)
     cpu = sum(row["timing"]["cpu_s"] or 0.0 for row in log.rows)
@@ -133,8 +137,10 @@ def _one(options: Options) -> int:
     assert options.only is not None
     scenario, job, stream, variation = draw(_task(options, options.only))
     name = f"run_{options.only:04d}" + (f"_without_{options.without}" if options.without else "")
-    scenario = replace(scenario, record=True, out=options.out / name)
-    job = replace(job, title=f"{job.title}, run {options.only} of study {options.seed}")
+    own = None if options.out == Options.out else options.out / name
+    scenario = replace(scenario, record=True, out=own)
+    title = f"{job.title}, run {options.only} of study {options.seed}"
+    job = replace(job, scenario=f"study_contact/{name}", title=title)
     return run_contact_job(job, scenario, stream, time.perf_counter(), variation)
 
 

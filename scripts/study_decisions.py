@@ -9,7 +9,7 @@ not accepted is a false refusal if it was refused; if a rescan was asked for, th
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from itertools import cycle, islice
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 from _decision_scenes import KINDS, NAMES, draw, forced, object_of
 from _object_scenes import CAMERAS
 from _pool import run_all
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
@@ -48,7 +48,7 @@ class Options:
     """Of the scenes, one after the other."""
     workers: int = 1
     """Processes at a time."""
-    out: Path = field(default_factory=lambda: Path("runs/study_decisions"))
+    out: Path | None = None
     """Folder of decisions.json and decisions.png."""
 
 
@@ -154,7 +154,7 @@ def main() -> None:
         Task(name, kind, sensor, options.first_seed + i)
         for i, (kind, name, sensor) in enumerate(islice(cycle(combined), options.scenes))
     ]
-    made_folder(options.out)
+    folder = new_folder("study_decisions", options.out, options.first_seed)
     rows: list[dict[str, Any]] = []
     for _, part in run_all(tasks, options.workers, run, died):
         rows += part
@@ -169,10 +169,8 @@ def main() -> None:
     for row in rows:
         if row["decision"] == Decision.ACCEPT and not row["right"]:
             console.print("false accept:", {k: row[k] for k in ("object", "kind", "sensor", "seed")}, highlight=False)
-    (options.out / "decisions.json").write_text(
-        json.dumps({"rates": rates(rows), "table": table, "rows": rows}, indent=1)
-    )
-    picture(table, options.out / "decisions.png")
+    (folder / "decisions.json").write_text(json.dumps({"rates": rates(rows), "table": table, "rows": rows}, indent=1))
+    picture(table, folder / "decisions.png")
 
 
 if __name__ == "__main__":

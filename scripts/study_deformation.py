@@ -5,10 +5,10 @@ is beyond a size, to the map when it is in a region of a map of that size; overl
 pixels that the map compares. Undeformed objects are those of the library in random scenes: every region is false.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ class Options:
     """Depth frames whose median is compared; one alone is compared too."""
     clean: int = 5
     """Scenes of each undeformed object."""
-    out: Path = field(default_factory=lambda: Path("runs/study_deformation"))
+    out: Path | None = None
     """Folder of the figures."""
 
 
@@ -110,7 +110,7 @@ def main() -> int:
         raise ConfigurationError("--trials must be at least 1, --looks at least 3, --clean at least 0")
     if options.seed < 0:
         raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
-    made_folder(options.out)
+    folder = new_folder("study_deformation", options.out, options.seed)
     console = Console()
     console.width = max(console.width, 125)  # the table is wider than a terminal must be
     seeds = range(options.seed, options.seed + options.trials)
@@ -137,8 +137,8 @@ def main() -> int:
     false = [f"{row['object']} of seed {row['seed']}" for row in compared if row["regions"]]
     console.print(f"undeformed: regions on {len(false)} of {len(compared)} accepted objects {false or ''}")
     text = json.dumps({"deformed": results, "undeformed": clean}, indent=1)
-    (options.out / "deformation.json").write_text(text, "utf-8")
-    console.print(f"written to {options.out}/", highlight=False)
+    (folder / "deformation.json").write_text(text, "utf-8")
+    console.print(f"written to {folder}/", highlight=False)
     worst = min(
         row["both"] / max(1, row["either"]) for found in results.values() for each in found
         for row in each["maps"][options.looks][:1]

@@ -4,7 +4,7 @@ Each run pushes with 90 N when the fault begins. A case does damage if the true 
 set force, or anything but the tool touches it.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Options:
     """Cases whose name holds one of these words."""
     picture: str = "dead"
     """Cases whose name holds this are drawn."""
-    out: Path = Path("runs/study_faults")
+    out: Path | None = None
     """Folder for faults.json, what each case was, and the pictures."""
 
 
@@ -84,7 +84,7 @@ def figures(trace: Trace, path: str, seed: int) -> Figures:
 
 def main() -> int:
     options = parse(Options)
-    made_folder(options.out)
+    folder = new_folder("study_faults", options.out)
     console = Console(width=max(Console().width, 160))
     found: list[Figures] = []
     for path in options.paths:
@@ -98,18 +98,18 @@ def main() -> int:
                 one = figures(trace, path, seed)
                 found.append(one)
                 console.print(_line(one), highlight=False)
-                file = options.out / f"{path}_{seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz"
+                file = folder / f"{path}_{seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz"
                 np.savez_compressed(file, rows=trace.rows)
                 if options.picture in trace.case:
                     draw(trace, f"{trace.case}, {path} path, seed {seed}", file.with_suffix(".png"))
 
             run_branched(build(clean_barrel.barrel_job(barrel, rng), barrel, rng), options.only, said)
     console.print(_table(found))
-    (options.out / "faults.json").write_text(
+    (folder / "faults.json").write_text(
         json.dumps([{name: getattr(one, name) for name in one.__slots__} for one in found], indent=2) + "\n",
         encoding="utf-8",
     )
-    console.print(f"written to {options.out}/", highlight=False)
+    console.print(f"written to {folder}/", highlight=False)
     return 1 if any(one.damage for one in found) else 0
 
 

@@ -6,7 +6,7 @@ declared symmetry. Errors are of all scenes, found or not, accepted or not. Time
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from time import process_time
@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from _object_scenes import SENSORS, object_scene, target_of
 from _pool import run_all
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
@@ -49,7 +49,7 @@ class Options:
     """From the object down to the seabed [m]; 0 0: it lies on it."""
     workers: int = 1
     """Processes at a time."""
-    out: Path = field(default_factory=lambda: Path("runs/study_identification"))
+    out: Path | None = None
     """Folder of scenes.json, figures.json and errors.png."""
 
 
@@ -185,7 +185,7 @@ def main() -> int:
         raise ConfigurationError("--scenes and --workers must be at least 1")
     for name in options.objects:
         target_of(name)
-    made_folder(options.out)
+    folder = new_folder("study_identification", options.out, options.first_seed)
     console = Console(width=150)
     tasks = [
         Task(name, sensor, options.first_seed + k, options)
@@ -217,10 +217,10 @@ def main() -> int:
     low, high = options.ranges
     console.print(table_of(figures, f"{low} to {high} m, {known}"))
     settings = {name: value for name, value in asdict(options).items() if name not in ("out", "workers")}
-    (options.out / "scenes.json").write_text(json.dumps(rows, indent=1))
-    (options.out / "figures.json").write_text(json.dumps({"options": settings, "figures": figures}, indent=1))
-    picture(rows, options.out / "errors.png")
-    console.print(f"in {options.out}: scenes.json, figures.json, errors.png", highlight=False)
+    (folder / "scenes.json").write_text(json.dumps(rows, indent=1))
+    (folder / "figures.json").write_text(json.dumps({"options": settings, "figures": figures}, indent=1))
+    picture(rows, folder / "errors.png")
+    console.print(f"in {folder}: scenes.json, figures.json, errors.png", highlight=False)
     return 0
 
 

@@ -6,11 +6,11 @@ from the model alone; the tool's tilt is against the true normal at its tip, bes
 pad. What the camera saw and what it did not are told apart.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +57,7 @@ class Options:
     """Depth without errors: what the grid of the camera and the smoothing of the path cost alone."""
     judged: bool = True
     """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
-    out: Path = field(default_factory=lambda: Path("runs/study_paths"))
+    out: Path | None = None
     """Folder of the figures."""
 
 
@@ -261,7 +261,7 @@ def main() -> int:
         raise ConfigurationError(f"--looks: must be at least 1, got {options.looks}")
     if options.seed < 0:
         raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
-    made_folder(options.out)
+    folder = new_folder("study_paths", options.out, options.seed)
     console = Console()
     console.width = max(console.width, 125)  # the table is wider than a terminal must be
     seeds = range(options.seed, options.seed + options.trials)
@@ -279,9 +279,9 @@ def main() -> int:
         for path in CASES[name].paths:
             table.add_row(name, path, *row_of([each["paths"][path] for each in found if each["paths"]], options.trials))
     console.print(table)
-    (options.out / "paths.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    picture(results, str(options.out / "paths.png"))
-    console.print(f"written to {options.out}/", highlight=False)
+    (folder / "paths.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+    picture(results, str(folder / "paths.png"))
+    console.print(f"written to {folder}/", highlight=False)
     planned = [path for found in results.values() for each in found for path in each["paths"].values()]
     worst = max((path["path_m"]["max"] for path in planned if path.get("path_m")), default=np.inf)
     return 0 if worst < BOUND else 1

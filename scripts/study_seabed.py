@@ -6,7 +6,7 @@ right where the true ground, known exactly, is refused as well, and work is wher
 With --speed, the time from cloud to path over the size of the cloud instead, and other ways to triangulate beside it.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 import time
@@ -59,7 +59,7 @@ class Options:
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     speed: bool = False
     """Times over the size of the cloud instead."""
-    out: Path = Path("runs/study_seabed")
+    out: Path | None = None
     """Folder for study.json or speed.json."""
 
 
@@ -256,10 +256,10 @@ def main() -> int:
         raise ConfigurationError(
             f"--terrains >= 1, --beam > 0, --noise >= 0: got {options.terrains}, {options.beam}, {options.noise}"
         )
-    made_folder(options.out)
+    folder = new_folder("study_seabed", options.out, options.seed)
     console = Console()
     figures = speed(options, console) if options.speed else study(options, console)
-    file = options.out / ("speed.json" if options.speed else "study.json")
+    file = folder / ("speed.json" if options.speed else "study.json")
     file.write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
     console.print(f"written to {file}", highlight=False)
     return 0

@@ -4,7 +4,7 @@ Each scene is seen by all: the error of the depth, and of the identification fro
 errs.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ class Options:
     """Of the first scene."""
     ranges: tuple[float, float] = (1.0, 2.0)
     """From sensor to barrel [m]."""
-    out: Path = Path("runs/study_sensors")
+    out: Path | None = None
     """Folder for sensors.json and sensors.png."""
 
 
@@ -159,10 +159,10 @@ def main() -> int:
     options = parse(Options)
     if options.runs < 1 or not 0.3 < options.ranges[0] <= options.ranges[1] < 10.0:
         raise ConfigurationError(f"--runs must be positive and --ranges lie within 0.3 and 10 m, got {options}")
-    made_folder(options.out)
+    folder = new_folder("study_sensors", options.out, options.seed)
     results = study(options)
-    (options.out / "sensors.json").write_text(json.dumps(results, indent=1))
-    picture(options.out / "sensors.png", options.seed, options.ranges)
+    (folder / "sensors.json").write_text(json.dumps(results, indent=1))
+    picture(folder / "sensors.png", options.seed, options.ranges)
     table = Table(title=f"Barrel, {options.runs} scenes at {options.ranges[0]} to {options.ranges[1]} m")
     for column in ("sensor", "depth, median [mm]", "position, median, worst [mm]", "axis, median [deg]", "accepted"):
         table.add_column(column)
@@ -179,7 +179,7 @@ def main() -> int:
         )
     console = Console()
     console.print(table)
-    console.print(f"written to {options.out}/", highlight=False)
+    console.print(f"written to {folder}/", highlight=False)
     return 0
 
 

@@ -10,7 +10,6 @@ lock along the path. Writes metrics.json, track_singularity.png and run.rrd. Exi
 too fast, with passing none was, and the tool was back on its path at the end.
 """
 
-import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from _arm_log import ArmLog
-from _start import made_folder, parse, run_scenario
+from _start import new_folder, parse, run_scenario
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.markup import escape
@@ -30,6 +29,8 @@ from models import arms
 from models.arms import Arm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, rotation_angle
+from sim.provenance import provenance
+from sim.saving import write_json
 
 AT_LOCK = np.radians([90.0, 0.0, -30.0, 60.0, 62.64, 90.0, 0.0])  # its fifth is refined by `lock`
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
@@ -53,7 +54,7 @@ class Options:
     period: float = 0.05
     """Between poses [s]."""
     out: Path | None = None
-    """Folder for metrics.json, the picture and run.rrd; runs/track_singularity by default."""
+    """Folder for metrics.json, the picture and run.rrd; a new one in runs/track_singularity by default."""
     view: bool = False
     """Open the Rerun viewer."""
     quick: bool = False
@@ -185,7 +186,7 @@ def main() -> int:
         raise ConfigurationError("--passing: one run passes the lock; allowed auto, limit, hold, got 'off'")
     if options.quick:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
-    folder = made_folder(options.out or Path("runs/track_singularity"))
+    folder = new_folder("track_singularity", options.out)
     arm = arms.load("era")
     chain = Chain.from_dh(arm.dh, limits=arm.limits)
     q_lock = lock(arm)
@@ -231,9 +232,8 @@ def main() -> int:
         and with_passing["largest_joint_speed"] <= options.speed_limit * (1.0 + 1e-9)
         and with_passing["position_error_at_the_end_m"] <= 1e-5
     )
-    options_told = {name: str(value) if isinstance(value, Path) else value for name, value in vars(options).items()}
-    metrics = {"scenario": "track_singularity", "options": options_told, "runs": told, "accepted": accepted}
-    (folder / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    metrics = {"runs": told, "accepted": accepted, "provenance": provenance("track_singularity", options)}
+    write_json(folder / "metrics.json", metrics)
     draw(runs, options, folder / "track_singularity.png")
     if options.record or options.view:
         write_log(folder / "run.rrd", arm, runs, path, options.view)

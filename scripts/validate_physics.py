@@ -4,7 +4,7 @@ The checks are the tests in tests/physics that carry `@pytest.mark.check(name, r
 of one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
 """
 
-from _start import made_folder, parse, run_scenario  # isort: skip
+from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
 import re
@@ -28,7 +28,7 @@ MARK = "check"
 class Options:
     """Check the physics against closed forms, conservation laws and independent formulations."""
 
-    out: Path = Path("runs/validate_physics")
+    out: Path | None = None
     """Folder for table.md and table.json."""
     readme: bool = False
     """Put the table into the README as well."""
@@ -112,7 +112,7 @@ def put_into_readme(lines: list[str]) -> None:
 
 def main() -> int:
     options = parse(Options)
-    out = made_folder(options.out.resolve())
+    out = new_folder("validate_physics", options.out).resolve()
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,

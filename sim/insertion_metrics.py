@@ -4,25 +4,23 @@ Side force is the true contact force on the tool across the hole's axis, axial f
 the physics rate, from the stand-off to the stand-off again.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
-from sim.metrics import Assessment, Check
+from sim.metrics import Assessment, Check, run_schema
 from sim.recording import Recording
 from sim.trials import crashed_run, kind_of_failure, spread, verdicts
 
 AT_THE_HOLE = (
     WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW,
 )  # fmt: skip
-SCHEMA = "schemas/insertion.schema.json"
+SCHEMA = "insertion.schema.json"
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
 
@@ -50,7 +48,7 @@ class TrueHole:
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of an insertion's metrics.json."""
-    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
+    return run_schema(SCHEMA)
 
 
 def assess_insertion(

@@ -6,9 +6,7 @@ has been seen if from one of the poses flown it lay in the picture, turned to th
 before it.
 """
 
-import json
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -19,10 +17,10 @@ from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
-from sim.metrics import Assessment, Check
+from sim.metrics import Assessment, Check, run_schema
 from sim.recording import Recording
 
-SCHEMA = "schemas/inspection.schema.json"
+SCHEMA = "inspection.schema.json"
 _EVERY = 1.0  # [s] between poses at which the surface is looked at
 _PIECES = 4000  # of the surface
 _TURNED = np.cos(np.radians(75.0))  # cosine of the incidence beyond which nothing is told of a surface
@@ -59,7 +57,7 @@ class TrueInspection:
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of an inspection's metrics.json."""
-    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
+    return run_schema(SCHEMA)
 
 
 def assess_inspection(

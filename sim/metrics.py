@@ -6,7 +6,7 @@ live to produce is None (null in JSON) and counts as missed.
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from models.targets import TargetModel
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.recording import Recording
+from sim.saving import write_json
 from sim.surface import Surface, closest_on_curve
 
 SETTLING = 1.0  # [s] from the beginning of a change of the set force that do not count
@@ -24,7 +25,8 @@ LOST_BELOW = 1.0  # [N] true normal force that is no contact
 RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
 TILT_RATE = 50.0  # [Hz] at which the surface normal under the tip is looked up
 STANDSTILL = 1e-6  # [m/s] of the commanded point, and below
-SCHEMA = "schemas/metrics.schema.json"
+INTERRUPTED = "interrupted"  # state of a run that was ended from outside
+SCHEMA = "metrics.schema.json"
 
 Figures = dict[str, float | None]
 
@@ -99,42 +101,66 @@ class Assessment:
         *,
         seed: int,
         wall_s: float,
+        identification_s: float | None = None,
         others: Iterable[str] = (),
     ) -> "Assessment":
         """The verdict on a run: `checks` that it missed, `others` (a line each) beside them, an end other than done.
 
         The metrics are `figures`, those that every run has whatever its work, and the verdict. No run may collide.
-        `wall_s` [s] it took.
+        What differs from one time to another is in "timings" alone: `wall_s` [s] it took, and `identification_s` [s]
+        of it the last identification.
         """
         final = recording.final
+        state, note = final.state.value, final.note
+        if recording.interrupted:
+            state, note = INTERRUPTED, f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
         run = {
             "simulated_s": recording.duration,
+            "seed": seed,
+            "state": state,
+            "note": note,
+            "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
+            "trajectory_sha256": recording.digest(),
+        }
+        timings = {
             "wall_s": wall_s,
             "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
-            "seed": seed,
-            "state": final.state.value,
-            "note": final.note,
-            "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
+            "identification_s": identification_s,
         }
         checks = (*checks, Check("collision", run["collision_s"], 0.0, "s"))
         failed = [*filter(None, (check.failure for check in checks)), *others]
-        if final.state is not WorkState.DONE:
-            failed.append(f"the run ended in state {final.state.value}{f': {final.note}' if final.note else ''}")
-        metrics = {**figures, "run": run, "accepted": not failed, "failed": failed}
+        if recording.interrupted:
+            failed.append(f"the run was interrupted {note}")
+        elif final.state is not WorkState.DONE:
+            failed.append(f"the run ended in state {state}{f': {note}' if note else ''}")
+        metrics = {**figures, "run": run, "accepted": not failed, "failed": failed, "timings": timings}
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
     def accepted(self) -> bool:
         return not self.failed
 
+    def made_by(self, provenance: Mapping[str, Any]) -> "Assessment":
+        """The same, with what it was made by among the metrics."""
+        return replace(self, metrics={**self.metrics, "provenance": dict(provenance)})
+
     def write(self, file: Path) -> None:
-        """Write metrics.json."""
-        file.write_text(json.dumps(self.metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        """Write metrics.json. Raises ConfigurationError where that cannot be."""
+        write_json(file, self.metrics)
 
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of metrics.json."""
-    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
+    return run_schema(SCHEMA)
+
+
+def run_schema(name: str) -> dict[str, Any]:
+    """The JSON Schema `name` of a run's metrics, in one piece with that of what all runs have."""
+    own, shared = (
+        json.loads(files("sim").joinpath("schemas", each).read_text(encoding="utf-8"))
+        for each in (name, "run.schema.json")
+    )
+    return {**own, "$defs": {**own.get("$defs", {}), "every_run": shared}}
 
 
 def assess(
@@ -148,7 +174,7 @@ def assess(
 ) -> Assessment:
     """All figures of a run. `wall_s` [s] the loop took, `identification_s` [s] of it finding the object."""
     bounds = bounds or Bounds()
-    identification = _identification(recording, truth, identification_s)
+    identification = _identification(recording, truth)
     contact, segments = contact_figures(recording)
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
@@ -191,7 +217,9 @@ def assess(
         Check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
     )
     others = () if identification["accepted"] else ("the object was not identified",)
-    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s, others=others)
+    return Assessment.of(
+        recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
+    )
 
 
 def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
@@ -404,7 +432,7 @@ def hull_figures(recording: Recording) -> Figures:
     return {"excursion_max_m": float(np.linalg.norm(displacement, axis=1).max()), "tilt_max_rad": float(turn.max())}
 
 
-def _identification(recording: Recording, truth: TrueObject, duration_s: float | None) -> dict[str, Any]:
+def _identification(recording: Recording, truth: TrueObject) -> dict[str, Any]:
     """The last view's outcome against the truth, up to the object's symmetry."""
     found = recording.targets[-1] if recording.targets else None
     figures: dict[str, Any] = {
@@ -414,7 +442,6 @@ def _identification(recording: Recording, truth: TrueObject, duration_s: float |
         "check_m": None,
         "accepted": found is not None and found.accepted,
         "views": len(recording.targets),
-        "duration_s": duration_s,
     }
     if found is not None:
         position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)

@@ -4,8 +4,9 @@
 the start of the run, everything else in SI and W unless a name says otherwise.
 """
 
+import hashlib
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -52,6 +53,7 @@ _REFERENCE: _Columns = {
     "v_command": (_XYZ, "m/s"),
     "p_WB_reference": (_XYZ, "m"),
 }
+EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series that every recording has, full or not
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,6 +94,7 @@ class Recording:
     targets: tuple[Target, ...]  # what the finder said, one per frame
     clouds: Mapping[str, Array]  # (N, 3) [m] in W, put in by the scenario
     substeps: int = 1  # of the physics in each of the loop's
+    interrupted: str = ""  # by what the run was ended before its time, e.g. SIGTERM
 
     def __getitem__(self, name: str) -> Series:
         """The series `name`; ConfigurationError, with the names there are, if there is none."""
@@ -105,6 +108,22 @@ class Recording:
     def within(self, *states: WorkState) -> np.ndarray:
         """(N,) bool over the steps: the planner was in one of `states`."""
         return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
+
+    def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
+        """SHA-256 over times and values of the series `names`, bit for bit: of the whole trajectory by default.
+
+        Names that were not recorded are passed over; the order of `names` does not count. It is the same with and
+        without the slower series, on any byte order, and for any bits of NaN.
+        """
+        digest = hashlib.sha256()
+        for name in sorted(set(names) & set(self.series)):
+            series = self.series[name]
+            digest.update(f"{name}{series.value.shape}".encode())
+            for values in (series.time, series.value):
+                exact = np.array(values, dtype="<f8", order="C")
+                exact[np.isnan(exact)] = np.nan
+                digest.update(exact.data)
+        return digest.hexdigest()
 
     @property
     def final(self) -> Event:
@@ -221,8 +240,8 @@ class Recorder:
             poses = row[1:].reshape(-1, 7)
             poses[:, :3], poses[:, 3:] = truth.xpos, truth.xquat
 
-    def recording(self) -> Recording:
-        """What was kept so far. Raises ConfigurationError if nothing was."""
+    def recording(self, interrupted: str = "") -> Recording:
+        """What was kept so far; `interrupted` says by what the run was ended. ConfigurationError if nothing was."""
         if not self._physics.count:
             raise ConfigurationError("the recorder has seen no step yet")
         scalars = np.array(self._scalars).reshape(-1, 2 + len(_SCALARS))
@@ -254,6 +273,7 @@ class Recorder:
             targets=tuple(self._targets),
             clouds=MappingProxyType(dict(self._clouds)),
             substeps=self._substeps,
+            interrupted=interrupted,
         )
 
     def _bind(self, truth: Any) -> None:

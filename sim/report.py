@@ -11,6 +11,7 @@ from sim.metrics import Assessment, Check
 from sim.recording import Recording
 from sim.report_page import page, provenance, section, text
 from sim.results_table import figures_of
+from sim.saving import write_whole
 
 
 def write_report(
@@ -41,20 +42,20 @@ def write_report(
             f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
         )
     )
-    path.write_text(page(title, body), encoding="utf-8")
+    write_whole(path, page(title, body))
 
 
 def _headline(title: str, recording: Recording, assessment: Assessment) -> str:
     verdict = "accepted" if assessment.accepted else "not accepted"
     reasons = "".join(f"<li>{text(line)}</li>" for line in assessment.failed)
-    run = assessment.metrics["run"]
-    factor = run["real_time_factor"]
+    run, timings = assessment.metrics["run"], assessment.metrics["timings"]
+    factor = timings["real_time_factor"]
     pace = f", {factor:.1f} × real time" if factor is not None else ""
     return (
         f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>"
         + (f"<ul class=reasons>{reasons}</ul>" if reasons else "")
-        + f"<p class=caption>{recording.duration:.1f} s simulated in {run['wall_s']:.1f} s{pace}; seed {run['seed']}; "
-        f"ended in state {text(recording.final.state.value)}.</p></header>"
+        + f"<p class=caption>{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} s{pace}; "
+        f"seed {run['seed']}; ended in state {text(run['state'])}.</p></header>"
     )
 
 
@@ -93,6 +94,7 @@ def _provenance(recording: Recording, assessment: Assessment, options: Mapping[s
         {
             **{f"option {name}": value for name, value in options.items()},
             "seed": assessment.metrics["run"]["seed"],
+            "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],
             "physics step": _physics_step(recording),
         }
     )

@@ -5,12 +5,11 @@ import html
 import io
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from matplotlib.figure import Figure
 
-PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "embreex", "rerun-sdk")
+from sim.provenance import commit, versions
 
 
 def page(title: str, body: str) -> str:
@@ -48,8 +47,8 @@ def provenance(given: Mapping[str, Any]) -> str:
     """A table of `given`, the versions that were at work and the machine."""
     rows = {
         **given,
-        "Python": platform.python_version(),
-        **{name: found for name in PACKAGES if (found := _version(name)) is not None},
+        **versions(),
+        **commit(),
         "machine": f"{platform.system()} {platform.machine()}",
     }
     cells = "".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items())
@@ -63,13 +62,6 @@ def text(value: Any) -> str:
 
 def _class(column: int) -> str:
     return " class=n" if column else ""
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 STYLE = """

@@ -1,9 +1,12 @@
 """The visual log of a run, written while it runs: `run.rrd` for the Rerun viewer, timeline "sim_time".
 
 Rows are gathered in memory and sent as columns a few times per second of wall time, so that the loop hardly notices
-and a killed run loses less than a second of work. Rerun is imported when a log is opened, not before.
+and a killed run loses less than a second of work. Rerun is imported when a log is opened, not before. A log that cannot
+be written any more (the disk is full) is given up with one line on stderr; the run goes on without it.
 """
 
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from time import perf_counter
@@ -23,6 +26,7 @@ from sim.rollout import Moment, ticks_per_period
 
 FLUSH_WALL_S = 0.4  # [s] of wall time that a killed run can lose, plus the time that writing takes
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must reach out of the wrist
+ROOM = 1 << 20  # [bytes] cut off a log that filled the disk, for figures and report
 LIFT = 0.006  # [m] off the surface at which paths are drawn: lines have no thickness in depth, it would hide them
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 
@@ -70,6 +74,8 @@ class RerunLog:
             raise ConfigurationError(f"run log: there is no folder {str(path.parent)!r}")
         timestep = float(model.opt.timestep) if timestep is None else timestep
         self._rr = rr
+        self._path = path
+        self.lost = ""  # why the log was given up, if it was
         self._vehicle = vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
@@ -96,6 +102,7 @@ class RerunLog:
         self._state: WorkState | None = None
         self._target: Target | None = None
         self._sent_at = perf_counter()
+        self._time = 0.0  # [s] of what was last seen
         self.flush()
 
     def __enter__(self) -> Self:
@@ -107,7 +114,10 @@ class RerunLog:
         self.close()
 
     def observe(self, moment: Moment) -> None:
+        if self.lost:
+            return
         truth = moment.truth
+        self._time = truth.time
         if moment.reference.state is not self._state:
             self._enter(moment.reference, truth.time)
         if moment.target is not None and moment.target is not self._target:
@@ -156,20 +166,38 @@ class RerunLog:
         self._log(f"world/found/{name}", arrows, time)
 
     def flush(self) -> None:
-        """Bring everything seen so far into the file."""
-        self._send_series()
-        self._send_poses()
-        self._stream.flush(timeout_sec=10.0)
+        """Bring everything seen so far into the file; where that fails the log is given up."""
+        if self.lost:
+            return
+        try:
+            self._send_series()
+            self._send_poses()
+            self._stream.flush(timeout_sec=10.0)
+        except RuntimeError as error:  # of Rerun, whose writer has stopped
+            self._give_up(str(error))
         self._sent_at = perf_counter()
 
     def close(self) -> None:
         """Write the rest and close the file; more than once does no harm."""
         self.flush()
+        if not self.lost:
+            self._stream.disconnect()
+
+    def _give_up(self, reason: str) -> None:
+        """Say so, once, and leave what was written readable, with room beside it."""
+        self.lost = reason
+        self._series.clear()
+        self._poses.clear()
+        print(f"run log: lost from {self._time:.1f} s on, the run goes on ({reason}): {self._path}", file=sys.stderr)
         self._stream.disconnect()
+        if self._path.is_file():
+            os.truncate(self._path, max(0, self._path.stat().st_size - ROOM))
 
     # -- events ----------------------------------------------------------------------------------------------------
 
     def _log(self, entity: str, what: Any, time: float) -> None:
+        if self.lost:
+            return
         self._stream.set_time(TIMELINE, duration=time)
         self._stream.log(entity, what)
         self._stream.reset_time()

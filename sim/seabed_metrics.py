@@ -5,11 +5,9 @@ count from its place when the tool first met the soil, until it is out again. Of
 are against the commanded path; its depth under the true surface has the scan's error in it and is told beside.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -18,11 +16,11 @@ from models.seabed import Seabed
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
 from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
-from sim.metrics import Assessment, Check, path_error
+from sim.metrics import Assessment, Check, path_error, run_schema
 from sim.recording import Recording
 from sim.trials import crashed_run, kind_of_failure, spread, verdicts
 
-SCHEMA = "schemas/seabed_work.schema.json"
+SCHEMA = "seabed_work.schema.json"
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between looks at how near the hull is to the ground
 
@@ -54,7 +52,7 @@ class TrueGround:
 
 def schema() -> dict[str, Any]:
     """The JSON Schema of the metrics.json of work in the seabed."""
-    return json.loads(files("sim").joinpath(SCHEMA).read_text(encoding="utf-8"))
+    return run_schema(SCHEMA)
 
 
 def assess_seabed_work(

@@ -70,8 +70,8 @@ def verdicts(trials: Sequence[Mapping[str, Any]], kind: Callable[[Mapping[str, A
 
 def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """The parts of a trial's metrics that every job has, of one that broke down for `reason`."""
-    run = ("simulated_s", "wall_s", "real_time_factor", "collision_s")
+    run = ("simulated_s", "collision_s", "trajectory_sha256")
     return {
         "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason}, "accepted": False,
-        "failed": [reason],
+        "failed": [reason], "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),
     }  # fmt: skip

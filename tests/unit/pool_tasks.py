@@ -1,6 +1,8 @@
 """Tasks for the tests of `scripts/_pool.py`, in a module that a fresh process loads quickly."""
 
 import os
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,3 +22,11 @@ def deadly(run: int) -> dict[str, Any]:
 
 def told_dead(run: int) -> dict[str, Any]:
     return {"run": run, "without": ""}
+
+
+def waiting(file: str) -> None:
+    """Says in `file` which process this is, and waits to be ended."""
+    part = Path(f"{file}.part")
+    part.write_text(str(os.getpid()))
+    part.replace(file)
+    time.sleep(120.0)

@@ -1,10 +1,12 @@
 """Every figure of a run against its closed form, on recordings made up for it."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 
 import jsonschema
+import mujoco
 import numpy as np
 import pytest
 
@@ -25,6 +27,7 @@ from sim.metrics import (
     schema,
     tool_figures,
 )
+from sim.provenance import model_digest, provenance
 from sim.recording import STATES, Event, Recording, Series
 from sim.surface import Surface, closest_on_curve
 
@@ -89,25 +92,63 @@ def test_perfect_run_is_accepted_and_keeps_the_schema():
     assessment = assessed(recorded())
     assert assessment.accepted, assessment.failed
     jsonschema.validate(assessment.metrics, schema())
-    assert assessment.metrics["run"]["real_time_factor"] == pytest.approx(20.0)
+    assert assessment.metrics["timings"]["real_time_factor"] == pytest.approx(20.0)
     assert assessment.metrics["tool"]["speed_mean_m_s"] == pytest.approx(SPEED, rel=1e-3)
 
 
 def test_schema_has_the_keys_that_others_rely_on():
     keys = {
-        "identification": "position_error_m orientation_error_rad range_m check_m accepted duration_s",
+        "identification": "position_error_m orientation_error_rad range_m check_m accepted",
         "contact": "force_error_rms_n force_error_max_n lost_s segments",
         "tool": "path_deviation_rms_m path_deviation_max_m cross_track_max_m along_track_max_m "
         "object_deviation_max_m tilt_max_rad speed_mean_m_s",
         "force_estimate": "error_rms_n",
         "hull": "excursion_max_m tilt_max_rad",
         "thrusters": "saturated_s",
-        "run": "simulated_s wall_s real_time_factor seed",
     }
     required = schema()["properties"]
     for group, names in keys.items():
         assert set(names.split()) <= set(required[group]["required"])
+    shared = schema()["$defs"]["every_run"]["$defs"]
+    assert set(shared["run"]["required"]) >= {"simulated_s", "seed", "state", "trajectory_sha256"}
+    assert set(shared["timings"]["required"]) == {"wall_s", "real_time_factor", "identification_s"}
     assert "accepted" in schema()["required"]
+
+
+def test_two_times_of_one_run_differ_in_the_timings_alone():
+    first, second = (
+        dict(assess(recorded(), TRUTH, seed=3, wall_s=wall_s, identification_s=0.1 * wall_s).metrics)
+        for wall_s in (0.5, 0.7)
+    )
+    assert first.pop("timings") != second.pop("timings")
+    assert first == second
+
+
+def test_a_run_that_was_interrupted_says_so_and_is_not_accepted():
+    assessment = assessed(replace(recorded(), interrupted="SIGTERM"))
+    jsonschema.validate(assessment.metrics, schema())
+    assert assessment.metrics["run"]["state"] == "interrupted"
+    assert assessment.metrics["run"]["note"] == "by SIGTERM in state done after 10.0 s"
+    assert assessment.failed == ("the run was interrupted by SIGTERM in state done after 10.0 s",)
+
+
+def test_what_it_was_made_by_is_in_the_file(tmp_path):
+    @dataclass
+    class Options:
+        seed: int = 3
+        out: Path | None = tmp_path
+        forces: tuple[float, ...] = (60.0, np.inf)
+
+    model = models.load("uuv_puma").compile()
+    assessed(recorded()).made_by(provenance("clean_barrel", Options(), model)).write(tmp_path / "metrics.json")
+    kept = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    jsonschema.validate(kept, schema())
+    made = kept["provenance"]
+    assert made["options"] == {"seed": 3, "forces": [60.0, "inf"]}
+    assert made["versions"]["mujoco"] == mujoco.__version__
+    assert made["model_sha256"] == model_digest(models.load("uuv_puma").compile())
+    model.opt.timestep *= 2.0
+    assert made["model_sha256"] != model_digest(model)
 
 
 def test_force_error_counts_from_one_second_after_each_change():

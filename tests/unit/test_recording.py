@@ -1,5 +1,6 @@
 """A recording holds what was shown to the recorder, at the rates that were asked for."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +10,7 @@ import models
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import pose
-from sim.recording import Recorder, Recording
+from sim.recording import EVERY_STEP, Recorder, Recording
 from sim.rollout import Moment
 
 MODEL = models.load("uuv_puma").compile()
@@ -116,6 +117,19 @@ def test_states_and_targets_are_kept_once_each():
     assert recording.final.time == pytest.approx(100 * DT)
     assert len(recording.targets) == 1
     assert recording.within(WorkState.WORK, WorkState.RETREAT).sum() == 100
+
+
+def test_digest_is_of_every_bit_of_the_trajectory():
+    recording = recorded(50)
+    assert recording.digest() == recorded(50).digest() == recorded(50, full=False).digest()
+    assert recording.digest() != recorded(51).digest()
+    assert recording.digest(["p_pad", "state"]) == recording.digest(("state", "p_pad"))
+    for name in EVERY_STEP:
+        series = recording[name]
+        value = series.value.copy()
+        value[17, -1] = np.nextafter(value[17, -1], np.inf)  # NaN stays
+        changed = replace(recording, series={**recording.series, name: replace(series, value=value)})
+        assert (changed.digest() == recording.digest()) == np.array_equal(value, series.value, equal_nan=True), name
 
 
 def test_recording_is_frozen():

@@ -1,16 +1,21 @@
 """Scripts start on our rooms, and end in one line and the right code."""
 
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
 from sim.interfaces.errors import ConfigurationError
 from sim.startup import check, parse, run_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass
@@ -82,12 +87,46 @@ def test_scenario_ends_in_its_code(
     assert capsys.readouterr().err == line
 
 
-def test_other_errors_keep_their_traceback():
-    def main() -> None:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
+def ended(main: Callable[[], None], capsys: pytest.CaptureFixture[str]) -> tuple[object, str]:
+    """Exit code of a scenario, and what it says on stderr."""
+    with pytest.raises(SystemExit) as stop:
         run_scenario(main)
+    return stop.value.code, capsys.readouterr().err
+
+
+def test_an_error_of_the_program_is_one_line_with_its_place(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    source = "import json\ndef main():\n    json.loads('{')\n"
+    code = compile(source, str(ROOT / "scripts" / "made_up.py"), "exec")
+    there: dict[str, Any] = {"__name__": "made_up"}
+    exec(code, there)
+    code, said = ended(there["main"], capsys)
+    assert code == 70
+    assert said.startswith("error: internal: JSONDecodeError: Expecting property name")
+    assert "(scripts/made_up.py:3; --traceback" in said
+    assert said.count("\n") == 1
+    monkeypatch.setenv("UUV_TRACEBACK", "1")
+    assert "Traceback" in ended(there["main"], capsys)[1]
+
+
+def test_an_error_in_a_users_module_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys):
+    (tmp_path / "pilot_of_mine.py").write_text("class Pilot:\n    def step(self):\n        return {}['gain']\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    code, said = ended(import_module("pilot_of_mine").Pilot().step, capsys)
+    assert code == 2
+    assert said == f"error: pilot_of_mine: Pilot.step raised KeyError: 'gain' ({tmp_path / 'pilot_of_mine.py'}:3)\n"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_a_scenario_with_the_code_of_a_shell(number: signal.Signals, capsys: pytest.CaptureFixture[str]):
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+    assert ended(lambda: signal.raise_signal(number), capsys) == (128 + number, "interrupted\n")
+    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+
+
+def test_traceback_is_an_option_of_every_script():
+    assert parse(Options, ["--traceback", "--force", "90"]).force == 90.0
 
 
 def test_our_rooms_pass():

@@ -2,9 +2,13 @@
 
 import json
 import os
+import subprocess
+import sys
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
+from time import monotonic, sleep
 from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
@@ -215,6 +219,69 @@ def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
     assert [row["run"] for row in rows if "value" not in row] == [2]
 
 
+WATCHED = """
+import sys
+sys.path.insert(0, "scripts")
+from _pool import run_all
+from pool_tasks import told_dead, waiting
+if __name__ == "__main__":
+    for _ in run_all([sys.argv[1] + "/0", sys.argv[1] + "/1"], 2, waiting, told_dead): pass
+"""
+
+
+def gone(process: int) -> bool:
+    """Whether it has ended (what nobody has waited for has ended as well)."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests" / "unit")])}
+    (tmp_path / "study.py").write_text(WATCHED)
+    with subprocess.Popen([sys.executable, tmp_path / "study.py", tmp_path], cwd=root, env=environment) as study:
+        until(lambda: len(list(tmp_path.glob("[01]"))) == 2, "its workers are at work")
+        workers = [int(file.read_text()) for file in tmp_path.glob("[01]")]
+        assert not any(map(gone, workers))
+        study.kill()
+    until(lambda: all(map(gone, workers)), "they are gone")
+
+
+def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:
+    """Wait for it; a failure after `longest` [s]."""
+    began = monotonic()
+    while not true():
+        assert monotonic() - began < longest, f"not within {longest:g} s: {what}"
+        sleep(0.02)
+
+
+def test_fingerprint_is_of_all_scripts_that_a_run_imports(log, root, tmp_path):
+    names = {path.name for path in log.imported_scripts(root / "scripts" / "_study.py")}
+    assert names >= {"_study.py", "_job.py", "_whole_run.py", "_contact_options.py", "_deck_calibration.py"}
+    assert not names & {"_study_report.py", "_study_figures.py", "study_contact.py"}
+    (tmp_path / "a.py").write_text("import b\ndef later():\n    from c import d\n")
+    (tmp_path / "b.py").write_text("import os, a\n")
+    (tmp_path / "c.py").write_text("")
+    assert {path.name for path in log.imported_scripts(tmp_path / "a.py")} == {"a.py", "b.py", "c.py"}
+
+
+def test_two_studies_do_not_share_a_folder(log, root, tmp_path):
+    other = "import sys, pathlib, sim.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): pass"
+    command = [sys.executable, "-c", other, str(tmp_path)]
+    with log.Log.open(tmp_path, {"seed": 1}):
+        refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+        assert f"process {os.getpid()} is at work in it" in refused.stderr
+    assert subprocess.run(command, cwd=root, check=False).returncode == 0
+
+
+def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
+    (tmp_path / "metrics.json").write_text("{}")
+    with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
+        log.Log(tmp_path, {"seed": 1})
+
+
 def test_log_goes_on_where_it_was_cut(log, tmp_path):
     begun = log.Log(tmp_path, {"seed": 1})
     begun.add({"run": 0, "without": ""})
@@ -224,6 +291,8 @@ def test_log_goes_on_where_it_was_cut(log, tmp_path):
     begun = log.Log(tmp_path, {"seed": 1})
     assert [row["run"] for row in begun.rows] == [0, 1]
     begun.add({"run": 2, "without": ""})
+    with file.open("ab") as cut:
+        cut.write(bytes(30) + b"\n")  # of a power cut
     assert [row["run"] for row in log.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
     with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
         log.Log(tmp_path, {"seed": 2})

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
+FARTHEST = 1e9  # [m] from a frame, within which positions are kept to a micrometre
 
 
 def readonly(values: ArrayLike) -> Array:
@@ -89,9 +90,11 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
     """A read-only copy of the pose `values` (4, 4); ConfigurationError if it is none."""
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
-    rigid = np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
+    rigid = np.abs(R).max() < 2.0 and np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
     if not (rigid and np.allclose(X[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=1e-9)):
         raise not_a_pose(name, X)
+    if np.abs(X[:3, 3]).max() > FARTHEST:
+        raise ConfigurationError(f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}")
     return X
 
 
@@ -134,18 +137,18 @@ def finite_number(
     given = number(value, name)
     if math.isfinite(given) and given > above and least <= given <= most:
         return given
-    bounds = [
-        f"{sign} {bound:g}" for sign, bound in ((">", above), (">=", least), ("<=", most)) if math.isfinite(bound)
-    ]
-    raise ConfigurationError(f"{name}: must be finite{' and ' if bounds else ''}{', '.join(bounds)}, got {given:g}")
+    word = "positive and finite" if above == 0.0 else "finite"
+    bounds = ((">", above if above else -math.inf), (">=", least), ("<=", most))
+    said = "".join(f", {sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
+    raise ConfigurationError(f"{name}: must be {word}{said}, got {given:g}")
 
 
 def whole_number(value: Any, name: str, *, least: int = 0, most: int | None = None) -> int:
     """`value` as an int >= `least`, and <= `most`; ConfigurationError otherwise. True and 2.0 are no whole numbers."""
     kind = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not kind or value < least or (most is not None and value > most):
-        upper = "" if most is None else f", <= {most}"
-        raise ConfigurationError(f"{name}: must be a whole number >= {least}{upper}, got {shown(value)}")
+        allowed = f">= {least}" if most is None else f"in {least}..{most}"
+        raise ConfigurationError(f"{name}: must be a whole number {allowed}, got {shown(value)}")
     return int(value)
 
 

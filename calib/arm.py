@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from calib import kernels
 from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, inverse, readonly
+from sim.interfaces.spatial import Array, checked, checked_pose, checked_rows, inverse, readonly, shown
 
 NEAR_PARALLEL = np.deg2rad(5.0)  # below this, d and theta0 of common normals run away
 _EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
@@ -39,10 +39,7 @@ class Arm:
         Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown joint letters, and tables that
         are in degrees or millimetres by their size.
         """
-        rows = np.asarray(dh, dtype=np.float64) if not isinstance(dh, Arm) else dh.table[:, :4]
-        if rows.ndim != 2 or rows.shape[0] == 0:
-            raise ConfigurationError(f"nominal: expected a DH table (n, 4) with n >= 1, got shape {rows.shape}")
-        rows = checked(rows, (len(rows), 4), "nominal")
+        rows = checked_rows(dh.table[:, :4] if isinstance(dh, Arm) else dh, 4, "nominal")
         turns = np.abs(rows[:, [THETA, ALPHA]])
         if turns.max() > 4.0 * np.pi:
             k, column = np.unravel_index(int(turns.argmax()), turns.shape)
@@ -58,9 +55,7 @@ class Arm:
                 f"nominal: {'da'[column]} of joint {k + 1} is {lengths[k, column]:g} m; the table looks like "
                 "millimetres, metres are needed (columns theta0, d, a, alpha)"
             )
-        types = "r" * len(rows) if joint_types is None else joint_types
-        if len(types) != len(rows) or set(types) - {"r", "p"}:
-            raise ConfigurationError(f"joint_types: {len(rows)} letters of r (hinge), p (slide), got {types!r}")
+        types = _letters(joint_types, len(rows))
         tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
         return cls(
             table=readonly(np.column_stack([rows, tilt])),
@@ -78,15 +73,20 @@ class Arm:
         `X_base_flange0` (4, 4) is the flange at zero. Near-parallel neighbours keep the given point on the later axis
         as the origin of its frame. Raises ConfigurationError for wrong shapes and zero directions.
         """
-        z = np.asarray(axes, dtype=np.float64)
-        z = checked(z, (len(z), 3), "axes")
+        z = checked_rows(axes, 3, "axes")
         n = len(z)
         o = checked(points, (n, 3), "points")
-        X_flange = checked(X_base_flange0, (4, 4), "X_base_flange0")
-        types = "r" * n if joint_types is None else joint_types
+        X_flange = checked_pose(X_base_flange0, "X_base_flange0")
+        types = _letters(joint_types, n)
+        z = z / np.maximum(np.abs(z).max(axis=1, keepdims=True), 1e-300)  # a long one's square is no number
         norms = np.linalg.norm(z, axis=1)
-        if n == 0 or not np.all(norms > 1e-9):
+        if not np.all(norms > 1e-9):
             raise ConfigurationError("axes: every joint axis needs a length")
+        farthest = float(max(np.abs(o).max(), np.abs(X_flange[:3, 3]).max()))
+        if farthest > n * _LARGEST:
+            raise ConfigurationError(
+                f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got {farthest:g} m; millimetres?"
+            )
         z = z / norms[:, None]
         X_base_0 = np.eye(4)
         X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
@@ -176,6 +176,14 @@ class Arm:
     def with_table(self, table: Array) -> Self:
         """The same arm with another table (n, 5)."""
         return replace(self, table=readonly(table))
+
+
+def _letters(joint_types: str | None, n: int) -> str:
+    if joint_types is None:
+        return "r" * n
+    if not isinstance(joint_types, str) or len(joint_types) != n or set(joint_types) - {"r", "p"}:
+        raise ConfigurationError(f"joint_types: {n} letters of r (hinge), p (slide), got {shown(joint_types)}")
+    return joint_types
 
 
 def _step(row: Array) -> Array:

@@ -23,12 +23,25 @@ from calib.kernels import ROW
 from models import arm_geometry
 from models.vehicle import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly
+from sim.interfaces.files import bytes_of
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    exp_so3,
+    number,
+    pose,
+    readonly,
+    real_array,
+    shown,
+)
 
 Kind = Literal["dh", "yaml", "urdf", "mjcf"]
 _DH_NAMES = {
     "theta": 0, "theta0": 0, "theta_offset": 0, "offset": 0, "q": 0, "d": 1, "a": 2, "r": 2, "alpha": 3, "beta": 4,
 }  # fmt: skip
+_UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
+_LONGEST_KEY = 60  # characters of a column's name
 _DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 
 
@@ -54,26 +67,23 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     `base` and `tip` name links of a URDF (default: its root, and its only driven leaf), or a body and a site of an MJCF
     (default: arm_base, tip). Raises ConfigurationError for what cannot be read or is no serial arm.
     """
+    raw = bytes_of(path, "arm")
     file = Path(path)
-    try:
-        raw = file.read_bytes()
-    except OSError as error:
-        raise ConfigurationError(f"arm {file}: cannot be read ({error.strerror})") from error
     suffix, digest = file.suffix.lower(), hashlib.sha256(raw).hexdigest()
     if suffix == ".xml" and b"<robot" in raw[:4000]:
         suffix = ".urdf"
     readers = {
-        ".csv": _from_csv, ".txt": _from_csv, ".yaml": _from_yaml, ".yml": _from_yaml, ".urdf": _from_urdf,
-        ".xml": _from_mjcf, ".mjcf": _from_mjcf,
+        ".csv": _from_csv, ".txt": _from_csv, ".yaml": _from_yaml, ".yml": _from_yaml, ".xml": _from_mjcf,
+        ".mjcf": _from_mjcf,
     }  # fmt: skip
-    if suffix not in readers:
-        raise ConfigurationError(f"arm {file}: allowed {', '.join(readers)}, got {suffix!r}")
+    if suffix not in (*readers, ".urdf"):
+        raise ConfigurationError(f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}")
+    if suffix == ".urdf":
+        return _from_urdf(file, raw, digest, base, tip)  # XML says its encoding itself
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"arm {file}: not a text file in UTF-8") from error
-    if not text.strip():
-        raise ConfigurationError(f"arm {file}: the file is empty")
     return readers[suffix](file, text, digest, base, tip)
 
 
@@ -121,8 +131,10 @@ def _from_csv(file: Path, text: str, digest: str, base: str | None, tip: str | N
 def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
     try:
         document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"arm {file}: no YAML ({str(error).splitlines()[0]})") from error
+    except RecursionError as error:
+        raise ConfigurationError(f"arm {file}: no YAML of an arm: brackets within brackets, too deep") from error
+    except Exception as error:  # its constructors of dates and numbers raise ValueError and others
+        raise ConfigurationError(f"arm {file}: no YAML ({' '.join(str(error).split())[:120]})") from error
     if isinstance(document, Mapping) and "kinematics" in document:
         return _of_ur(file, document["kinematics"], digest, base, tip)
     if isinstance(document, Mapping):
@@ -142,7 +154,7 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
         elif isinstance(row, Sequence) and not isinstance(row, str) and len(row) in (4, 5):
             rows.append(dict(zip(names, row, strict=False)))
         else:
-            raise ConfigurationError(f"arm {file}: row {k}: expected theta, d, a, alpha[, beta], got {row!r}")
+            raise ConfigurationError(f"arm {file}: row {k}: expected theta, d, a, alpha[, beta], got {shown(row)}")
     return _of_rows(file, "yaml", rows, digest, about, base, tip)
 
 
@@ -155,12 +167,17 @@ def _of_rows(
     table = np.zeros((len(rows), ROW))
     stated = {"angle": "", "length": ""}
     units = about.get("units") or {}
-    if isinstance(units, Mapping):
-        stated = {key: str(units.get(key, "")) for key in stated}
+    if not isinstance(units, Mapping) or any(value not in _UNITS.get(key, ()) for key, value in units.items()):
+        raise ConfigurationError(
+            f"arm {file}: units: allowed {{angle: rad or deg, length: m or mm}}, got {shown(units)}"
+        )
+    stated |= units
     names, types = [], []
     for k, row in enumerate(rows):
         seen = set()
         for key, value in row.items():
+            if len(key) > _LONGEST_KEY:
+                raise ConfigurationError(f"arm {file}: row {k + 1}: no column is called {shown(key)}")
             word = re.split(r"[\[( ]", key)[0].removesuffix("_deg").removesuffix("_rad").removesuffix("_mm")
             word = word.removesuffix("_m")
             if word in ("name", "joint"):
@@ -176,11 +193,13 @@ def _of_rows(
             unit = re.search(r"(deg|rad|mm|m)(?:rees|ians)?[\])]?$", key[len(word) :])
             column = _DH_NAMES[word]
             try:
-                number = float(value)
-            except (TypeError, ValueError):
-                raise ConfigurationError(f"arm {file}: row {k + 1}: {key} must be a number, got {value!r}") from None
+                figure = float(value) if isinstance(value, str) else number(value, key)
+            except ValueError:
+                raise ConfigurationError(
+                    f"arm {file}: row {k + 1}: {key} must be a number, got {shown(value)}"
+                ) from None
             said = unit.group(1) if unit else stated["length" if column in (1, 2) else "angle"]
-            table[k, column] = number * {"deg": np.pi / 180.0, "mm": 1e-3}.get(said, 1.0)
+            table[k, column] = figure * {"deg": np.pi / 180.0, "mm": 1e-3}.get(said, 1.0)
             seen.add((column, said))
         missing = {0, 1, 2, 3} - {column for column, _ in seen}
         if missing:
@@ -198,9 +217,9 @@ def _of_rows(
     n = len(table)
     letters = str(about.get("joint_types") or "".join(types) or "r" * n)
     arm = Arm.from_dh(table[:, :4], letters, beta=table[:, 4])
-    X_base_0 = checked(about.get("X_base_0", np.eye(4)), (4, 4), f"arm {file}: X_base_0")
-    X_n_flange = checked(about.get("X_n_flange", np.eye(4)), (4, 4), f"arm {file}: X_n_flange")
-    joint_names = tuple(str(name) for name in about.get("joint_names") or ())
+    X_base_0 = checked_pose(about.get("X_base_0", np.eye(4)), f"arm {file}: X_base_0")
+    X_n_flange = checked_pose(about.get("X_n_flange", np.eye(4)), f"arm {file}: X_n_flange")
+    joint_names = _joint_names(file, about, n)
     if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
         joint_names = tuple(names)
     return ArmSource(
@@ -217,15 +236,29 @@ def _of_rows(
     )
 
 
+def _joint_names(file: Path, about: Mapping[str, Any], n: int) -> tuple[str, ...]:
+    """`joint_names`: as many different words as there are joints, or none."""
+    given = about.get("joint_names")
+    if given is None:
+        return ()
+    if not isinstance(given, Sequence) or isinstance(given, str) or len({str(name) for name in given}) != n != 0:
+        raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {shown(given)}")
+    return tuple(str(name) for name in given)
+
+
 def _limits(file: Path, about: Mapping[str, Any], n: int) -> Array:
     """Joint limits (n, 2) under `limits`; null is no limit."""
     if about.get("limits") is None:
         return readonly(np.tile([-np.inf, np.inf], (n, 1)))
-    try:
-        found = np.array(about["limits"], dtype=np.float64).reshape(n, 2)  # None becomes NaN
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers") from error
-    return readonly(np.where(np.isnan(found), [-np.inf, np.inf], found))
+    found = real_array(about["limits"], f"arm {file}: limits", f"{n} pairs of numbers")  # None becomes NaN
+    if found.shape != (n, 2):
+        raise ConfigurationError(f"arm {file}: limits: {n} pairs of numbers, got shape {found.shape}")
+    found = np.where(np.isnan(found), [-np.inf, np.inf], found)
+    crossed = np.flatnonzero(~(found[:, 0] < found[:, 1]))
+    if crossed.size:
+        k = int(crossed[0])
+        raise ConfigurationError(f"arm {file}: limits: those of joint {k + 1} must rise, got {shown(found[k])}")
+    return readonly(found)
 
 
 def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | None) -> ArmSource:
@@ -237,11 +270,11 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
         if name == "hash":
             continue
         try:
-            p = [float(values[key]) for key in ("x", "y", "z")]
-            rpy = [float(values[key]) for key in ("roll", "pitch", "yaw")]
-        except (TypeError, KeyError, ValueError) as error:
-            raise ConfigurationError(f"arm {file}: {name}: expected x, y, z, roll, pitch, yaw") from error
-        X = X @ pose(_rpy(rpy), p)
+            given = [float(values[key]) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+        except (TypeError, KeyError, ValueError, OverflowError) as error:
+            raise ConfigurationError(f"arm {file}: {shown(name)}: expected x, y, z, roll, pitch, yaw") from error
+        figures = checked(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw")
+        X = X @ pose(_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
         names.append(str(name))
@@ -321,10 +354,10 @@ def urdf_chain(root: ET.Element, file: Path, base: str | None, tip: str | None) 
     return chain
 
 
-def _from_urdf(file: Path, text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
+def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str | None) -> ArmSource:
     try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
+        root = ET.fromstring(raw)
+    except (ET.ParseError, ValueError, LookupError) as error:  # the latter two of encodings it does not know
         raise ConfigurationError(f"arm {file}: no XML ({error})") from error
     chain = urdf_chain(root, file, base, tip)
     X = chain.X_base_child

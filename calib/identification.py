@@ -23,7 +23,17 @@ from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
 from calib.verification import kabsch
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly, transform_points
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    number,
+    one_of,
+    readonly,
+    shown,
+    transform_points,
+    whole_number,
+)
 
 Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
@@ -31,6 +41,8 @@ Distance = tuple[int, int, float] | tuple[int, int, float, float]
 _SURE_DISTANCE = 5e-5  # [m] deviation of a known distance where none is stated
 _BETA_LEVEL = 0.05  # betas that chance explains this well are dropped
 _FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad] and share of the arm's length that no workshop gets wrong
+_MOST_LENGTH = 1e3  # [m] between two points that an arm touches
+_MOST_NOISE = 1.0  # [m] of a touch
 _FAR_OFF = 5e-3  # [m] touches that scatter so after the fit are not touches of this arm
 
 
@@ -105,7 +117,7 @@ class Calibration:
 
     def quantile(self, confidence: float = 0.95) -> float:
         """How many deviations a two-sided interval of this confidence spans on each side."""
-        if not 0.0 < confidence < 1.0:
+        if not 0.0 < number(confidence, "confidence") < 1.0:
             raise ConfigurationError(f"confidence: between 0 and 1, got {confidence!r}")
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
 
@@ -187,11 +199,15 @@ def identify(
     Deterministic. Raises ConfigurationError for anything malformed: wrong joint count, no touches, numbers not finite,
     degrees, millimetres, unknown words.
     """
-    if method not in get_args(Method):
-        raise ConfigurationError(f"method: allowed {', '.join(get_args(Method))}, got {method!r}")
-    if noise is not None and not (np.isfinite(noise) and noise > 0.0):
-        raise ConfigurationError(f"noise: must be positive and finite [m], got {noise!r}")
+    one_of(method, get_args(Method), "method")
+    if noise is not None:
+        noise = finite_number(noise, "noise [m]", above=0.0, most=_MOST_NOISE)
+    max_iterations = whole_number(max_iterations, "max_iterations", least=1)
+    if loads is not None and not isinstance(loads, Loads):
+        raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
     arm = nominal if isinstance(nominal, Arm) else Arm.from_dh(nominal, joint_types)
+    if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
+        raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
     touches = checked_series(series, arm)
     kept, warnings = without_repeats(touches)
     used = [touches[i][places] for i, places in enumerate(kept) if len(places)]
@@ -236,7 +252,12 @@ def _map_fit(
 ) -> tuple[Fit, Data, Parameters]:
     """The fit, its data with outliers at weight 0, and the parameters that were free in it."""
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
-    words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
+    try:
+        words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
+    except TypeError as error:
+        raise ConfigurationError(f"free: expected words, got {shown(free)}") from error
+    if prior is not None and not isinstance(prior, Mapping):
+        raise ConfigurationError(f"prior: expected a mapping of words to deviations, got {shown(prior)}")
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
         raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
@@ -269,17 +290,22 @@ def _checked_distances(
 ) -> tuple[tuple[int, int, float, float], ...]:
     """Distances between series that are in use, by their place among those, each with a deviation."""
     out = []
-    for given in distances:
-        i, j, length, *rest = given
-        deviation = rest[0] if rest else _SURE_DISTANCE
-        if not (0 <= i < count and 0 <= j < count and i != j):
+    try:
+        rows = [tuple(given) for given in distances]
+    except TypeError as error:
+        raise ConfigurationError(f"distances: expected (i, j, length[, deviation]), got {shown(distances)}") from error
+    for row in rows:
+        if len(row) not in (3, 4):
+            raise ConfigurationError(f"distances: expected (i, j, length[, deviation]), got {shown(row)}")
+        i, j = (whole_number(k, "distances: series", most=count - 1) for k in row[:2])
+        if i == j:
             raise ConfigurationError(f"distances: two different series of 0..{count - 1} are needed, got {i} and {j}")
-        if not (np.isfinite(length) and length > 0.0 and np.isfinite(deviation) and deviation > 0.0):
-            raise ConfigurationError(
-                f"distances: length and deviation must be positive and finite [m], got {length!r} and {deviation!r}"
-            )
+        length = finite_number(row[2], "distances: length [m]", above=0.0, most=_MOST_LENGTH)
+        deviation = finite_number(
+            row[3] if len(row) == 4 else _SURE_DISTANCE, "distances: deviation [m]", least=1e-9, most=_MOST_LENGTH
+        )
         if i in live and j in live:
-            out.append((live.index(i), live.index(j), float(length), float(deviation)))
+            out.append((live.index(i), live.index(j), length, deviation))
     return tuple(out)
 
 

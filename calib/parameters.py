@@ -11,7 +11,7 @@ import numpy as np
 from calib.arm import Arm
 from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, finite_number, shown
 
 GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
 UNITS = {
@@ -25,6 +25,7 @@ DEFAULT_PRIOR = {
     "theta": np.deg2rad(0.2), "d": 1e-3, "a": 1e-3, "alpha": np.deg2rad(0.2), "beta": np.deg2rad(0.2), "tcp": 0.1,
     "compliance": 1e-4,
 }  # fmt: skip
+_NARROWEST, _WIDEST = 1e-12, 1e6  # deviations whose squares can be added up
 DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
 
 
@@ -86,10 +87,10 @@ def select(arm: Arm, words: Iterable[str] | str) -> Parameters:
     every = all_parameters(arm)
     asked = [words] if isinstance(words, str) else list(words)
     for word in asked:
-        if word not in GROUPS and word not in every.names:
+        if not isinstance(word, str) or (word not in GROUPS and word not in every.names):
             raise ConfigurationError(
-                f"free: {word!r} is no parameter of this arm; allowed: groups {', '.join(GROUPS)}, or single ones such "
-                f"as {every.names[0]}, {every.names[4 * arm.n]}"
+                f"free: {shown(word)} is no parameter of this arm; allowed: groups {', '.join(GROUPS)}, or single ones "
+                f"such as {every.names[0]}, {every.names[4 * arm.n]}"
                 + (f", beta{arm.near_parallel[0] + 1}" if arm.near_parallel else " (no beta: no near-parallel axes)")
             )
     chosen = [
@@ -110,10 +111,11 @@ def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) 
     for word, value in stated.items():
         if word not in GROUPS and word not in parameters.names:
             raise ConfigurationError(
-                f"prior: {word!r} is not identified here; allowed: {', '.join((*GROUPS, *parameters.names))}"
+                f"prior: {shown(word)} is not identified here; allowed: {', '.join((*GROUPS, *parameters.names))}"
             )
-        if not (np.isfinite(value) and value > 0.0):
-            raise ConfigurationError(f"prior: the deviation of {word} must be positive and finite, got {value!r}")
+        stated[word] = finite_number(value, f"prior: the deviation of {word}", above=0.0, most=_WIDEST)
+        if stated[word] < _NARROWEST:
+            raise ConfigurationError(f"prior: the deviation of {word} must be >= {_NARROWEST:g}, got {value}")
     return np.array(
         [
             stated.get(name, stated.get(group, DEFAULT_PRIOR[group]))

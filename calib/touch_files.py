@@ -14,13 +14,16 @@ from typing import Literal
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.files import bytes_of, existing_file
+from sim.interfaces.spatial import Array, readonly, shown
 
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
 IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
 # Arms turn a hinge by at most one turn either way, and a little; touching in many orientations takes more than 7 deg.
 _MOST_RADIANS = 2.0 * np.pi + 0.6
+_BEYOND = 0.35  # [rad] and share of a slide's range that encoders may show beyond an arm's limits: stops, offsets
+_UNIT = 2e-3  # by which the length of a quaternion that was written with few digits is off one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,13 +54,15 @@ def read_touches(
     joint_types: str | None = None,
     joint_names: Sequence[str] = (),
     units: Units = "auto",
+    limits: Array | None = None,
 ) -> Touches:
     """Read the touches of CSV files and of folders of such.
 
     `joint_types` (a letter a joint: r, p) of the arm that touched says how many joint values a row must have and which
-    of them are angles; `joint_names` picks and orders the columns of a header that has them all. Raises
-    ConfigurationError for files that are missing or empty, hold what is no finite number, have rows of another length,
-    or look like degrees in one file and like radians in another.
+    of them are angles; `joint_names` picks and orders the columns of a header that has them all; `limits` (n, 2) [rad]
+    or [m] are the arm's. Raises ConfigurationError for files that are missing or empty, hold what is no finite number,
+    have rows of another length, hold poses (x y z qx qy qz qw) or values far beyond the limits in place of joint
+    values, or look like degrees in one file and like radians in another.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     files = [file for path in given for file in _files(Path(path))]
@@ -70,10 +75,11 @@ def read_touches(
     stated: set[str] = set()
     width = len(joint_types) if joint_types is not None else None
     for file, stem in zip(files, _distinct(files), strict=True):
-        raw = _bytes(file)
+        raw = bytes_of(file, "touches")
         digest.update(raw)
         rows, several, unit = _parse(_text(raw, file), file, stem, width, tuple(joint_names))
         width = len(rows[0].values) if width is None else width
+        _refuse_poses(file, rows)
         for row in rows:
             if len(row.values) != width:
                 raise ConfigurationError(f"{row.where}: {len(row.values)} joint values, {width} expected")
@@ -89,6 +95,9 @@ def read_touches(
     series = [np.array(rows) for rows in points.values()]
     if is_degrees:
         series = [np.where(hinges, np.deg2rad(one), one) for one in series]
+    if limits is not None:
+        for name, one in zip(points, series, strict=True):
+            _refuse_beyond(name, one, np.asarray(limits), hinges, joint_names)
     return Touches(
         series=tuple(readonly(one) for one in series),
         names=tuple(points),
@@ -104,6 +113,34 @@ def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], j
         lines = [",".join(joint_names), *(",".join(f"{value:.10f}" for value in row) for row in one)]
         (folder / f"{name}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder
+
+
+def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
+    """Raise ConfigurationError for a file whose rows of seven end in unit quaternions, as no joint angles do."""
+    values = np.array([row.values for row in rows if len(row.values) == 7])
+    if len(values) < len(rows) or len(values) < 2 or np.ptp(values[:, 3:], axis=0).max() < 1e-6:
+        return
+    if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1.0).max() < _UNIT:
+        raise ConfigurationError(
+            f"{file}: holds poses (x y z and a unit quaternion in every row), not joint values; name the files of "
+            "joint values themselves, or move this one out of the folder"
+        )
+
+
+def _refuse_beyond(name: str, q: Array, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> None:
+    """Raise ConfigurationError for joint values (m, n) that the arm cannot have by its `limits` (n, 2)."""
+    with np.errstate(invalid="ignore"):
+        slack = np.where(hinges, _BEYOND, _BEYOND * np.diff(limits, axis=1)[:, 0])
+        beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
+    worst = np.unravel_index(int(np.nanargmax(np.where(np.isfinite(beyond), beyond, -np.inf))), beyond.shape)
+    if np.isfinite(beyond[worst]) and beyond[worst] > 0.0:
+        touch, joint = int(worst[0]), int(worst[1])
+        word, (low, high) = "rad" if hinges[joint] else "m", limits[joint]
+        called = joint_names[joint] if joint < len(joint_names) else f"joint {joint + 1}"
+        raise ConfigurationError(
+            f"touches of {name!r}: touch {touch + 1} has {called} at {q[worst]:.4g} {word}, the arm's limits are "
+            f"{low:.4g} to {high:.4g}: not joint values of this arm, or in another unit or order"
+        )
 
 
 def _hinges(joint_types: str | None, width: int) -> np.ndarray:
@@ -135,14 +172,19 @@ def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: l
 
 
 def _files(path: Path) -> list[Path]:
-    if path.is_dir():
+    if _is_folder(path):
         found = sorted(file for file in path.rglob("*") if file.suffix.lower() in (".csv", ".tsv") and file.is_file())
         if not found:
             raise ConfigurationError(f"touches: there is no .csv file in folder {path}")
         return found
-    if not path.is_file():
-        raise ConfigurationError(f"touches: there is no file or folder {path}")
-    return [path]
+    return [existing_file(path, "touches")]
+
+
+def _is_folder(path: Path) -> bool:
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):  # no name of a file either, which then says so
+        return False
 
 
 def _distinct(files: Sequence[Path]) -> list[str]:
@@ -152,13 +194,6 @@ def _distinct(files: Sequence[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(file) for file in files]
-
-
-def _bytes(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise ConfigurationError(f"{file}: cannot be read ({error.strerror})") from error
 
 
 def _text(raw: bytes, file: Path) -> str:
@@ -248,9 +283,9 @@ def _row(
         try:
             value = float(cell)
         except ValueError:
-            raise ConfigurationError(f"{where}: {cell!r} is no number") from None
+            raise ConfigurationError(f"{where}: {shown(cell)} is no number") from None
         if not np.isfinite(value):
-            raise ConfigurationError(f"{where}: every joint value must be finite, got {cell!r}")
+            raise ConfigurationError(f"{where}: every joint value must be finite, got {shown(cell)}")
         values.append(value)
     if width is not None and len(values) != width:
         raise ConfigurationError(f"{where}: {len(values)} joint values, the arm has {width} joints")

@@ -1,16 +1,17 @@
 """What comes in: series of joint values, checked at the door, and the first guess of the tool point (eq. 12-16)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calib.arm import Arm
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, real_array, shown
 
 _SAME = 1e-9  # [rad] or [m] touches closer than this are one touch written twice
 _TWO_TURNS = 4.0 * np.pi  # no joint of a touch goes further in radians; a joint in degrees soon does
+_LONGEST_SLIDE = 50.0  # [m]
 _FIT_BETTER = 3.0  # times closer together as degrees than as radians
 
 
@@ -21,14 +22,16 @@ def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
     """
     if isinstance(series, np.ndarray) and series.ndim == 2:
         raise ConfigurationError("series: expected a list of arrays (m_i, n), one per touched point, got one array")
+    if isinstance(series, str | bytes | Mapping) or not isinstance(series, Iterable):
+        raise ConfigurationError(
+            f"series: expected a list of arrays (m_i, n), one per touched point, got {shown(series)}"
+        )
+    series = list(series)
     if len(series) == 0:
         raise ConfigurationError("series: empty; at least one series of touches of one point is needed")
     out = []
     for i, values in enumerate(series):
-        try:
-            q = np.array(values, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"series {i + 1}: expected joint values (m, {arm.n}), got {error}") from error
+        q = real_array(values, f"series {i + 1}", f"joint values (m, {arm.n})")
         if q.size == 0:
             raise ConfigurationError(f"series {i + 1}: empty")
         if q.ndim != 2 or q.shape[1] != arm.n:
@@ -39,6 +42,9 @@ def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
         if len(bad):
             j, k = bad[0]
             raise ConfigurationError(f"series {i + 1}, touch {j + 1}: joint {k + 1} is {q[j, k]}, not a finite number")
+        far = np.abs(q[:, arm.slides])
+        if far.size and far.max() > _LONGEST_SLIDE:
+            raise ConfigurationError(f"series {i + 1}: a slide at {far.max():.4g} m; millimetres? Metres are needed")
         out.append(q)
     _refuse_degrees(out, arm)
     return out

@@ -173,19 +173,30 @@ class Health:
         frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
         torque = frozen[0] | (state.beyond > limits.torque_confirm)
         encoder = frozen[1] | (np.abs(state.slip) > limits.encoder_slip)
-        self.blame_torque_sensors(state, torque, time)
-        for j in np.flatnonzero(encoder).tolist():
-            self._add(state, FaultKind.ENCODER, self._vehicle.joint_names[j], j, time)
+        torque_off, encoder_off = state.excess - state.usual, state.slip
+        for j in np.flatnonzero(torque | encoder).tolist():
+            name, still = self._vehicle.joint_names[j], 1e3 * self._period * state.same[:, j]
+            if torque[j]:
+                said = (
+                    f"stood still for {still[0]:.0f} ms" if frozen[0, j] else f"{torque_off[j]:+.3g} N m off its motor"
+                )
+                self._add(state, FaultKind.TORQUE_SENSOR, name, j, time, said)
+            if encoder[j]:
+                said = (
+                    f"stood still for {still[1]:.0f} ms" if frozen[1, j]
+                    else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed"
+                )  # fmt: skip
+                self._add(state, FaultKind.ENCODER, name, j, time, said)
 
     def blame_torque_sensors(self, state: HealthState, wrong: np.ndarray, time: float) -> None:
-        """Count the torque sensors `wrong` (n,) bool as faulty from `time` [s] on."""
+        """Count the torque sensors `wrong` (n,) bool, whose readings are no numbers, as faulty from `time` [s] on."""
         for j in np.flatnonzero(wrong).tolist():
-            self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time)
+            self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time, "no number")
 
     @staticmethod
-    def _add(state: HealthState, kind: FaultKind, part: str, index: int, time: float) -> None:
+    def _add(state: HealthState, kind: FaultKind, part: str, index: int, time: float, figures: str = "") -> None:
         if not state.has(kind, index):
-            state.faults.append(Fault(kind=kind, part=part, index=index, time=time))
+            state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
 
     def _look_at_hull(
         self, state: HealthState, estimate: StateEstimate, command: Command, wrench: Array, warm: bool
@@ -222,7 +233,9 @@ class Health:
         if lost_for > 0.0:
             state.lost_for[best] = lost_for
             if lost_for > self._confirm[best]:
-                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time)
+                asked_of_it = abs(float(state.thrust[best]))
+                figures = f"gave {(1.0 - share) * asked_of_it:.0f} N where {asked_of_it:.0f} N were asked for"
+                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time, figures)
 
 
 @numba.njit(cache=True)

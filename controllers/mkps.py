@@ -21,7 +21,18 @@ from controllers.mkps_descent import SETTLE_STEPS
 from controllers.mkps_entries import entry
 from controllers.mkps_tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, log_so3, not_a_pose, readonly
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    log_so3,
+    not_a_pose,
+    number,
+    one_of,
+    readonly,
+    real_array,
+    shown,
+    whole_number,
+)
 
 __all__ = [
     "Branch", "Chain", "IkBatch", "IkResult", "Method", "Precision", "Track", "TrackState", "TrackStep", "Tracker",
@@ -35,6 +46,9 @@ StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
 _MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000}  # iterations: sweeps are cheap
+_MOST_COUNTED = 10**9  # iterations or restarts
+_MOST_THREADS = 1024
+_MOST_KEPT = 10**6  # iterations in a history
 _CHUNK = 64  # targets that a thread takes at a time in `solve_many`
 _SINGLE_MARGIN = 0.7  # of the tolerances, which single precision must reach by its own reckoning
 _CONVERGED = kernels.CONVERGED
@@ -114,7 +128,7 @@ def solve(
                 max_restarts,
                 q,
             )
-        except (TypeError, KeyError):
+        except (TypeError, KeyError, OverflowError):
             outcome = _NO_OUTCOME  # not yet compiled, or not the usual types
         code, iterations, restarts, error_p, error_r = outcome
         if code < kernels.BAD_TARGET:
@@ -127,6 +141,14 @@ def solve(
                  axis_tolerances, stage_axes),
         history,
     )  # fmt: skip
+
+
+def _tolerance(value: Any, name: str) -> float:
+    """`value` > 0; infinite where that error does not count."""
+    given = number(value, name)
+    if not given > 0.0:
+        raise ConfigurationError(f"{name}: must be positive, got {given:g}")
+    return given
 
 
 class _Options:
@@ -148,29 +170,20 @@ class _Options:
             ("method", method, Method), ("branch", branch, Branch),
             ("precision", precision, Precision), ("stage_axes", stage_axes, StageAxes),
         ):  # fmt: skip
-            if value not in get_args(kinds):
-                raise _unknown(name, value, kinds)
-        try:
-            self.tol_p, self.tol_r = float(position_tolerance), float(orientation_tolerance)
-            self.tol_1, self.tol_2 = (float(value) for value in axis_tolerances or (self.tol_r * 0.5**0.5,) * 2)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(
-                f"tolerances must be numbers and axis_tolerances two of them, got {position_tolerance!r} [m],"
-                f" {orientation_tolerance!r} and {axis_tolerances!r} [rad]"
-            ) from error
-        if not all(value > 0.0 for value in (self.tol_p, self.tol_r, self.tol_1, self.tol_2)):
-            raise ConfigurationError(
-                f"tolerances must be positive, got {position_tolerance} [m], {orientation_tolerance} and"
-                f" {axis_tolerances} [rad]"
-            )
+            one_of(value, get_args(kinds), name)
+        self.tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
+        self.tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
+        self.tol_1 = self.tol_2 = self.tol_r * 0.5**0.5
         if axis_tolerances is not None:
+            both = real_array(axis_tolerances, "axis_tolerances [rad]", "two numbers")
+            if both.shape != (2,):
+                raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
+            self.tol_1, self.tol_2 = (_tolerance(value, "axis_tolerances [rad]") for value in both.tolist())
             self.tol_r = min(self.tol_1, self.tol_2)  # a frame within this has both axes within theirs
         max_iterations = _MOST[method] if max_iterations is None else max_iterations
-        for name, value, least in (("max_iterations", max_iterations, 1), ("max_restarts", max_restarts, 0)):
-            if not isinstance(value, int | np.integer) or value < least:
-                raise ConfigurationError(f"{name}: must be a whole number of at least {least}, got {value!r}")
         self.method, self.keep, self.single = method, branch == "keep", precision == "single"
-        self.max_iterations, self.max_restarts = int(max_iterations), int(max_restarts)
+        self.max_iterations = whole_number(max_iterations, "max_iterations", least=1, most=_MOST_COUNTED)
+        self.max_restarts = whole_number(max_restarts, "max_restarts", most=_MOST_COUNTED)
         self.tip_axes = stage_axes == "tip"
         self.margin = _SINGLE_MARGIN if self.single else 1.0
 
@@ -182,6 +195,8 @@ class _Options:
 
 
 def _solve(chain: Chain, target: Array, start: Array, options: _Options, history: bool) -> IkResult:
+    if history:
+        whole_number(options.max_iterations, "max_iterations with history", most=_MOST_KEPT)
     rows = options.max_iterations + SETTLE_STEPS + 1 if history else 0
     trail, q = np.empty((rows, chain.n)), np.empty(chain.n)
     count, keep = options.max_iterations, options.keep
@@ -278,8 +293,7 @@ def solve_many(
     )  # fmt: skip
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads < 1:
-        raise ConfigurationError(f"threads: must be at least 1, got {threads}")
+    threads = whole_number(threads, "threads", least=1, most=_MOST_THREADS)
     q, out = np.empty((count, chain.n)), np.empty((count, 5))
     many = entry("many")
 
@@ -309,10 +323,6 @@ def solve_many(
     return batch
 
 
-def _unknown(name: str, value: object, kinds: object) -> ConfigurationError:
-    return ConfigurationError(f"{name}: allowed {', '.join(get_args(kinds))}, got {value!r}")
-
-
 def _cause(code: int, restarts: int) -> str:
     return _RESTARTED if restarts and code == _CONVERGED else _CAUSES[code]
 
@@ -329,7 +339,7 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
     checked(target, (4, 4), f"X_base_tip{row}")
     if code == kernels.BAD_TARGET:
         raise not_a_pose(f"X_base_tip{row}", target)
-    raise ConfigurationError(f"q0{row}: every number must be finite, got {start.tolist()}")
+    raise ConfigurationError(f"q0{row}: every number must be finite, got {shown(start)}")
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
@@ -342,7 +352,4 @@ def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 def _stack(values: ArrayLike, name: str) -> Array:
     """`values` as contiguous float64 of any shape."""
-    try:
-        return np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name}: expected numbers, got {values!r}: {error}") from error
+    return np.ascontiguousarray(real_array(values, name))

@@ -18,7 +18,19 @@ from controllers import mkps_kinematics as kernels
 from controllers.mkps_entries import entry
 from controllers.mkps_urdf import TIP_SITE, model_from_urdf
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, checked_pose, exp_so3, inverse, pose, readonly
+from sim.interfaces.spatial import (
+    FARTHEST,
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    real_array,
+    shown,
+)
 
 _KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
 _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
@@ -46,6 +58,9 @@ class Chain:
 
     def __post_init__(self) -> None:
         set_field = partial(object.__setattr__, self)
+        largest = float(max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max()))
+        if not largest <= FARTHEST:
+            raise ConfigurationError(f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m")
         set_field("n", len(self.joint_types))
         set_field("_scale", _scale(self))
         set_field("_memory", memory_of(self, self._scale))
@@ -68,7 +83,7 @@ class Chain:
 
         Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown letters and crossed limits.
         """
-        rows = _table_of(dh, 4, "dh")
+        rows = checked_rows(dh, 4, "dh")
         types = _letters(joint_types, len(rows))
         axes, points, links = np.empty((3, len(rows), 3))
         X = np.eye(4)
@@ -102,9 +117,10 @@ class Chain:
         Raises ConfigurationError for wrong shapes, zero axes, a last link without length, unknown kinds and crossed
         limits.
         """
-        vectors = _table_of(M, 3, "M")
+        vectors = checked_rows(M, 3, "M")
         n = len(vectors)
         directions = checked(e, (n, 3), "e")
+        directions = directions / np.maximum(np.abs(directions).max(axis=1, keepdims=True), 1e-9)
         kinds = checked(p, (n,), "p")
         lengths = np.linalg.norm(directions, axis=1)
         if not np.all(lengths > 1e-9):
@@ -313,29 +329,19 @@ def _frame_with_z(z: Array) -> Array:
     return readonly(np.column_stack([x, np.cross(z, x), z]))
 
 
-def _table_of(values: ArrayLike, width: int, name: str) -> Array:
-    """`values` as (n, width) with n > 0."""
-    try:
-        rows = len(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"{name}: expected (n, {width}) numbers, got {values!r}") from error
-    if rows == 0:
-        raise ConfigurationError(f"{name}: a chain needs at least one joint")
-    return checked(values, (rows, width), name)
-
-
 def _letters(joint_types: str | None, n: int) -> str:
     if joint_types is None:
         return "r" * n
-    if len(joint_types) != n or not set(joint_types) <= set(_KINDS):
-        raise ConfigurationError(f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {joint_types!r}")
+    if not isinstance(joint_types, str) or len(joint_types) != n or not set(joint_types) <= set(_KINDS):
+        raise ConfigurationError(f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {shown(joint_types)}")
     return joint_types
 
 
 def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     """Like `checked`, but infinities mean "no limit"."""
-    checked(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
-    return readonly(values)
+    given = real_array(values, name, f"{shape} numbers")
+    checked(np.nan_to_num(given, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
+    return readonly(given)
 
 
 def _checked_limits(limits: ArrayLike | None, n: int) -> Array:

@@ -25,7 +25,7 @@ from controllers import mkps_kinematics as kernels
 from controllers.mkps_chain import Chain, memory_of, set_limits
 from controllers.mkps_entries import entry
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, not_a_pose, readonly
+from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
@@ -98,21 +98,21 @@ class Tracker:
         Raises ConfigurationError for a period, speed limit, nearness or tolerance that is not positive and finite, and
         for an unknown passing or method.
         """
-        numbers = {
+        given = {
             "period": period, "near": near,
             "position_tolerance": position_tolerance, "orientation_tolerance": orientation_tolerance,
         }  # fmt: skip
-        for name, value in numbers.items():
+        for name, value in ((name, number(value, name)) for name, value in given.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")
-        speeds = checked(np.broadcast_to(speed_limits, (chain.n,)) if np.ndim(speed_limits) == 0 else speed_limits,
-                         (chain.n,), "speed_limits")  # fmt: skip
+        speeds = real_array(speed_limits, "speed_limits")
+        speeds = checked(
+            np.broadcast_to(speeds, (chain.n,)) if speeds.ndim == 0 else speeds, (chain.n,), "speed_limits"
+        )
         if not np.all(speeds > 0.0):
             raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
-        if passing not in get_args(Passing):
-            raise ConfigurationError(f"passing: allowed {', '.join(get_args(Passing))}, got {passing!r}")
-        if method not in get_args(TrackingMethod):
-            raise ConfigurationError(f"method: allowed {', '.join(get_args(TrackingMethod))}, got {method!r}")
+        one_of(passing, get_args(Passing), "passing")
+        one_of(method, get_args(TrackingMethod), "method")
         self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
         self._travel = speeds * period
         self._tolerances = float(position_tolerance), float(orientation_tolerance)

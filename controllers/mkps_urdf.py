@@ -4,12 +4,16 @@ MuJoCo reads URDF, but for chains three things are missing: it asks for mesh fil
 drops `mimic`, by which URDF couples joints.
 """
 
+import os
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of
+from sim.interfaces.spatial import finite_number, shown
 
 TIP_SITE = "chain tip"
 _UNSOLVED = ("floating", "planar")
@@ -28,7 +32,7 @@ def model_from_urdf(urdf: str | Path, base_link: str, tip_link: str) -> tuple[mu
     links = [link.get("name", "") for link in robot.findall("link")]
     for argument, link in (("base_link", base_link), ("tip_link", tip_link)):
         if link not in links:
-            raise ConfigurationError(f"{argument}: the robot has {', '.join(links)}, got {link!r}")
+            raise ConfigurationError(f"{argument}: the robot has {', '.join(links)}, got {shown(link)}")
     mimics = []
     carriers: dict[str, tuple[str, ElementTree.Element]] = {}  # of each link: its parent link and the joint between
     for joint in robot.findall("joint"):
@@ -41,7 +45,7 @@ def model_from_urdf(urdf: str | Path, base_link: str, tip_link: str) -> tuple[mu
         carriers[ends[1]] = ends[0], joint
         mimic = joint.find("mimic")
         if mimic is not None:
-            mimics.append((name, mimic.get("joint", ""), mimic.get("multiplier", "1"), mimic.get("offset", "0")))
+            mimics.append((name, mimic))
             joint.remove(mimic)
     roots = [link for link in links if link not in carriers]
     if len(roots) != 1:
@@ -69,28 +73,43 @@ def model_from_urdf(urdf: str | Path, base_link: str, tip_link: str) -> tuple[mu
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(robot, encoding="unicode"))
         carrier = spec.worldbody if tip_link == roots[0] else spec.body(tip_link)
         carrier.add_site(name=TIP_SITE)
-        for follower, leader, multiplier, offset in mimics:
+        for follower, mimic in mimics:
+            multiplier = _figure(mimic.get("multiplier", "1"), f"joint {follower!r}: mimic's multiplier")
+            offset = _figure(mimic.get("offset", "0"), f"joint {follower!r}: mimic's offset")
             spec.add_equality(
                 type=mujoco.mjtEq.mjEQ_JOINT,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
                 name1=follower,
-                name2=leader,
-                data=[float(offset), float(multiplier), *(0.0,) * 10],
+                name2=mimic.get("joint", ""),
+                data=[offset, multiplier, *(0.0,) * 10],
             )
         return spec.compile(), roots[0]
-    except ValueError as error:
+    except ConfigurationError:
+        raise
+    except (ValueError, TypeError, AttributeError, RecursionError, mujoco.FatalError) as error:
         raise ConfigurationError(f"MuJoCo does not accept this URDF: {error}") from error
 
 
-def _parsed(urdf: str | Path) -> ElementTree.Element:
-    text = str(urdf)
+def _figure(text: str, name: str) -> float:
     try:
-        if not text.lstrip().startswith("<"):
-            text = Path(urdf).read_text()
-        robot = ElementTree.fromstring(text)
-    except OSError as error:
-        raise ConfigurationError(f"urdf: cannot read {str(urdf)!r}: {error}") from error
-    except ElementTree.ParseError as error:
+        return finite_number(float(text), name)
+    except ValueError:
+        raise ConfigurationError(f"{name}: expected a number, got {shown(text)}") from None
+
+
+def _parsed(urdf: str | Path) -> ElementTree.Element:
+    given: Any = urdf
+    if not isinstance(given, str | os.PathLike) or isinstance(given, bytes):
+        raise ConfigurationError(f"urdf: expected a file or its text, got {shown(given)}")
+    try:
+        is_text = isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
+        # A file is read as bytes: XML says its encoding itself.
+        robot = ElementTree.fromstring(given.lstrip("\ufeff \t\r\n") if is_text else bytes_of(given, "urdf"))
+    except (ElementTree.ParseError, UnicodeError, LookupError) as error:
+        raise ConfigurationError(f"urdf: not XML: {error}") from error
+    except ConfigurationError:
+        raise
+    except ValueError as error:  # an encoding that it does not know
         raise ConfigurationError(f"urdf: not XML: {error}") from error
     if robot.tag != "robot":
         raise ConfigurationError(f"urdf: the root element must be <robot>, got <{robot.tag}>")

@@ -17,6 +17,7 @@ from controllers.drive import drive, feel, lost_in_gears
 from controllers.hover import Hover, HoverState
 from controllers.mkps import Chain, solve
 from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
+from controllers.work_controller import Tuning
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
@@ -24,7 +25,10 @@ from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_
 
 LIFT = 0.05  # [m] above a nest between touches
 _STILL_WATER = np.zeros(3)  # the current's drag on the arm is small beside the push
-_FRICTION_FILTER = 0.004  # [s] of the friction in the gears, as the torque sensors show it
+
+
+# A softer servo than for work on a stiff surface; filters, noise and friction are those of the same sensors and gears.
+_DRIVES = Tuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +49,7 @@ class TouchTuning:
     turn_stiffness: float = 60.0  # [N m/rad] that hold the pin's direction
     turn_most: float = 8.0  # [N m]
     damping: float = 1.0  # joints: this many times their gears' own friction
-    joint_frequency: float = 40.0  # [rad/s] of the joint servo in free motion
+    drives: Tuning = _DRIVES  # the servo of free motion, and how torques are felt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -275,15 +279,15 @@ class CompliantTouch:
         self._allocation = Allocation(vehicle)
         self._lead = ThrusterLead(vehicle)
         self._push_W = np.array([0.0, 0.0, -1.0]) if push_W is None else push_W
-        n, w = vehicle.joints.size, self._tuning.joint_frequency
-        self._gains = np.array([w**2, 2.0 * w, w**2 / 0.3, 0.01])
+        n, drives = vehicle.joints.size, self._tuning.drives
+        self._gains = drives.servo_gains
         self._hull, self._none_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
         self._unyielding = np.zeros((2, n))
         self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
         self._X_BG, self._J_B, self._zeros = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
-        self._hover_ticks = max(1, round(0.02 / period))
-        self._floor = np.full(n, 0.1)
-        self._most_friction = 1.5 * vehicle.dry_friction.stiction
+        self._hover_ticks = max(1, round(drives.hover_period / period))
+        self._floor = np.full(n, drives.torque_floor)
+        self._most_friction = drives.friction_excess * vehicle.dry_friction.stiction
 
     def init(self, estimate: StateEstimate) -> CompliantState:
         n = len(estimate.q)
@@ -298,16 +302,16 @@ class CompliantTouch:
     def step(
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> tuple[CompliantState, Command]:
-        arm, vehicle, dt = self._arm, self._vehicle, self.period
+        arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
         felt = feel(
             arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
-            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._zeros, 0.01,
-            self._floor, dt, (0.015, 0.012), state.qd_slow, state.w_slow_B, self._qdd, self._tau_e,
-            self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
+            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._zeros,
+            drives.torque_noise, self._floor, dt, drives.motion_filters, state.qd_slow, state.w_slow_B, self._qdd,
+            self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
         )  # fmt: skip
         lost_in_gears(
             state.tau, estimate.tau, estimate.qd, self._qdd, vehicle.armature, vehicle.joint_damping,
-            self._most_friction, min(1.0, dt / _FRICTION_FILTER), state.friction,
+            self._most_friction, min(1.0, dt / drives.friction_filter), state.friction,
         )  # fmt: skip
         if reference.X_WG is None:
             tau = np.empty(len(estimate.q))

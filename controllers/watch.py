@@ -89,8 +89,10 @@ def _of_faults(job: Job, faults: Sequence[Fault], time: float) -> Verdict:
             reaction = Reaction.RETREAT
         seen.append(fault.kind)
         if _SEVERITY.index(reaction) > _SEVERITY.index(hardest.reaction):
-            parts = ", ".join(other.part for other in faults if other.kind is fault.kind)
-            hardest = Verdict(reaction, _SAID[fault.kind].format(parts))
+            alike = [other for other in faults if other.kind is fault.kind]
+            figures = "; ".join(other.figures for other in alike if other.figures)
+            said = _SAID[fault.kind].format(", ".join(other.part for other in alike))
+            hardest = Verdict(reaction, f"{said} ({figures})" if figures else said)
     return hardest
 
 

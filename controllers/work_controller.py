@@ -72,6 +72,17 @@ class Tuning:
     blend_time: float = 0.2  # [s] in which the arm comes from held angles to a tool pose, critically damped
     nominal_stiffness: float = 3e4  # [N/m] of the pad, for pressing without force control
 
+    @property
+    def servo_gains(self) -> Array:
+        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `controllers.drive`, its limit [rad s]."""
+        w = self.joint_frequency
+        return np.array([w**2, 2.0 * self.joint_damping * w, w**2 / self.joint_integral_time, self.integral_limit])
+
+    @property
+    def motion_filters(self) -> tuple[float, float]:
+        """Time constants [s] of the joint acceleration and of the felt force."""
+        return self.acceleration_filter, self.force_filter
+
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
@@ -151,15 +162,7 @@ class WorkController:
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
         n, tuning = vehicle.joints.size, self._tuning
-        self._gains = np.array(
-            [
-                tuning.joint_frequency**2,
-                2.0 * tuning.joint_damping * tuning.joint_frequency,
-                tuning.joint_frequency**2 / tuning.joint_integral_time,
-                tuning.integral_limit,
-            ]
-        )
-        self._filters = (tuning.acceleration_filter, tuning.force_filter)
+        self._gains, self._filters = tuning.servo_gains, tuning.motion_filters
         self._armature, self._joint_damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._torque_limits = np.array(vehicle.torque_limits)
         self._dry = friction or vehicle.dry_friction

@@ -221,6 +221,25 @@ _ARMS = {
     ),
 }  # fmt: skip
 
+# The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
+_JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
+_JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)  # of the wrist, whose axes lie 60 deg apart
+_ARMS["jaco"] = Arm(
+    title="Kinova Jaco",
+    dh=readonly(
+        [
+            (0, _JACO_D[0], 0, H), (-H, 0, _JACO_D[1], math.pi), (H, -0.0098, 0, H),
+            (0, -_JACO_D[2] - _JACO_BEND * _JACO_D[3], 0, 2.0 * H / 3.0),
+            (-math.pi, -_JACO_BEND * (_JACO_D[3] + _JACO_D[4]), 0, 2.0 * H / 3.0),
+            (math.radians(100.0), -_JACO_BEND * _JACO_D[4] - _JACO_D[5], 0, math.pi),
+        ]
+    ),
+    joint_types="rrrrrr",
+    limits=readonly([_FREE, np.radians((47.0, 313.0)), np.radians((19.0, 341.0)), _FREE, _FREE, _FREE]),
+    source="P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user"
+    " guide, far from even about zero",
+)  # fmt: skip
+
 _TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 SERVO_ARM = VectorArm(
     title="eight-joint servo arm",

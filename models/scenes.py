@@ -8,30 +8,37 @@ import models
 from models import hydrodynamics
 from models.seabed import Seabed
 from models.targets import TargetModel
+from models.vehicle import TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, transform_points
+from sim.interfaces.files import existing_file
+from sim.interfaces.spatial import Array, shown, transform_points
 
-TOOL_GEOM = "pad"
 SEABED_DEPTH = 0.75  # [m] below the middle of the object
 
 
-def vehicle_spec(vehicle: str) -> mujoco.MjSpec:
+def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
     """A vehicle by its name in `models.available()`, or from an MJCF file whose coefficients are in its user data.
 
-    Raises ConfigurationError if `vehicle` is neither, or the file cannot be read.
+    Raises ConfigurationError if `vehicle` is neither, or the file cannot be read or does not compile.
     """
+    if not isinstance(vehicle, str | Path):
+        raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
+    vehicle = str(vehicle)
     if vehicle in models.available():
         return models.load(vehicle)
     if not Path(vehicle).suffix:
         raise ConfigurationError(
-            f"unknown vehicle {vehicle!r}; there are {', '.join(models.available())}, or an MJCF file"
+            f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or an MJCF file"
         )
-    if not Path(vehicle).is_file():
-        raise ConfigurationError(f"vehicle {vehicle!r}: there is no such file")
+    existing_file(vehicle, "vehicle")
     try:
         spec = mujoco.MjSpec.from_file(vehicle)
-    except ValueError as error:
-        raise ConfigurationError(f"vehicle {vehicle!r} is not an MJCF that MuJoCo reads: {error}") from error
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"vehicle {shown(vehicle)} is not an MJCF that MuJoCo reads: {error}") from error
+    try:
+        spec.compile()  # what is wrong with the file is told here, not by whoever builds a scene of it
+    except (ValueError, mujoco.FatalError) as error:
+        raise ConfigurationError(f"vehicle {shown(vehicle)}: MuJoCo cannot compile it: {error}") from error
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps the coefficients of bodies, but no user data of the world
     return spec

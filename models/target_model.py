@@ -15,9 +15,22 @@ from numpy.typing import ArrayLike
 from models import convex_parts
 from models.mesh_files import read_mesh
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, checked_pose, exp_so3, quat_wxyz_from_rotation, readonly
+from sim.interfaces.files import existing_file
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    finite_number,
+    quat_wxyz_from_rotation,
+    readonly,
+    real_array,
+)
 
 LARGEST = 20.0  # [m] that a mesh is believed to be across
+SMALLEST = 1e-3  # [m] across, below which no tool or sensor meets an object
+FARTHEST_VERTEX = 1e5  # [m]
 PATH_STEP = 0.005  # [m], between points of a model path
 
 
@@ -29,18 +42,21 @@ class Symmetry:
     rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
 
     def __post_init__(self) -> None:
-        rotations = np.asarray(self.rotations, dtype=np.float64)
+        rotations = real_array(self.rotations, "symmetry rotations", "(n, 3, 3) numbers")
         if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
             raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
-        if not np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
+        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)  # the square of a large one is no number
+        if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
         if not np.all(np.linalg.det(rotations) > 0.0):
             raise ConfigurationError("symmetry rotations: a reflection is none")
         object.__setattr__(self, "rotations", readonly(rotations))
         if self.axis is not None:
             axis = checked(self.axis, (3,), "symmetry axis")
-            if not np.linalg.norm(axis) > 1e-9:
+            longest = float(np.abs(axis).max())
+            if not longest > 1e-9:
                 raise ConfigurationError("symmetry axis: must not be zero")
+            axis = axis / longest  # the square of a very long one is no number
             object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
@@ -78,7 +94,7 @@ class ModelPath:
     b: Array  # (N, 3) unit, along the path
 
     def __post_init__(self) -> None:
-        n = len(np.asarray(self.p))
+        n = len(checked_rows(self.p, 3, "model path p", least=0))
         if n < 4:
             raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
         for name in ("p", "a", "b"):
@@ -112,17 +128,36 @@ class TargetModel:
     stand: tuple[Solid, ...] = ()  # what it rests on: in the scene, but no part of the model to be found
 
     def __post_init__(self) -> None:
-        vertices = np.asarray(self.vertices, dtype=np.float64)
-        triangles = np.array(self.triangles, dtype=np.int64)
+        if not isinstance(self.name, str):
+            raise ConfigurationError(f"target: its name must be a word, got {type(self.name).__name__}")
+        if not isinstance(self.symmetry, Symmetry):
+            raise ConfigurationError(f"target {self.name!r}: expected a Symmetry, got {type(self.symmetry).__name__}")
+        if not isinstance(self.paths, Mapping) or not all(isinstance(p, ModelPath) for p in self.paths.values()):
+            raise ConfigurationError(f"target {self.name!r}: paths must be a mapping of names to ModelPath")
+        vertices = real_array(self.vertices, f"target {self.name!r}: vertices", "(V, 3) numbers")
+        corners = real_array(self.triangles, f"target {self.name!r}: triangles", "(T, 3) indices")
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
             raise ConfigurationError(f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}")
-        if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-            raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {triangles.shape}")
-        if triangles.min() < 0 or triangles.max() >= len(vertices):
+        if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
+            raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {corners.shape}")
+        if not (corners.min() >= 0 and corners.max() < len(vertices) and np.all(corners == np.floor(corners))):
             raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
+        triangles = corners.astype(np.int64)
+        farthest = float(np.abs(vertices).max())
+        if farthest > FARTHEST_VERTEX:
+            raise ConfigurationError(
+                f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
+            )
         a, b, c = vertices[triangles].transpose(1, 0, 2)
-        if not np.cross(b - a, c - a).any():
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        if not area.any():
             raise ConfigurationError(f"target {self.name!r}: none of its {len(triangles)} triangles has an area")
+        used = vertices[np.unique(triangles[area > 0.0])]
+        across = float(np.linalg.norm(np.ptp(used, axis=0)))
+        if across < SMALLEST:
+            raise ConfigurationError(
+                f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its scale right?"
+            )
         triangles.setflags(write=False)
         for hull in self.hulls:
             if hull.ndim != 2 or hull.shape[1] != 3 or len(hull) < 4 or not np.all(np.isfinite(hull)):
@@ -216,11 +251,9 @@ class TargetModel:
         is refused. Raises ConfigurationError if the file is missing, unreadable or without triangles, or in a wrong
         unit.
         """
-        path = Path(file)
-        if not path.is_file():
-            raise ConfigurationError(f"target mesh: no file {str(path)!r}")
-        if scale is not None and not (np.isfinite(scale) and scale > 0.0):
-            raise ConfigurationError(f"target mesh: scale must be positive, got {scale}")
+        path = existing_file(file, "target mesh")
+        if scale is not None:
+            scale = finite_number(scale, "target mesh: scale", above=0.0)
         vertices, triangles = read_mesh(path)
         vertices = vertices * (1.0 if scale is None else scale)
         size = float(np.ptp(vertices, axis=0).max())

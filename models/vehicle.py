@@ -6,6 +6,7 @@ arm, a body `arm_base` fixed to the hull, a serial arm whose driven joints carry
 of the pad.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import mujoco
@@ -21,6 +22,16 @@ TIP_SITE = "tip"
 CAMERA_SITE = "camera"
 HOME_KEY = "home"
 READY_KEY = "ready"
+TOOL_GEOM = "pad"
+# What a job of the arm asks of a vehicle beside its hull and thrusters, and what each part does.
+_PARTS = (
+    (mujoco.mjtObj.mjOBJ_BODY, "body", ARM_BASE_BODY, "carries the arm"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "end of the tool, z out of it"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "looks for the object"),
+    (mujoco.mjtObj.mjOBJ_GEOM, "geom", TOOL_GEOM, "may touch"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded, clear of the view"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, where inverse kinematics starts"),
+)
 
 
 def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
@@ -38,6 +49,22 @@ def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
         names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
         raise ConfigurationError(f"the model has no {word} named {name!r}; it has {[n for n in names if n]}")
     return index
+
+
+def check_parts(model: mujoco.MjModel, but: Collection[str] = ()) -> None:
+    """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
+
+    `but` names parts that this job does without.
+    """
+    lacking = [
+        f"{word} {name!r} ({use})"
+        for kind, word, name, use in _PARTS
+        if name not in but and mujoco.mj_name2id(model, kind, name) < 0
+    ]
+    if not any(thrusters.carries(row) for row in np.asarray(model.actuator_user)):
+        lacking.insert(0, "thrusters")
+    if lacking:
+        raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 
 from perception.point_files import read_cloud
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import Array, finite_number, readonly
 
 FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
 MOST = 500_000  # points that are kept
@@ -29,8 +29,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     more than MOST an even share is kept. Raises ConfigurationError for a file that is missing, malformed, empty,
     without a usable point, or in a wrong unit.
     """
-    if scale is not None and not (np.isfinite(scale) and scale > 0.0):
-        raise ConfigurationError(f"cloud {file}: scale must be positive, got {scale}")
+    if scale is not None:
+        scale = finite_number(scale, f"cloud {file}: scale", above=0.0)
     points = read_cloud(file) * (1.0 if scale is None else scale)
     notes: list[str] = []
 

@@ -22,10 +22,21 @@ from perception.registration import Evidence, Fit, ModelSurface, fine_fit, score
 from perception.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
 from perception.told_turn import told_turn
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    one_of,
+    pose,
+    readonly,
+    shown,
+    transform_points,
+    whole_number,
+)
 
 Method = Literal["planes", "paper"]
 
+_FARTHEST = 1e5  # [m] from the sensor that anything is measured
 APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
 _REFINED = 3  # starts that are worth a full fit
 _AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
@@ -114,17 +125,20 @@ def identify(
     """
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
+    if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
+        raise ConfigurationError(f"approach: must lie within {_FARTHEST:g} m of the sensor, got {shown(p_approach)}")
     R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
     if R_prior is not None and (
-        np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3 or not np.linalg.det(R_prior) > 0.0
+        np.abs(R_prior).max() > 2.0
+        or np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3
+        or not np.linalg.det(R_prior) > 0.0
     ):
-        raise ConfigurationError(f"orientation: expected a rotation matrix, got {R_prior.tolist()}")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise ConfigurationError(f"seed: must be a whole number >= 0, got {seed!r}")
-    if not approach_error > 0.0:
-        raise ConfigurationError(f"approach_error: must be positive [m], got {approach_error}")
-    if method not in get_args(Method):
-        raise ConfigurationError(f"method: expected one of {', '.join(get_args(Method))}, got {method!r}")
+        raise ConfigurationError(f"orientation: expected a rotation matrix, got {shown(R_prior)}")
+    seed = whole_number(seed, "seed")
+    approach_error = finite_number(approach_error, "approach_error [m]", above=0.0, most=_FARTHEST)
+    one_of(method, get_args(Method), "method")
+    if sensor is not None and not isinstance(sensor, SensorModel):
+        raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
     surface = _surface(target, seed)
     sensor = sensor or SensorModel()
     X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
@@ -318,7 +332,7 @@ def _surface(target: Any, seed: int) -> ModelSurface:
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
     if hasattr(target, "vertices") and hasattr(target, "triangles"):
-        model = TargetModel(name="mesh", vertices=np.asarray(target.vertices), triangles=np.asarray(target.triangles))
+        model = TargetModel(name="mesh", vertices=target.vertices, triangles=target.triangles)
         return ModelSurface.of(model, seed)
     raise ConfigurationError(
         f"target: expected a TargetModel, a mesh file or a mesh (vertices, triangles), got {type(target).__name__}"

@@ -7,6 +7,7 @@ import numpy as np
 from models.ply_files import read_ply
 from perception.pcd_files import read_pcd
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array
 
 _POINT_CLOUDS = (".ply", ".pcd")
@@ -64,9 +65,7 @@ _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
 
 
 def _existing(file: str | Path, what: str) -> Path:
-    path = Path(file)
-    if not path.is_file():
-        raise ConfigurationError(f"{what} {path}: there is no such file")
+    path = existing_file(file, what)
     if not path.stat().st_size:
         raise ConfigurationError(f"{what} {path}: the file is empty")
     return path

@@ -15,8 +15,10 @@ from scipy.spatial import cKDTree
 from perception.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
+NARROWEST, WIDEST = 1e-3, 10.0  # [m] of a tool
+SLOWEST, FASTEST = 1e-5, 10.0  # [m/s] of a tool
 _DENSE = 0.003  # [m] between the points that the spline is fitted to
 _KNOTS = 0.02  # [m] between its knots
 _PINNED = 1e3  # weight of the targets, which the spline is to pass through
@@ -39,11 +41,10 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     The axes a_j are the normals of the ground as a tool of `width` [m] meets it. Raises ConfigurationError for less
     than two targets or two at one place, PerceptionError where a hole of the cloud lies between two of them.
     """
-    targets = np.asarray(A, dtype=np.float64)
+    targets = real_array(A, "profile: targets", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or len(targets) < 2 or not np.all(np.isfinite(targets)):
         raise ConfigurationError(f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}")
-    if not width > 0.0:
-        raise ConfigurationError(f"profile: the tool's width must be > 0 m, got {width}")
+    width = _width(width)
     ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
     points, along, flags = [], [], []
     for i in range(len(ends) - 1):
@@ -60,6 +61,10 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     R = terrain.R_ground
     return Profile(T=readonly(T @ R), a=readonly(-normal @ R), n=readonly(n @ R), target=np.array([*flags, True]))
+
+
+def _width(width: float) -> float:
+    return finite_number(width, "the tool's width [m]", least=NARROWEST, most=WIDEST)
 
 
 def _cut(
@@ -121,8 +126,7 @@ def _normals(ground: Array, T: Array, radius: float) -> Array:
 
 def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
     """The profile as a cubic B-spline through its targets, sampled each `spacing` [m] of its length."""
-    if not spacing > 0.0:
-        raise ConfigurationError(f"spacing: must be > 0 m, got {spacing}")
+    spacing = finite_number(spacing, "spacing [m]", least=1e-5)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
     weight = np.where(np.isin(fine, u[cut.target]), _PINNED, 1.0)
@@ -150,8 +154,7 @@ def _spline(u: Array, values: Array, weight: Array) -> BSpline:
 
 def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
     """A core sampler's way from the surface at `A` (3,) [m] by `depth` [m] along its axis `a` (3,); x is `n` (3,)."""
-    if not depth > 0.0:
-        raise ConfigurationError(f"core depth: must be > 0 m, got {depth}")
+    depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
     ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
     scanned.setflags(write=False)
@@ -183,8 +186,8 @@ def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> Speed
 
     Across: v^2 kappa <= acceleration, so the tool slows down in bends.
     """
-    if not (speed > 0.0 and acceleration > 0.0):
-        raise ConfigurationError(f"speed law: speed and acceleration must be > 0, got {speed} and {acceleration}")
+    speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
+    acceleration = finite_number(acceleration, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
     tangent = np.gradient(path.p, path.s, axis=0)
     bend = np.linalg.norm(np.gradient(tangent, path.s, axis=0), axis=1)
     v = np.minimum(speed, np.sqrt(acceleration / np.maximum(bend, 1e-9)))
@@ -220,6 +223,8 @@ def plan_seabed_work(
     with the reason, for a bad cloud, a hole under a target or on the way, and a relief beyond `limits`.
     """
     began = time.perf_counter()
+    width = _width(width)
+    patch = finite_number(patch, "patch [m]", above=0.0, most=100.0)
     terrain = build_terrain(cloud, z)
     targets = project(terrain, B)
     cut = profile(terrain, targets.A, width) if len(targets.A) > 1 else None

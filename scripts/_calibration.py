@@ -9,6 +9,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 from _deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
+from _job_parts import with_parts
 from _touching import Session, touch
 
 import models
@@ -20,7 +21,7 @@ from calib.simulation import wrong_arm
 from calib.touch_files import Touches, read_touches
 from models import arm_geometry, arms, scenes
 from models.arm_geometry import ArmGeometry
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
 from sim.rollout import Observer
@@ -108,7 +109,10 @@ def from_files(
     distances: Sequence[tuple[str, str, float]],
 ) -> Case:  # fmt: skip
     """Touches of the user's own arm. Raises ConfigurationError for points that `distances` name and that are none."""
-    how = {"joint_types": source.arm.joint_types, "joint_names": source.joint_names, "units": units}
+    how = {
+        "joint_types": source.arm.joint_types, "joint_names": source.joint_names, "units": units,
+        "limits": source.limits,
+    }  # fmt: skip
     read = read_touches(touches, **how)
     rest = read_touches(held_out, **how) if held_out else None
     pairs = []
@@ -163,7 +167,7 @@ def by_contact(
     """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
-    hull = Vehicle.of(own)
+    hull = with_parts(own, but=(CAMERA_SITE, TOOL_GEOM))
     geometry: ArmGeometry = arm_geometry.read(
         own, ARM_BASE_BODY, TIP_SITE,
         exclude=[own.joint(j).name for j in range(own.njnt) if j not in hull.joints and own.jnt_type[j] != 0],

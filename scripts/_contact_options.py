@@ -9,15 +9,17 @@ from _job import ContactJob
 
 from models import deformed
 from models.targets import TargetModel
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from sim.interfaces.spatial import Array, exp_so3, finite_number, whole_number
 from sim.startup import ScenarioOptions
 
 Left = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]
 
+SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of the tool along a path
+_MOST_FORCE = 1e3  # [N] beyond what any vehicle here can press with
 _MOST_LOOKS = 40  # that come within the time that a scan is waited for
+_HIGHEST = 1.0  # [m] of growth, or dents
 _PATCHES = 3  # of growth, or dents
 
 
@@ -63,8 +65,13 @@ class ContactOptions(ScenarioOptions):
         What is coarsely known of it, and what the sea has made of it, is drawn from `rng`. Raises ConfigurationError
         for a number of looks, or heights of growth, that cannot be.
         """
-        if not 1 <= self.looks <= _MOST_LOOKS:
-            raise ConfigurationError(f"--looks: expected 1 to {_MOST_LOOKS} depth frames, got {self.looks}")
+        whole_number(self.looks, "--looks", least=1, most=_MOST_LOOKS)
+        if self.arm_errors is not None:
+            whole_number(self.arm_errors, "--arm-errors")
+        finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
+        least_share = finite_number(least_share, "--least, a share of the path", above=0.0, most=1.0)
+        for force in self.forces:
+            finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
         approach, orientation = coarse_detection(X_WT, rng)
         return ContactJob(
             scenario=scenario,
@@ -107,8 +114,7 @@ def left_by_the_sea(
     """
     shown = target
     for name, height in (("fouled", fouled), ("dented", dented)):
-        if not (np.isfinite(height) and height >= 0.0):
-            raise ConfigurationError(f"--{name}: expected a height >= 0 m, got {height}")
+        finite_number(height, f"--{name} [m]", least=0.0, most=_HIGHEST)
         if height > 0.0:
             shown = getattr(deformed, name)(shown, rng, _PATCHES, (0.4 * height, height), near=near).target
     return None if shown is target else shown

@@ -54,12 +54,7 @@ def urdf(task: Task) -> str:
     """The arm as URDF, from "base" to "tip"."""
     parts = ['<robot name="arm"><link name="base"/>']
     for i, X in enumerate(task.arm.origins()):
-        R, last = X[:3, :3], i == task.arm.n
-        rpy = (
-            math.atan2(R[2, 1], R[2, 2]),
-            math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0])),
-            math.atan2(R[1, 0], R[0, 0]),
-        )
+        rpy, last = roll_pitch_yaw(X[:3, :3]), i == task.arm.n
         kind = "fixed" if last else {"r": "revolute", "p": "prismatic"}[task.arm.joint_types[i]]
         lower, upper = (0.0, 0.0) if last else task.limits[i]
         parts.append(
@@ -69,6 +64,16 @@ def urdf(task: Task) -> str:
             f'<axis xyz="0 0 1"/><limit lower="{lower!r}" upper="{upper!r}" effort="1" velocity="1e6"/></joint>'
         )
     return "".join(parts).replace("np.float64(", "").replace(")", "") + "</robot>"
+
+
+def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
+    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = R (3, 3); at a pitch of 90 deg any yaw will do, and 0 is taken."""
+    level = math.hypot(R[0, 0], R[1, 0])
+    yaw = math.atan2(R[1, 0], R[0, 0]) if level > 1e-9 else 0.0
+    c, s = math.cos(yaw), math.sin(yaw)
+    # What is left of R once yaw is taken off is Ry(pitch) Rx(roll), whose second row is (0, cos roll, -sin roll).
+    roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return roll, math.atan2(-R[2, 0], level), yaw
 
 
 def mjcf(task: Task) -> Any:
@@ -127,7 +132,7 @@ def _nearest(answers: Array, task: Task, q0: Array) -> Array:
     """Of joint values (k, n), those within the limits that are nearest to the start."""
     if answers.size == 0:
         return np.full(task.arm.n, np.nan)
-    q = _folded(answers, _hinges(task.arm))
+    q = folded(answers, task)
     q = q[np.all((q >= task.limits[:, 0]) & (q <= task.limits[:, 1]), axis=1)]
     return q[int(np.argmin(np.abs(q - q0).max(axis=1)))] if len(q) else np.full(task.arm.n, np.nan)
 
@@ -136,9 +141,10 @@ def _hinges(arm: Arm) -> np.ndarray:
     return np.array([kind == "r" for kind in arm.joint_types])
 
 
-def _folded(q: Array, hinges: np.ndarray) -> Array:
-    """Hinges brought to within half a turn of zero."""
-    return np.where(hinges, (q + math.pi) % (2.0 * math.pi) - math.pi, q)
+def folded(q: Array, task: Task) -> Array:
+    """Hinges brought to within half a turn of the middle of their limits: within those, if any whole turn is."""
+    middle = np.where(np.isfinite(task.limits).all(axis=1), 0.5 * task.limits.sum(axis=1), 0.0)
+    return np.where(_hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q)
 
 
 def _trac_ik(task: Task) -> Solver:
@@ -203,7 +209,6 @@ def _kdl(task: Task) -> Solver:
     # Its own weights, 1 and 0.01 m: to set others, it needs a numpy before 2.
     method = kdl.ChainIkSolverPos_LMA(chain, min(task.bar[0], 0.01 * task.bar[1]), 100, 1e-12)
     start, found = kdl.JntArray(task.arm.n), kdl.JntArray(task.arm.n)
-    hinges = _hinges(task.arm)
 
     def solver(target: Array, q0: Array) -> Array:
         n = chain.getNrOfJoints()  # of the chain itself, to keep it alive: `method` does not
@@ -212,7 +217,7 @@ def _kdl(task: Task) -> Solver:
             for i in range(n):
                 start[i] = q[i]
             if method.CartToJnt(start, goal, found) >= 0:
-                q = _folded(np.array([found[i] for i in range(n)]), hinges)
+                q = folded(np.array([found[i] for i in range(n)]), task)
                 if np.all((q >= task.limits[:, 0]) & (q <= task.limits[:, 1])):
                     return q
             q = rng.uniform(*task.limits.T)
@@ -230,7 +235,6 @@ def _pinocchio(task: Task) -> Solver:
     pin, rng = import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     data, tip, (lower, upper) = model.createData(), model.getFrameId("tip"), task.limits.T
-    hinges = _hinges(task.arm)
 
     def solver(target: Array, q0: Array) -> Array:
         goal, q = pin.SE3(target), q0
@@ -246,7 +250,7 @@ def _pinocchio(task: Task) -> Solver:
             J = pin.computeFrameJacobian(model, data, q, tip, pin.ReferenceFrame.LOCAL)
             J = -pin.Jlog6(error.inverse()) @ J
             step = -J.T @ np.linalg.solve(J @ J.T + DAMPING * (twist @ twist) * np.eye(6), twist)
-            q = np.clip(_folded(q + step, hinges), lower, upper)
+            q = np.clip(folded(q + step, task), lower, upper)
         return np.full(len(q0), np.nan)
 
     return solver

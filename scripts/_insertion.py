@@ -10,7 +10,7 @@ import _trials
 import mujoco
 import numpy as np
 from _contact_options import coarse_detection
-from _job_parts import controller, hull_box, scan_pose, undriven
+from _job_parts import controller, hull_box, scan_pose, undriven, with_parts
 from _variation import NOMINAL
 from _whole_run import REACTION_TICKS, Judging, Ran, Ready, rehearse, run_shown, run_through
 from rich.console import Console
@@ -19,7 +19,7 @@ from controllers.insertion import HoleInsertion, InsertionJob
 from controllers.mkps import Chain
 from models import scenes, uuv_puma
 from models.manifold import manifold
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, find, pose_in_body
 from perception.navigation import Navigation
 from perception.target_finder import KnownObjectFinder
 from sim import hydrodynamics, sensors
@@ -69,7 +69,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     """Everything of one insertion, drawn from `seed`. Raises UuvError for what cannot be."""
     rng = np.random.default_rng(seed)
     own = with_sampler(setting.vehicle).compile()
-    arm = Vehicle.of(own)
+    arm = with_parts(own)
     tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
     if own.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
         raise ConfigurationError(f"--vehicle {setting.vehicle!r}: its geom {PAD_GEOM!r} must be a capsule, the sampler")

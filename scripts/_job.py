@@ -6,7 +6,17 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from _job_parts import Misplacing, believed_and_built, controller, eyes, hull_box, scan_pose, tool_radius, undriven
+from _job_parts import (
+    Misplacing,
+    believed_and_built,
+    controller,
+    eyes,
+    hull_box,
+    scan_pose,
+    tool_radius,
+    undriven,
+    with_parts,
+)
 from _variation import NOMINAL, Variation, slide, vary
 from _whole_run import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
 from rich.console import Console
@@ -17,7 +27,7 @@ from controllers.supervisor import SurfaceWork
 from controllers.surface_job import Job
 from models import scenes
 from models.targets import TargetModel
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, Vehicle, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find, pose_in_body
 from perception.navigation import Navigation
 from perception.raw_navigation import RawNavigation
 from perception.target_finder import FinderState, KnownObjectFinder
@@ -27,7 +37,7 @@ from sim.interfaces import kernel_cache
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment, TrueObject, assess
-from sim.plant import PAD_GEOM, Plant
+from sim.plant import Plant
 from sim.recording import Recorder, Recording
 from sim.rollout import Moment, Observer, Parts, ticks_per_period
 from sim.startup import ScenarioOptions
@@ -115,9 +125,8 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     timestep = float(built.option.timestep)  # of the loop; a stiff surface wants a shorter one of the physics
     drawn = vary(built, variation)
     own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
-    vehicle = Vehicle.of(own)
+    vehicle = with_parts(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
-    find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)  # what touches with anything else has collided
     X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
     scene = scenes.work_site(built, there, job.X_WT)
     if variation.stiffness is not None:

@@ -1,7 +1,8 @@
 """The concrete parts of a contact job, made from what the job says."""
 
 import importlib
-from collections.abc import Set
+import traceback
+from collections.abc import Collection, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,18 +13,20 @@ import numpy as np
 
 from controllers.guarded import Guarded
 from models import arm_geometry, scenes
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, check_parts
 from perception.scan import SensorModel
 from perception.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder
 from sim.depth_camera import DepthCamera
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly
+from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly, shown, whole_number
 from sim.plant import PAD_GEOM
 from sim.sonar import BEAMS, Sonar
 
+_FARTHEST = 1e3  # [m] from an object, far beyond what any sensor here sees
+_FOREIGN = 100  # characters of what a foreign error says
 SEES_WITH = ("camera", "sonar")
 
 
@@ -32,13 +35,15 @@ def believed_and_built(
 ) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
     """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
     what there is to say of the arm. Raises ConfigurationError for an arm that is both calibrated and given."""
+    if arm_errors is not None:
+        whole_number(arm_errors, "--arm-errors")
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     if arm_errors is None and not calibrated and arm_file is None:
         return believed, built, ""
     if calibrated and arm_file is not None:
         raise ConfigurationError("--calibrated and --arm: one of the two")
     drawn = believed.compile()
-    passive = undriven(drawn, Vehicle.of(drawn))
+    passive = undriven(drawn, with_parts(drawn))
     arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     if arm_errors is not None:
         true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
@@ -62,7 +67,7 @@ def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | S
         return DepthCamera(model, HULL_BODY, X_BS), None
     if kind == "sonar":
         return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
-    raise ConfigurationError(f"sensor {kind!r}: allowed {', '.join(SEES_WITH)}")
+    raise ConfigurationError(f"sensor {shown(kind)}: allowed {', '.join(SEES_WITH)}")
 
 
 def tool_radius(model: mujoco.MjModel) -> float:
@@ -77,23 +82,55 @@ def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
 
 
 def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
-    """The controller named MODULE:CLASS on the vehicle's own model. Raises ConfigurationError if there is none."""
+    """The controller named MODULE:CLASS on the vehicle's own model.
+
+    Raises ConfigurationError if there is none, and for whatever its module raises while it is imported or the class
+    while it is made, with the place.
+    """
     module, _, word = name.partition(":")
+    if not (module and word):
+        raise ConfigurationError(f"--controller {shown(name)}: expected MODULE:CLASS")
     try:
         kind = getattr(importlib.import_module(module), word)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigurationError(f"--controller {name!r}: expected MODULE:CLASS; {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(f"--controller {shown(name)}: cannot be imported; {_told(error)}") from error
     try:
-        return Guarded(kind(own, without=without, water_error=water_error), own)
-    except TypeError as error:
-        raise ConfigurationError(f"--controller {name!r}: cannot be made of a model; {error}") from error
+        made = kind(own, without=without, water_error=water_error)
+        finite_number(made.period, "period [s]", above=0.0)
+        lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
+        if lacking:
+            raise TypeError(f"it has no method {' and no '.join(lacking)}")
+    except UuvError as error:
+        raise ConfigurationError(f"--controller {shown(name)}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(f"--controller {shown(name)}: cannot be made of a model; {_told(error)}") from error
+    return Guarded(made, own)
+
+
+def _told(error: BaseException) -> str:
+    """The kind of a foreign error, what it says, and the line it came from, where that is not ours."""
+    if isinstance(error, SyntaxError) and error.filename:
+        where = f" ({error.filename}:{error.lineno})"
+    else:
+        places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
+        foreign = [place for place in places if not place.startswith((__file__, "<frozen"))]
+        where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
+    return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"
+
+
+def with_parts(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
+    """The vehicle in `own`, which must have every part that a job of the arm needs, `but` for those named.
+
+    Raises ConfigurationError that names all that is missing, with what it is for.
+    """
+    check_parts(own, but)
+    return Vehicle.of(own)
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
     """Level hull pose (4, 4) from which the camera at `X_BC`, looking towards +x of W or down or up, sees the coarse
     position from `scan_range` [m]."""
-    if not (np.isfinite(scan_range) and scan_range > 0.0):
-        raise ConfigurationError(f"--range: must be > 0 m, got {scan_range}")
+    finite_number(scan_range, "--range [m]", above=0.0, most=_FARTHEST)
     R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
     return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))
 

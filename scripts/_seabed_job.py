@@ -9,7 +9,7 @@ from typing import Any, Literal
 import _trials
 import mujoco
 import numpy as np
-from _job_parts import controller, hull_box, undriven
+from _job_parts import controller, hull_box, undriven, with_parts
 from _variation import NOMINAL
 from _whole_run import REACTION_TICKS, Ready, rehearse, run_through
 from rich.console import Console
@@ -21,7 +21,7 @@ from controllers.seabed_work import SeabedJob, SeabedWork
 from models import sampler, scenes, uuv_puma
 from models.seabed import KINDS, Kind, seabed
 from models.soil import SOILS, SoilTool, box, core_tube
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, find
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, find
 from perception.ground_plane import GroundBelow
 from perception.navigation import Navigation
 from perception.point_files import read_cloud, read_targets
@@ -84,7 +84,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     yaw = rng.uniform(-np.pi, np.pi)
     gusts, loop, start = rng.spawn(3)
     own = with_tool(setting.vehicle, drag=job.drag).compile()
-    arm = Vehicle.of(own)
+    arm = with_parts(own, but=(CAMERA_SITE,))
     hull = hull_box(own, arm)
     X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
     higher = pose(p=[0.0, 0.0, rng.uniform(*HIGHER)])

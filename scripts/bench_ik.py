@@ -43,6 +43,7 @@ LITERAL = "plain, tip's axes"  # the dissertation's own aims
 BASELINE = "compiled DLS"
 GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # the ratios' geometric means are over these
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
+OWN_LIMITS = 0  # in place of degrees: those of the arm itself, uneven ones among them
 REACH = math.radians(150.0)  # targets come from joint values within this
 NEARBY = math.radians(5.0)  # a warm start is within this of a solution
 HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])  # [rad] cold starts
@@ -64,7 +65,7 @@ class Options:
     rates: int = 10000
     """Targets a case of the solve rates of our own methods."""
     limits: tuple[int, ...] = (180, 150)
-    """Joint limits [deg], the same for every hinge; slides keep their own."""
+    """Joint limits [deg], the same for every hinge; slides keep their own. 0: each arm's own limits."""
     links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)
     """Of the growing chain."""
     repeats: int = 3
@@ -153,6 +154,12 @@ def cases(options: Options, name: str, count: int) -> Iterator[Case]:
     targets = dh_forward(arm, q)
     for degrees in options.limits:
         limits = np.where(slides[:, None], arm.limits, np.radians([-degrees, degrees]))
+        if degrees == OWN_LIMITS:
+            limits = np.where(np.isfinite(arm.limits), arm.limits, [-np.pi, np.pi])
+            own = np.random.default_rng([options.seed, arms.available().index(name), 1])
+            q = own.uniform(*limits.T, size=(count, arm.n))
+            near = np.clip(q + own.uniform(-reach, reach, q.shape), *limits.T)
+            home, targets = np.clip(home, *limits.T), dh_forward(arm, q)
         for warm in (False, True):
             for bar in BARS:
                 yield Case(
@@ -323,6 +330,8 @@ def main() -> int:
     for name in ("rates", "targets", "repeats"):
         if getattr(options, name) < 1:
             raise ConfigurationError(f"--{name}: must be at least 1, got {getattr(options, name)}")
+    if not options.limits or not all(value == OWN_LIMITS or 0 < value <= 360 for value in options.limits):
+        raise ConfigurationError(f"--limits: 1 to 360 deg, or {OWN_LIMITS} for the arm's own, got {options.limits}")
     if not options.links or min(options.links) < 1:
         raise ConfigurationError(f"--links: every chain needs at least one, got {options.links}")
     for name in options.arms:

@@ -24,10 +24,12 @@ from calib import report
 from calib.results import write_results
 from calib.touch_files import write_touches
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import finite_number, whole_number
 from sim.provenance import provenance
 from sim.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code
+_MOST_POINTS, _MOST_POSES = 100, 10_000
 
 
 @dataclass(kw_only=True)
@@ -83,9 +85,10 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
     few = options.quick and contact
     points = options.points if options.points is not None else 3 if few or not contact else 4
     poses = options.poses if options.poses is not None else 5 if few else 10 if contact else 21
-    if points < 1 or poses < 2 or not options.noise > 0.0:
-        raise ConfigurationError(f"--points >= 1, --poses >= 2, --noise > 0; got {points}, {poses}, {options.noise}")
-    errors = options.seed if options.arm_errors is None else options.arm_errors
+    whole_number(points, "--points", least=1, most=_MOST_POINTS)
+    whole_number(poses, "--poses", least=2, most=_MOST_POSES)
+    finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
+    errors = whole_number(options.seed if options.arm_errors is None else options.arm_errors, "--arm-errors")
     known = options.arm != "ur10e" if options.known_length is None else options.known_length
     pin = options.pin or ("straight" if source.kind == "mjcf" else "off-axis")
     if not contact:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from _contact_options import coarse_detection
-from _job_parts import controller, hull_box, scan_pose, undriven
+from _job_parts import controller, hull_box, scan_pose, undriven, with_parts
 from _variation import NOMINAL
 from _whole_run import Judging, Ready, run_shown
 from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ from rich.console import Console
 from controllers.inspection import Inspection, InspectionJob
 from controllers.mkps import Chain
 from models import scenes, targets
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, Vehicle, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find, pose_in_body
 from perception.navigation import Navigation
 from perception.target_finder import KnownObjectFinder
 from sim import hydrodynamics, sensors
@@ -65,7 +65,7 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
     approach, orientation = coarse_detection(X_WT @ pose(p=target.center), rng)
     gusts, loop, start, sampling = rng.spawn(4)
     own = scenes.vehicle_spec(options.vehicle).compile()
-    arm = Vehicle.of(own)
+    arm = with_parts(own, but=(TOOL_GEOM,))
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), arm.hull)
     X_WB = scan_pose(X_BC, approach, options.distance)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))

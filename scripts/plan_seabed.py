@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from perception.point_files import read_cloud, read_targets
-from perception.terrain_path import SeabedPlan, plan_seabed_work, speed_law
+from perception.terrain_path import FASTEST, NARROWEST, SLOWEST, WIDEST, SeabedPlan, plan_seabed_work, speed_law
+from sim.interfaces.spatial import finite_number
 
 
 @dataclass(kw_only=True)
@@ -73,6 +74,8 @@ def picture(plan: SeabedPlan) -> Figure:
 
 def main() -> int:
     options = parse(Options)
+    finite_number(options.width, "--width [m]", least=NARROWEST, most=WIDEST)
+    finite_number(options.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     plan = plan_seabed_work(cloud, B, z, width=options.width)

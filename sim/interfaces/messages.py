@@ -239,6 +239,7 @@ class Fault:
     part: str  # name of the joint or thruster; empty where there is but one
     index: int  # of it; -1 where there is but one
     time: float  # [s] it was found
+    figures: str = ""  # by which it was found, in words: "gave 3 N where 11 N were asked for"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

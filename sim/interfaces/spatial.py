@@ -5,18 +5,21 @@ A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coor
 """
 
 import math
+import reprlib
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.errors import ConfigurationError, one_line
 
 Array = NDArray[np.float64]
 
 _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
+FARTHEST = 1e9  # [m] from a frame, within which positions are kept to a micrometre
 
 
 def readonly(values: ArrayLike) -> Array:
@@ -26,40 +29,79 @@ def readonly(values: ArrayLike) -> Array:
     return array
 
 
-def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite.
+def shown(value: Any) -> str:
+    """`value` as a message shows it: one line of at most 80 characters, whatever it is."""
+    try:
+        if isinstance(value, np.ndarray | np.generic):
+            small = value.size <= _FEW
+            text = repr(value.tolist()) if small else f"{value.dtype} numbers of shape {value.shape}"
+        else:
+            text = _REPR.repr(value)
+    except Exception:  # of a foreign __repr__, or an int of more digits than Python prints
+        text = f"a {type(value).__name__}"
+    return one_line(text, _MOST_SHOWN)
 
-    Complex numbers and strings are no numbers here.
+
+_MOST_SHOWN = 80  # characters
+_FEW = 16  # numbers: a pose
+_REPR = reprlib.Repr()
+_REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = 6
+_REPR.maxlong, _REPR.maxstring, _REPR.maxother = 30, _MOST_SHOWN, _MOST_SHOWN
+
+
+def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
+    """A new float64 array of `values`, of any shape, or ConfigurationError that says what is `wanted`.
+
+    Complex numbers, strings and dates are no numbers here; infinite ones and NaN are.
     """
     try:
         given = np.asarray(values)
         if given.dtype.kind not in "biufO":
             raise TypeError(f"{given.dtype} is not a real number")
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise ConfigurationError(f"{name}: expected {shape} numbers, got {values!r}") from error
+        with np.errstate(over="ignore"):  # of a longer float: it becomes infinite
+            return np.array(given, dtype=np.float64)
+    except Exception as error:  # whatever the `__array__` or `__float__` of a foreign object raises
+        raise ConfigurationError(f"{name}: expected {wanted}, got {shown(values)}") from error
+
+
+def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite.
+
+    Complex numbers and strings are no numbers here.
+    """
+    array = real_array(values, name, f"{shape} numbers")
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")
     if not np.all(np.isfinite(array)):
-        raise ConfigurationError(f"{name}: every number must be finite, got {array.tolist()}")
+        raise ConfigurationError(f"{name}: every number must be finite, got {shown(array)}")
     array.setflags(write=False)
     return array
+
+
+def checked_rows(values: ArrayLike, width: int, name: str, least: int = 1) -> Array:
+    """A read-only float64 copy of `values` (n, `width`), n >= `least`; ConfigurationError for anything else."""
+    array = real_array(values, name, f"(n, {width}) numbers")
+    if array.ndim != 2 or array.shape[1] != width or len(array) < least:
+        raise ConfigurationError(f"{name}: expected shape (n, {width}), n >= {least}, got {array.shape}")
+    return checked(array, array.shape, name)
 
 
 def checked_pose(values: ArrayLike, name: str) -> Array:
     """A read-only copy of the pose `values` (4, 4); ConfigurationError if it is none."""
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
-    rigid = np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
+    rigid = np.abs(R).max() < 2.0 and np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
     if not (rigid and np.allclose(X[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=1e-9)):
         raise not_a_pose(name, X)
+    if np.abs(X[:3, 3]).max() > FARTHEST:
+        raise ConfigurationError(f"{name}: its position must lie within {FARTHEST:g} m, got {shown(X[:3, 3])}")
     return X
 
 
 def not_a_pose(name: str, X: Array) -> ConfigurationError:
     """The error for a matrix `X` (4, 4) that is no pose."""
     return ConfigurationError(
-        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {X.tolist()}"
+        f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {shown(X)}"
     )
 
 
@@ -76,13 +118,46 @@ def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
 
 def number(value: Any, name: str) -> float:
     """`value` as a float, or ConfigurationError if it is not one real number that a float can hold; inf and NaN are."""
+    if type(value) is float:
+        return value
     try:
         array = np.asarray(value)
-    except ValueError:  # rows of unlike length
-        array = np.zeros(1)
-    if array.ndim or array.dtype.kind not in "iuf":
-        raise ConfigurationError(f"{name}: expected a number, got {value!r}")
-    return float(array)
+        if array.ndim or array.dtype.kind not in "iuf":
+            raise TypeError
+        with np.errstate(over="ignore"):
+            return float(array)
+    except Exception as error:
+        raise ConfigurationError(f"{name}: expected a number, got {shown(value)}") from error
+
+
+def finite_number(
+    value: Any, name: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
+) -> float:
+    """`value` as a finite float, > `above`, >= `least` and <= `most`; ConfigurationError otherwise."""
+    given = number(value, name)
+    if math.isfinite(given) and given > above and least <= given <= most:
+        return given
+    word = "positive and finite" if above == 0.0 else "finite"
+    bounds = ((">", above if above else -math.inf), (">=", least), ("<=", most))
+    said = "".join(f", {sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
+    raise ConfigurationError(f"{name}: must be {word}{said}, got {given:g}")
+
+
+def whole_number(value: Any, name: str, *, least: int = 0, most: int | None = None) -> int:
+    """`value` as an int >= `least`, and <= `most`; ConfigurationError otherwise. True and 2.0 are no whole numbers."""
+    kind = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not kind or value < least or (most is not None and value > most):
+        allowed = f">= {least}" if most is None else f"in {least}..{most}"
+        raise ConfigurationError(f"{name}: must be a whole number {allowed}, got {shown(value)}")
+    return int(value)
+
+
+def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
+    """`value`, one of the words `allowed`; ConfigurationError otherwise."""
+    words = tuple(allowed)
+    if not isinstance(value, str) or value not in words:
+        raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}")
+    return value
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:

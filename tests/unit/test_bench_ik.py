@@ -89,3 +89,32 @@ def test_cases_are_the_same_under_a_seed(bench: ModuleType) -> None:
 
     np.testing.assert_array_equal(targets(1), targets(1))
     assert np.abs(targets(1) - targets(2)).max() > 1e-3
+
+
+@pytest.mark.parametrize("limits", [(47.0, 313.0), (-1.0, 215.0), (-225.0, 45.0), (-360.0, 360.0), (-400.0, -100.0)])
+def test_angles_of_peers_are_turned_into_uneven_limits(fellows: ModuleType, limits: tuple[float, float]) -> None:
+    """Whatever whole turn a peer answers with, an angle that the joint can have is one within its limits."""
+    arm = arms.load("puma560")
+    task = fellows.Task(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
+    q = np.random.default_rng(3).uniform(*task.limits.T, size=(200, 6))
+    turned = q + 2.0 * np.pi * np.random.default_rng(4).integers(-2, 3, q.shape)
+    found = fellows.folded(turned, task)
+    np.testing.assert_allclose(np.exp(1j * found), np.exp(1j * q), atol=1e-12)
+    assert np.all((found >= task.limits[:, 0] - 1e-12) & (found <= task.limits[:, 1] + 1e-12))
+    assert np.all(np.isfinite(fellows._nearest(turned[:1], task, q[0])))
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0, 90.0 - 1e-7, 89.9, 20.0])
+def test_a_urdf_says_every_rotation(fellows: ModuleType, pitch: float) -> None:
+    for roll, yaw in np.radians(np.random.default_rng(5).uniform(-180.0, 180.0, (50, 2))):
+        R = exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, np.radians(pitch), 0.0]) @ exp_so3([roll, 0.0, 0.0])
+        r, p, y = fellows.roll_pitch_yaw(R)
+        found = exp_so3([0.0, 0.0, y]) @ exp_so3([0.0, p, 0.0]) @ exp_so3([r, 0.0, 0.0])
+        np.testing.assert_allclose(found, R, atol=1e-8)
+
+
+def test_an_arm_can_be_raced_within_its_own_limits(bench: ModuleType) -> None:
+    case = next(bench.cases(bench.Options(limits=(bench.OWN_LIMITS,)), "jaco", 200))
+    assert np.all(case.limits[1:3, 0] > 0.0)  # zero is beyond them
+    answers = np.array([bench.baseline(case.task)(X, q0) for X, q0 in zip(case.targets, case.starts, strict=True)])
+    assert np.mean(bench.reached(case, answers)) > 0.99

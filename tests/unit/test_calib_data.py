@@ -47,7 +47,7 @@ def test_refused_in_one_line(case: str, series: list[Array]):
     ("options", "words"),
     [
         ({"free": ["a", "lengths"]}, "'lengths' is no parameter.*theta, d, a"),
-        ({"prior": {"a": -1.0}}, "deviation of a must be positive"),
+        ({"prior": {"a": -1.0}}, "deviation of a: must be positive"),
         ({"prior": {"b": 1.0}}, "'b' is not identified"),
         ({"noise": 0.0}, "noise"),
         ({"method": "magic"}, "map, paper"),

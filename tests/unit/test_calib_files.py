@@ -180,7 +180,7 @@ def test_touches_in_all_their_forms(units, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "holds no touches"),
+        ("", "the file is empty"),
         ("a,b,c\n", "holds no touches"),
         ("1,2,3\n1,2\n", "2 joint values, the arm has 3"),
         ("1,2,3,4,5\n", "5 joint values, the arm has 3"),
@@ -199,7 +199,7 @@ def test_degrees_beside_radians_are_refused(tmp_path):
     (tmp_path / "b.csv").write_text("10,20\n30,40\n")
     with pytest.raises(ConfigurationError, match="b looks like degrees"):
         read_touches(tmp_path, joint_types="rr")
-    with pytest.raises(ConfigurationError, match="no file or folder"):
+    with pytest.raises(ConfigurationError, match="no such file"):
         read_touches(tmp_path / "c")
     turns = read_touches(tmp_path / "b.csv", joint_types="rr", units="rad")
     np.testing.assert_array_equal(turns.series[0], [[10, 20], [30, 40]])

@@ -274,7 +274,7 @@ def test_nothing_there_is_said_not_raised(surface: ModelSurface, name: str, prio
         (("cloud", BARREL), "cloud"),
         ((np.zeros((10, 2)), BARREL), "cloud"),
         ((np.ones((100, 3)), 7), "target"),
-        ((np.ones((100, 3)), "no such file.stl"), "no file"),
+        ((np.ones((100, 3)), "no such file.stl"), "there is no such file"),
         ((np.ones((100, 3)), BARREL, [0, 0]), "approach"),
         ((np.ones((100, 3)), BARREL, [0, 0, 1], 2 * np.eye(3)), "rotation"),
         ((np.ones((100, 3)), BARREL, [0, 0, 1], np.diag([1, 1, -1])), "rotation"),

@@ -120,7 +120,7 @@ def test_file_round_trip(tmp_path, within):
 
 
 def test_files_that_are_no_mesh_are_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="no file"):
+    with pytest.raises(ConfigurationError, match="no such file"):
         TargetModel.from_file(tmp_path / "missing.stl")
     for name, content in (("broken.ply", b"not a mesh"), ("empty.obj", b""), ("notes.txt", b"hello")):
         (tmp_path / name).write_bytes(content)

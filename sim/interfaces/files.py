@@ -1,0 +1,53 @@
+"""Files at a door: whether there is one to read, and what is in it, as ConfigurationError where there is not."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import shown
+
+
+def existing_file(file: Any, what: str) -> Path:
+    """The path of a file that is there; ConfigurationError that begins with `what` for anything else."""
+    if not isinstance(file, str | os.PathLike) or isinstance(file, bytes):
+        raise ConfigurationError(f"{what}: expected the name of a file, got {shown(file)}")
+    path = Path(file)
+    try:
+        found = path.is_file()
+    except (OSError, ValueError) as error:  # a name of more than 255 characters; links that lead in a circle
+        raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
+    if not found:
+        there = "it is a folder" if path.is_dir() else "there is no such file"
+        raise ConfigurationError(f"{what} {shown(str(path))}: {there}")
+    return path
+
+
+def bytes_of(file: Any, what: str) -> bytes:
+    """What is in a file; ConfigurationError that begins with `what` if it is not there, empty, or cannot be read."""
+    path = existing_file(file, what)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ConfigurationError(f"{what} {shown(str(path))}: cannot be read ({_why(error)})") from error
+    if not raw.strip():
+        raise ConfigurationError(f"{what} {shown(str(path))}: the file is empty")
+    return raw
+
+
+def text_of(file: Any, what: str) -> str:
+    """The text of a file in UTF-8, with or without byte order mark; ConfigurationError as `bytes_of`."""
+    raw = bytes_of(file, what)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(
+            f"{what} {shown(str(file))}: not text in UTF-8 (byte {error.start} is 0x{raw[error.start]:02x})"
+        ) from error
+    if not text.strip():
+        raise ConfigurationError(f"{what} {shown(str(file))}: the file is empty")
+    return text
+
+
+def _why(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error)).lower()

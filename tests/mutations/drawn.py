@@ -1,8 +1,8 @@
 """Mutants drawn at random from the source: every place where one of these operators applies is as likely as another.
 
-Operators: comparisons turned or made (un)strict, + and -, * and /, factors of `@` swapped, sign dropped, numbers moved by
-one or scaled or negated, booleans flipped, `.T` dropped, `and` and `or`, conditions negated, the first two arguments or
-returned values swapped, a statement dropped. Strings, annotations, imports, decorators and messages are left alone.
+Operators: comparisons turned or made (un)strict, + and -, * and /, factors of `@` swapped, sign dropped, numbers moved
+by one or scaled or negated, booleans flipped, `.T` dropped, `and` and `or`, conditions negated, the first two arguments
+or returned values swapped, a statement dropped. Strings, annotations, imports, decorators and messages are left alone.
 """
 
 import ast
@@ -107,7 +107,9 @@ def _places(root: Path, file: str) -> Iterator[_Place]:
     for node in _visited(ast.parse(source)):
         at = node.test if isinstance(node, (ast.If, ast.While)) else node
         if others := tuple(_changes(node)):
-            assert isinstance(at, (ast.expr, ast.stmt)) and at.end_lineno and at.end_col_offset is not None
+            assert isinstance(at, (ast.expr, ast.stmt))
+            assert at.end_lineno is not None
+            assert at.end_col_offset is not None
             start, end = starts[at.lineno - 1] + at.col_offset, starts[at.end_lineno - 1] + at.end_col_offset
             yield _Place(file, at.lineno, start, end, others)
 

@@ -1,4 +1,4 @@
-"""Do the tests bite? Changes the source in a copy of the tree, one change at a time, and runs the tests that should see it.
+"""Do the tests bite? Changes a copy of the source, one change at a time, and runs the tests that should see it.
 
     ./uvw run tests/mutations/run.py                        the list in listed.toml, each with the tests that it names
     ./uvw run tests/mutations/run.py --drawn 200 --seed 1   mutants drawn over all rooms, with the tests that reach them

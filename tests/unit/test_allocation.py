@@ -145,10 +145,10 @@ def test_saturated_thrusts_keep_attitude_then_force_then_yaw(vehicle, rng, withi
         thrust = allocation.thrust(wrench_B)
         low_now, high_now = thrust <= low + 1e-9, thrust >= high - 1e-9
         assert np.all((thrust >= low) & (thrust <= high))
-        for l, level in enumerate(levels):
+        for number, level in enumerate(levels):
             # The slope of a level's cost is a sum of what holds it: levels above either way, bounds inward only.
             slope = B[level].T @ (B[level] @ thrust - wrench_B[level])
-            above = B[[axis for upper in levels[:l] for axis in upper]].T
+            above = B[[axis for upper in levels[:number] for axis in upper]].T
             holding = np.hstack([above, -above, np.eye(6)[:, low_now], -np.eye(6)[:, high_now]])
             left = nnls(holding, slope)[1] if holding.size else np.linalg.norm(slope)
             within("slope that nothing holds [N, N m]", left, 1e-6)

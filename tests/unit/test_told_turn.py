@@ -36,7 +36,7 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | No
 
 
 def test_half_a_bung_is_none():
-    """Where only every other column of the image shows it, it explains the scan better than a bare body, yet is not it."""
+    """Where every other column shows a bare body, the bung explains the scan better than that, and yet is not there."""
     target, rng = barrel(bung_azimuth=SEEN), np.random.default_rng(3)
     whole, bare = (look(each, VIEW, rng, noise=None, floor=False) for each in (target, barrel()))
     depth = np.array(whole.depth)

@@ -12,6 +12,7 @@ import models
 from models import hydrodynamics, thrusters
 from models.vehicle import Vehicle
 from sim import hydrodynamics as hydrodynamics_of_plant
+from sim import sensors
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -30,6 +31,16 @@ def test_nominal_changes_nothing(variation):
     assert np.array_equal(before.actuator_user, after.actuator_user)
     assert np.array_equal(before.body_mass, after.body_mass)
     assert np.array_equal(before.dof_damping, after.dof_damping)
+
+
+def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(variation):
+    nominal = variation.Variation()
+    vision = sensors.VisionDrift(
+        period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise
+    )  # fmt: skip
+    assert vision == sensors.VisionDrift()
+    torque = sensors.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
+    assert torque == sensors.JointTorqueSensors()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

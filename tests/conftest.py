@@ -7,6 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -16,10 +17,47 @@ from sim.interfaces.errors import MissingLibraryError
 from sim.startup import run_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
+FIXED_SEEDS = (1, 2)
 SCALE = float(os.environ.get("UUV_TOLERANCE_SCALE", "1"))
 
 if Path(sim.__file__ or "").resolve().parent != ROOT / "sim":
     pytest.exit(f"{sim.__file__} hides the room {ROOT / 'sim'}; rename it or take it off PYTHONPATH", returncode=2)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("seeds")
+    group.addoption("--fresh", type=int, default=0, metavar="N", help="draw from N new seeds instead of the fixed ones")
+    group.addoption(
+        "--seed", type=int, action="append", default=[], metavar="K", dest="seeds", help="draw from this seed, as shown"
+    )
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Settle the seeds, once for all processes, before Hypothesis reads its options."""
+    config.addinivalue_line(
+        "markers", "seeds(*numbers): of the parameter `seed`, where --fresh and --seed ask for no other"
+    )
+    option = config.option
+    if not hasattr(config, "workerinput"):  # else they came with the options of the process that started this one
+        option.seeds = [*option.seeds, *(int.from_bytes(os.urandom(4), "big") for _ in range(option.fresh))]
+    hypothesis.settings.register_profile("suite", derandomize=not option.seeds, database=None, deadline=None)
+    hypothesis.settings.load_profile("suite")
+    if option.seeds and option.hypothesis_seed is None:
+        option.hypothesis_seed = str(option.seeds[0])
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    return f"seeds: {', '.join(map(str, config.option.seeds))}" if config.option.seeds else None
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """`rng` on the fixed seeds; `seed` on those of the test's own mark `seeds`, which are as fixed."""
+    asked = metafunc.config.option.seeds
+    if "rng" in metafunc.fixturenames:
+        metafunc.parametrize("rng", asked or FIXED_SEEDS, indirect=True)
+    for mark in metafunc.definition.iter_markers("seeds"):
+        metafunc.parametrize("seed", asked or mark.args)
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -74,12 +112,17 @@ def root() -> Path:
     return ROOT
 
 
-@pytest.fixture(params=[1, 2, "fresh"])
+@pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
-    """Two fixed seeds and one that is new in every run; pytest shows it when the test fails."""
-    seed = int.from_bytes(os.urandom(4), "big") if request.param == "fresh" else request.param
-    print(f"seed {seed}")
-    return np.random.default_rng(seed)
+    """On two fixed seeds, so that a commit is red or green whoever runs it; on others with --fresh and --seed."""
+    print(f"repeat with --seed {request.param}")  # pytest shows it when the test fails
+    return np.random.default_rng(request.param)
+
+
+@pytest.fixture
+def fresh_seeds(request: pytest.FixtureRequest) -> list[int]:
+    """Seeds of --fresh and --seed, for a test that has its own way of using them; none in the plain suite."""
+    return list(request.config.option.seeds)
 
 
 @pytest.fixture

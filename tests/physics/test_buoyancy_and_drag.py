@@ -140,6 +140,29 @@ def test_trimmed_vehicle_stays_for_a_minute(bend, within):
     within("drift [m, rad]", data.qpos - home, 3e-14)  # measured up to 3e-15
 
 
+def test_trim_puts_the_buoyancy_of_the_whole_tree_above_its_weight_however_it_is_turned(rng, within):
+    """In a pose with every body tilted, and gravity aslant: the same volume, and the centres on one vertical."""
+    spec = mujoco.MjSpec.from_string(VEHICLE)
+    link = water.cylinder(0.04, [0, 0, 0], [0.1, 0.05, -0.5], water_density=RHO)
+    water.attach(spec, {"hull": water.box([1.0, 0.6, 0.4], water_density=RHO), "upper": link, "lower": link}, RHO)
+    spec.option.gravity = exp_so3(rng.uniform(-1.0, 1.0, 3)) @ [0.0, 0.0, -9.81]
+    turned = quat_wxyz_from_rotation(exp_so3(rng.uniform(-2.0, 2.0, 3)))
+    qpos = np.array([*rng.uniform(-3.0, 3.0, 3), *turned, *rng.uniform(-1.0, 1.0, 2)])
+    water.trim(spec, "hull", metacentric_height=0.04, qpos=qpos)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos = qpos
+    mujoco.mj_forward(model, data)
+    volume, moment = 0.0, np.zeros(3)
+    for name, body in water.attached(spec).items():
+        X = data.body(name)
+        volume += body.volume
+        moment += body.volume * (X.xpos + X.xmat.reshape(3, 3) @ body.center_of_buoyancy)
+    up = -model.opt.gravity / 9.81
+    within("volume [m^3]", volume - 91.0 / RHO, 1e-15)
+    within("centre of buoyancy [m]", moment / volume - data.subtree_com[1] - 0.04 * up, 1e-14)
+
+
 def test_simple_neutral_body_stays_for_a_minute(within):
     """Its inertial frame is its body frame: MuJoCo would store only the diagonal of its inertia."""
     spec = mujoco.MjSpec.from_string(FREE.format(geom='type="ellipsoid" size=".3 .2 .1" mass="20"'))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import models
-from calib import arm_files, moving_base, results
+from calib import arm_files, moving_base, results, touches
 from calib.arm import Arm
 from calib.arm_files import read_arm
 from calib.touch_files import read_touches, write_touches
@@ -203,6 +203,41 @@ def test_degrees_beside_radians_are_refused(tmp_path):
         read_touches(tmp_path / "c")
     turns = read_touches(tmp_path / "b.csv", joint_types="rr", units="rad")
     np.testing.assert_array_equal(turns.series[0], [[10, 20], [30, 40]])
+
+
+def test_touches_of_more_than_a_turn_are_degrees_only_where_they_fit_far_better_so():
+    """Angles between one turn and two: as degrees the tips must lie three times closer together, over all touches."""
+    rng, ratios, refused = np.random.default_rng(1), [], []
+    arm, tcp = random_arm(rng, "rrrrrr"), np.array([0.05, -0.02, 0.1])
+    for sigma in np.geomspace(3e-3, 0.1, 24):
+        series = []
+        for _ in range(2):
+            q = rng.uniform(-1.0, 1.0, (5, 6))
+            goal = arm.tips(q[:1], tcp) + sigma * rng.normal(size=(5, 3))
+            for _ in range(20):  # the same point from five hands, touched as badly as that
+                p, J = arm.tips_and_jacobian(q, tcp)
+                slopes = J[:, [5 * k for k in range(6)]].transpose(0, 2, 1)
+                q = q + np.einsum("mij,mj->mi", np.linalg.pinv(slopes, rcond=1e-2), goal - p)
+            series.append(np.angle(np.exp(1j * q)))
+        series[0][0, 0] += np.copysign(2.0 * np.pi, series[0][0, 0])
+        tips = []
+        for each in (series, [np.deg2rad(q) for q in series]):
+            seen = touches.first_tcp(arm, each)
+            off = np.concatenate([p - p.mean(axis=0) for p in (arm.tips(q, seen) for q in each)])
+            tips.append(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+            assert touches.spread(arm, seen, each) == pytest.approx(tips[-1], rel=1e-12)
+        ratios.append(tips[0] / tips[1])
+        try:
+            touches.checked_series(series, arm)
+        except ConfigurationError:
+            refused.append(True)
+        else:
+            refused.append(False)
+    print(np.round(np.sort(ratios), 2))
+    assert min(ratios) < 1.0
+    assert any(1.1 < ratio < 2.9 for ratio in ratios)
+    assert max(ratios) > 3.1
+    assert refused == [ratio > 3.0 for ratio in ratios]
 
 
 def test_arm_on_a_moving_base(rng, within):

@@ -1,6 +1,5 @@
 """Maps of deformation: where growth and dents are, as large as they are, and nothing where there is nothing."""
 
-import secrets
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from tests.unit.depth_scenes import look, seen_from
 BARREL = barrel()
 SURFACE = ModelSurface.of(BARREL)
 VIEW = seen_from(np.array([0.1, -0.3, 1.25]))
-FRESH = secrets.randbits(31)
 
 
 def found_in(scan: Scan) -> Identification:
@@ -59,21 +57,20 @@ def test_growth_and_dent_are_found_as_they_are(within):
     within("pulled pose set right [m]", made.X_sensor_target[2, 3] - VIEW[2, 3], 2e-3)
 
 
-def test_undeformed_object_has_no_region(within):
+@pytest.mark.seeds(1, 2, 3)
+def test_undeformed_object_has_no_region(within, seed: int):
     """What the map says of its own noise is what it is off, and that is never beyond doubt.
 
     Of 80 frames none had a region, and none came beyond 3.4 of the 4.5 standard deviations; 10 mm are 6.5 of them.
     """
-    for seed, size in ((1, None), (2, None), (FRESH, 0.01)):
-        print(f"seed {seed}")
-        found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(seed))))
-        made = map_deformation(replace(found, accepted=True), size)
-        assert made.regions == ()
-        assert not made.label.any()
-        off = made.deviation[np.isfinite(made.deviation)]
-        within("noise against what it is said to be", np.log(np.std(off) / made.noise_m), 0.7)
-        assert 0.5 < made.compared < 1.0
-        assert made.size_m > 2.0 * made.noise_m
+    found = found_in(Scan.from_depth(look(BARREL, VIEW, np.random.default_rng(seed))))
+    made = map_deformation(replace(found, accepted=True), None if seed < 3 else 0.01)
+    assert made.regions == ()
+    assert not made.label.any()
+    off = made.deviation[np.isfinite(made.deviation)]
+    within("noise against what it is said to be", np.log(np.std(off) / made.noise_m), 0.7)
+    assert 0.5 < made.compared < 1.0
+    assert made.size_m > 2.0 * made.noise_m
 
 
 def test_no_map_of_what_was_not_found():

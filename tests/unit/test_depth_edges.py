@@ -51,9 +51,9 @@ def beyond_rim(tangents: Array, X_ST: Array) -> Array:
     return (np.abs(p) - HALF).max(axis=1) / (X_ST[2, 3] * PITCH)
 
 
-@pytest.mark.parametrize("seed", [0, 1, None])
+@pytest.mark.seeds(0, 1)
 @pytest.mark.parametrize("noise", [None, MIXED], ids=["exact", "mixed pixels"])
-def test_an_edge_is_read_where_it_is_in_the_mean(noise: StereoNoise | None, seed: int | None, within):
+def test_an_edge_is_read_where_it_is_in_the_mean(noise: StereoNoise | None, seed: int, within):
     """Mixed pixels leave 0.08 to 0.10 px inward, of 0.7 px that the last near pixels would be inside.
 
     One reading errs by the place of the rim between two pixels, 0.29 px; a mixed pixel by another half.
@@ -70,8 +70,8 @@ def test_an_edge_is_read_where_it_is_in_the_mean(noise: StereoNoise | None, seed
     within("rms [px]", np.sqrt(np.mean(readings**2)) - (0.26 if noise is None else 0.40), 0.06)
 
 
-@pytest.mark.parametrize("seed", [0, 1, None])
-def test_scan_and_model_edges_agree(seed: int | None, slab: ModelSurface, within):
+@pytest.mark.seeds(0, 1)
+def test_scan_and_model_edges_agree(seed: int, slab: ModelSurface, within):
     """What the fit sees at the true pose, with mixed pixels: no pull on the average, whatever side it is."""
     rng = np.random.default_rng(seed)
     pulls = []

@@ -57,6 +57,19 @@ def test_a_long_way_overshoots_less_when_the_loop_knows_what_was_withheld(parts)
     assert np.abs(told[-1]).max() < 0.02
 
 
+@pytest.mark.parametrize("axis", range(6))
+def test_a_small_error_dies_away_as_a_double_pole_at_1_6_per_second(parts, axis, within):
+    """(1 + w t) exp(-w t) with w = 1.6 rad/s in each of the six directions, and nothing in the others.
+
+    Measured 0.047 off, for the loop steps, and expects a drag that this body has not.
+    """
+    error = np.zeros(6)
+    error[axis] = 0.02  # [m] or [rad]
+    errors = run(parts, pose(exp_so3(error[3:]), error[:3]), 4.0, told=True)
+    w_t = 1.6 * DT * np.arange(1, len(errors) + 1)
+    within("error, relative", errors / 0.02 - np.outer((1.0 + w_t) * np.exp(-w_t), error / 0.02), 0.08)
+
+
 def test_nothing_changes_while_the_thrusters_suffice(parts, within):
     start = pose(exp_so3([0.02, -0.03, 0.1]), [0.1, -0.1, 0.05])
     differing = run(parts, start, 5.0, told=True) - run(parts, start, 5.0, told=False)

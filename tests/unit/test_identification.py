@@ -1,6 +1,5 @@
 """Identification of known objects in noisy frames: error statistics, refusals, objects that it was not made for."""
 
-import secrets
 import subprocess
 import sys
 from collections.abc import Callable
@@ -78,15 +77,14 @@ def manifold() -> TargetModel:
     return boxes("manifold", [([0.5, 0.35, 0.02], [-0.25, -0.175, 0])], pipes)
 
 
-def test_barrel_from_all_sides(surface: ModelSurface, within):
+def test_barrel_from_all_sides(surface: ModelSurface, fresh_seeds: list[int], within):
     """1 to 1.5 m, floor and stand in view; 50 seeds gave 0.3 mm median, 2.1 mm worst, 0.12 deg.
 
-    Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view: a fresh one may be, two not.
+    Of 250 seeds 4 were refused, one of them rightly and three for want of edges in view; of those of
+    --fresh one in twenty may be.
     """
-    fresh = [secrets.randbits(32) for _ in range(3)]
-    print(f"fresh seeds {fresh}")
     errors, refused = [], {}
-    for seed in (0, 10, 31, 142, 214, *fresh):
+    for seed in (0, 10, 31, 142, 214, *fresh_seeds):
         rng = np.random.default_rng(seed)
         X_CT = random_view(rng)
         image = look(BARREL, X_CT, rng)
@@ -95,8 +93,8 @@ def test_barrel_from_all_sides(surface: ModelSurface, within):
             errors.append(BARREL.symmetry.error(result.X_sensor_target, X_CT))
         else:
             refused[seed] = result.reason
-    assert set(refused) <= set(fresh), refused
-    assert len(refused) <= 1, refused
+    assert set(refused) <= set(fresh_seeds), refused
+    assert len(refused) <= 1 + len(fresh_seeds) // 20, refused
     position, angle = np.array(errors).T
     within("median position [m]", np.median(position), 2e-3)
     within("worst position [m]", position, 5e-3)
@@ -296,7 +294,7 @@ def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
     assert found.reason
 
 
-def test_a_face_whose_plane_cuts_the_bed_is_no_background():
+def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):
     """A disc that hangs over the bed: its plane meets the bed in a strip, far to both sides of it."""
     x = y = np.arange(-0.3, 0.3, 0.003)
     tx, ty = np.meshgrid(x, y)
@@ -307,7 +305,7 @@ def test_a_face_whose_plane_cuts_the_bed_is_no_background():
     disc = np.hypot(tx, ty) < 0.2
     z[disc] = 1.9
     # Rougher than its noise is thought to be: no seed of the search for planes may matter.
-    z += np.random.default_rng(secrets.randbits(32)).normal(0.0, 0.004, z.shape)
+    z += rng.normal(0.0, 0.004, z.shape)
     scan = Scan(points=np.stack([z * tx, z * ty, z], axis=-1), tangent_x=x, tangent_y=y)
     usable = np.isfinite(z)
     taken = background(scan, usable, 1.0, SensorModel(focal=1.0 / 0.003), np.random.default_rng(0))

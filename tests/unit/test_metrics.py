@@ -183,10 +183,12 @@ def test_peaks_and_lost_contact_are_those_of_the_substeps():
     assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 12.0, "lost_s": 0.0}
 
 
-def test_path_error_splits_into_along_lateral_and_normal():
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_path_error_splits_into_along_lateral_and_normal(sign: float):
+    """Signed where it says so; the greatest figures are of its size, whichever way it points."""
     R_WT = TRUTH.X_WT[:3, :3]
     x, y, z = R_WT.T
-    along, lateral, deeper = 0.002, 0.0012, 0.0005
+    along, lateral, deeper = sign * 0.002, sign * 0.0012, sign * 0.0005
     start = recorded()
     tip = start["p_command"].value + along * x + lateral * y - deeper * z
     recording = recorded(p_pad=tip)
@@ -194,7 +196,8 @@ def test_path_error_splits_into_along_lateral_and_normal():
     assert error is not None
     assert error.along == pytest.approx(along)
     assert error.normal == pytest.approx(deeper)
-    assert np.abs(error.lateral) == pytest.approx(lateral)
+    assert np.abs(error.lateral) == pytest.approx(abs(lateral))
+    along, lateral, deeper = abs(along), abs(lateral), abs(deeper)
     tool = tool_figures(recording, TRUTH)
     assert tool["cross_track_max_m"] == pytest.approx(lateral)
     assert tool["cross_track_rms_m"] == pytest.approx(lateral)

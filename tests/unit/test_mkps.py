@@ -57,6 +57,21 @@ def errors_between(X_a: Array, X_b: Array) -> tuple[float, float]:
     return float(np.linalg.norm(X_a[:3, 3] - X_b[:3, 3])), float(np.linalg.norm(log_so3(X_a[:3, :3].T @ X_b[:3, :3])))
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_found_by_default_is_within_a_tenth_of_a_millimetre_and_a_milliradian(method: Method, rng):
+    """And mostly no more than that is asked: the tolerances are those of the signature, not some others."""
+    arm, worst = ARMS["puma560"], np.zeros(2)
+    chain = Chain.from_dh(arm.dh, arm.joint_types, limits=arm.limits, tool=arm.tool)
+    for _ in range(150):
+        q, start = rng.uniform(-1.0, 1.0, (2, chain.n))
+        result = solve(chain, chain.forward(q), start, method=method)
+        if result.converged:
+            worst = np.maximum(worst, [result.position_error, result.orientation_error])
+    print("worst", worst)
+    assert np.all(worst <= [1e-4, 1e-3])
+    assert np.any(worst > 0.1 * np.array([1e-4, 1e-3]))
+
+
 def random_dh(rng: np.random.Generator, n: int, kinds: str) -> tuple[np.ndarray, str, np.ndarray]:
     """DH rows with offsets everywhere, joint letters, and limits: a good turn, or 0.6 m."""
     types = "".join(rng.choice(list(kinds), size=n))

@@ -1,7 +1,5 @@
 """Every object there is: closed, symmetric as declared, its paths on it, and felt where it is seen."""
 
-import secrets
-
 import mujoco
 import numpy as np
 import pytest
@@ -15,8 +13,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 from tests.unit.surface_distance import signed_distance
 
-FRESH = secrets.randbits(31)
-OBJECTS = {name: targets.named(name) for name in targets.available()} | {"a fresh rock": rock(FRESH)}
+OBJECTS = {name: targets.named(name) for name in targets.available()} | {"another rock": rock(5)}
 
 
 def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,7 +47,7 @@ def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> t
 @pytest.mark.parametrize("name", OBJECTS)
 def test_object_is_closed_and_wound_outwards(name: str):
     target = OBJECTS[name]
-    assert open_edges(target.triangles) == 0, FRESH
+    assert open_edges(target.triangles) == 0
     assert 1e-4 < volume(target.vertices, target.triangles) < np.prod(np.ptp(target.vertices, axis=0))
 
 
@@ -152,10 +149,10 @@ def test_finer_tolerance_gives_a_truer_surface(within):
     assert worst[1] < worst[0]
 
 
-@pytest.mark.parametrize("seed", [1, 2, None])
+@pytest.mark.seeds(1, 2)
 def test_no_part_spans_a_hollow_corner(within, seed):
     """A shaft with a flange, of slivers as long as it is: a part over two of them once filled the corner by 7 cm."""
-    rng = np.random.default_rng(FRESH if seed is None else seed)
+    rng = np.random.default_rng(seed)
     thin, wide, long = rng.uniform(0.05, 0.15), rng.uniform(0.2, 0.3), rng.uniform(0.2, 0.5)
     outline = [(-long, 0.0), (-long, thin), (0.0, thin), (0.0, wide), (0.1, wide), (0.1, 0.0)]
     shaft = revolve(outline, int(rng.integers(60, 120)))
@@ -164,12 +161,11 @@ def test_no_part_spans_a_hollow_corner(within, seed):
         within("over the surface [m]", np.maximum(signed_distance(*shaft, inside), 0.0), convex_parts.TOLERANCE)
 
 
-def test_splitting_keeps_a_shell_closed(within):
+def test_splitting_keeps_a_shell_closed(rng, within):
     vertices, triangles = welded(*box([0.4, 0.3, 0.2], np.zeros(3)))
-    rng = np.random.default_rng(FRESH)
     for _ in range(6):
         vertices, triangles = split(vertices, triangles, rng.random(len(triangles)) < 0.4, 0.03)
-        assert open_edges(triangles) == 0, FRESH
+        assert open_edges(triangles) == 0
         within("volume", volume(vertices, triangles) - 0.4 * 0.3 * 0.2, 1e-12)
     assert len(triangles) > 200
 

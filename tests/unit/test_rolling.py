@@ -7,7 +7,6 @@ from scipy import ndimage
 from perception.rolling import lift
 from sim.interfaces.spatial import Array
 
-FRESH = int(np.random.SeedSequence().generate_state(1)[0])
 RADIUS, STEP = 0.06, 0.003  # [m]
 X, Y = np.arange(-40, 41) * STEP, np.arange(-12, 13) * STEP
 
@@ -33,9 +32,8 @@ def test_what_bulges_is_touched_everywhere(within):
     within("over a cylinder [m]", over[inner], 3e-5)  # 1e-5 by the grid
 
 
-@pytest.mark.parametrize("seed", [1, None])
+@pytest.mark.seeds(1)
 def test_is_a_morphological_closing(seed, within):
-    seed = FRESH if seed is None else seed
     rng = np.random.default_rng(seed)
     height = np.asarray(0.08 * ndimage.gaussian_filter(rng.standard_normal((len(X), len(Y))), 4.0), dtype=np.float64)
     over = lift(*surface(height), RADIUS)

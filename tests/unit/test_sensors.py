@@ -9,6 +9,7 @@ import pytest
 
 from sim import sensors
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
 from sim.plant import Truth
@@ -207,6 +208,56 @@ def test_rates_and_delays_are_whole_steps(sensor, change):
     plant: Any = SimpleNamespace(timestep=0.002)
     with pytest.raises(ConfigurationError, match=f"{type(sensor).__name__}.* whole multiple of the physics step 0.002"):
         rollout(plant, parts, duration=1.0, rng=np.random.default_rng(1))
+
+
+class Clock:
+    """A plant that stands still, and an estimator that writes down what arrived when."""
+
+    timestep = period = 0.002  # [s]
+
+    def __init__(self) -> None:
+        self.tick, self.truth, self.arrived = 0, truth(), []
+
+    def observe(self) -> Truth:
+        self.truth.time = self.tick * self.timestep
+        return self.truth
+
+    def init(self, first: Any) -> None:
+        pass
+
+    def step(self, *given: Any) -> Any:
+        if len(given) == 1:  # a command, as the plant gets it
+            self.tick += 1
+            return None
+        self.arrived += [(type(m).__name__, self.tick * self.timestep, m.time) for m in given[1]]
+        zero = np.zeros(3)
+        return None, StateEstimate(
+            time=self.tick * self.timestep, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero,
+            tau=zero,
+        )  # fmt: skip
+
+
+def test_measurements_come_at_their_rates_and_only_vision_comes_late():
+    """By 0.1 s: what the fusion, the health checks and the force loop are tuned for. Counted over the loop's second."""
+    clock: Any = Clock()
+    still = Reference(
+        time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=np.zeros(3), X_WG=None, v_WG_W=np.zeros(3),
+        w_WG_W=np.zeros(3), q=np.zeros(6), qd=np.zeros(6), force=0.0, force_control=False, tare=False, scan=False,
+        path_s=0.0,
+    )  # fmt: skip
+    planner: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, still))
+    command = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
+    controller: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, command))
+    parts = Parts(sensors=ALL, estimator=clock, finder=None, planner=planner, controller=controller)
+    rollout(clock, parts, duration=1.0, rng=np.random.default_rng(1))
+    late, rate = {}, {}
+    for name, now, taken in clock.arrived:
+        late.setdefault(name, set()).add(round(now - taken, 9))
+        rate[name] = rate.get(name, 0) + 1
+    assert late == {name: {0.0} for name in rate} | {"VisionMeasurement": {0.0, 0.1}}  # the first of all begins the run
+    often = {"EncoderMeasurement", "TorqueMeasurement", "ImuMeasurement"}
+    assert {name for name, count in rate.items() if count > 499} == often
+    assert [rate[f"{name}Measurement"] for name in ("Dvl", "Pressure", "Vision")] == pytest.approx([10, 20, 10], abs=1)
 
 
 FIELDS = ("qd", "tau", "specific_force_B", "v_WB_B", "pressure", "p_WB")

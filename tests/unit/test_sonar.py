@@ -77,11 +77,9 @@ def test_every_kind_of_geom_at_its_distance(within):
         within(f"at x = {x} [m]", points[0, 0] - [0.0, 0.0, 1.5 - top], 3e-4)  # 2e-4: chords of round geoms
 
 
-@pytest.mark.parametrize("seed", [0, 1, None])
-def test_tiles_and_clusters_leave_nothing_out(seed: int | None):
+@pytest.mark.seeds(0, 1)
+def test_tiles_and_clusters_leave_nothing_out(seed: int):
     """The same distances as of every ray cast at all triangles."""
-    seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
-    print(f"seed {seed}")
     rng = np.random.default_rng(seed)
     spec = mujoco.MjSpec()
     kinds = [mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_ELLIPSOID]

@@ -443,8 +443,8 @@ def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
     assert last == pytest.approx(WORK_POSE[:3, 3], abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", [0, 1, None])
-def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int | None, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.seeds(0, 1)
+def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeypatch: pytest.MonkeyPatch):
     """Its place to the last bit: a hull that ended 1.6e-8 short, turned, unfolded its arm and moved on for ever."""
     rng = np.random.default_rng(seed)
     X_WB = pose(exp_so3([0.0, 0.0, rng.uniform(-3.1, 3.1)]), WORK_POSE[:3, 3] + rng.uniform(-0.2, 0.2, 3))

@@ -1,13 +1,15 @@
 """The turn about a declared axis: told by a part in view that breaks the symmetry, else said to be unknown."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from models.barrel import barrel
 from perception.identification import identify
-from perception.registration import ModelSurface
-from perception.scan import Scan
-from perception.told_turn import parts_that_stand_out
+from perception.registration import Evidence, ModelSurface
+from perception.scan import Scan, SensorModel
+from perception.told_turn import parts_that_stand_out, told_turn
 from sim.interfaces.spatial import exp_so3
 from tests.unit.depth_scenes import look, seen_from
 
@@ -31,6 +33,22 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | No
         assert found.symmetry.angle_known
         assert "told" in found.symmetry.policy
         within("turn [deg]", np.rad2deg(np.arccos(0.5 * (np.trace(R_error) - 1.0))), 2.0)  # 0.4
+
+
+def test_half_a_bung_is_none():
+    """Where every other column shows a bare body, the bung explains the scan better than that, and yet is not there."""
+    target, rng = barrel(bung_azimuth=SEEN), np.random.default_rng(3)
+    whole, bare = (look(each, VIEW, rng, noise=None, floor=False) for each in (target, barrel()))
+    depth = np.array(whole.depth)
+    depth[:, ::2] = bare.depth[:, ::2]
+    surface = ModelSurface.of(target)
+    told = []
+    for image in (whole, replace(whole, depth=depth)):
+        scan = Scan.from_depth(image)
+        mask = np.isfinite(image.depth)
+        told.append(told_turn(Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW))
+    assert told[0] is not None
+    assert told[1] is None
 
 
 def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():

@@ -1,6 +1,5 @@
 """Variations of a contact job: what the plant then is, against its own compiled numbers and a press on the pad."""
 
-import secrets
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -13,6 +12,7 @@ import models
 from models import hydrodynamics, thrusters
 from models.vehicle import Vehicle
 from sim import hydrodynamics as hydrodynamics_of_plant
+from sim import sensors
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -31,6 +31,16 @@ def test_nominal_changes_nothing(variation):
     assert np.array_equal(before.actuator_user, after.actuator_user)
     assert np.array_equal(before.body_mass, after.body_mass)
     assert np.array_equal(before.dof_damping, after.dof_damping)
+
+
+def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(variation):
+    nominal = variation.Variation()
+    vision = sensors.VisionDrift(
+        period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise
+    )  # fmt: skip
+    assert vision == sensors.VisionDrift()
+    torque = sensors.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
+    assert torque == sensors.JointTorqueSensors()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -137,8 +147,7 @@ def test_pad_and_surface_yield_as_said(variation, stiffness, within):
         within("chatter [N]", deviation, 1e-3)
 
 
-def test_steps_are_as_long_as_the_pad_allows(variation):
-    rng = np.random.default_rng(secrets.randbits(32))
+def test_steps_are_as_long_as_the_pad_allows(variation, rng):
     for stiffness in (1e4, 1e6, *np.exp(rng.uniform(np.log(1e4), np.log(1e6), 6))):
         plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
         variation.vary(spec, variation.Variation(stiffness=stiffness))
@@ -174,9 +183,10 @@ _MASS_WITH_PAD = """
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 2.1e4, 3e4, 7.9e4, 1.5e5, 3e5, 1e6, None])
-def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, within):
+@pytest.mark.seeds(1)
+def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, seed, within):
     """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it bounces for ever."""
-    rng = np.random.default_rng(secrets.randbits(32))
+    rng = np.random.default_rng(seed)
     stiffness = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6]))))
     spec = mujoco.MjSpec.from_string(_MASS_WITH_PAD.format(mass=rng.uniform(2.0, 8.0)))
     variation.vary(spec, variation.Variation(stiffness=stiffness))
@@ -205,9 +215,10 @@ _SLIDING = """
 
 
 @pytest.mark.parametrize("stiffness", [2e4, 2e5, 5e5, 1e6, None])
-def test_what_slides_stays_in_contact_with_the_friction_it_has(variation, stiffness, within):
+@pytest.mark.seeds(1)
+def test_what_slides_stays_in_contact_with_the_friction_it_has(variation, stiffness, seed, within):
     """Pressed with 60 N and drawn at 2 cm/s: never off the surface, Coulomb's friction; at rest it hardly creeps."""
-    rng = np.random.default_rng(secrets.randbits(32))
+    rng = np.random.default_rng(seed)
     stiffness, mu = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))), float(rng.uniform(0.1, 0.6))
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
     variation.vary(spec, variation.Variation(stiffness=stiffness))

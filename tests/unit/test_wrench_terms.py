@@ -38,7 +38,7 @@ def dry_twin() -> ArmDynamics:
     return ArmDynamics(spec.compile())
 
 
-@pytest.mark.parametrize("seed", [0, None])
+@pytest.mark.seeds(0, 1)
 def test_terms_and_weight_make_the_whole(seed, within):
     rng = np.random.default_rng(seed)
     arm, dry = ArmDynamics(models.load("uuv_puma").compile()), dry_twin()

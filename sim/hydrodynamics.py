@@ -18,7 +18,9 @@ contact weights (call `set_constants` after it); and the integrator "implicit" t
 implicitly, those of the water explicitly.
 
 The callback belongs to the process. A pickled model brings it along; an MJB or MJCF file does not, so a process that
-loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry.
+loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry. The same function
+as an engine plugin, which a model could name, costs the same but is no remedy: an MJB holds the number of a plugin, not
+its name, so where it is missing MuJoCo crashes or runs another one, and `MjSpec.attach` drops it without a word.
 """
 
 import copyreg
@@ -199,9 +201,9 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 def doubts(model: mujoco.MjModel) -> list[str]:
     """What in a wet model is likely a slip, one line each. Empty for a model without coefficients.
 
-    Movable bodies without coefficients beside others that have them (of one tree); a body whose mass and volume give no
-    density within DENSITIES; coefficients whose linear and angular parts look swapped (a body of about 1 m cannot show
-    it); force and torque sensors, which do not see the water.
+    Movable bodies with mass and shape but without coefficients, in one tree with others that have them; a body whose
+    mass and volume give no density within DENSITIES; coefficients whose linear and angular parts look swapped (a body
+    of about 1 m cannot show it); force and torque sensors, which do not see the water.
     """
     wet = _bodies(model)
     trees = {int(model.body_treeid[i]) for i in wet}
@@ -209,7 +211,10 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     dry = [
         names[i]
         for i in range(1, model.nbody)
-        if model.body_treeid[i] in trees and model.body_mass[i] > 0.0 and not carries(model.body_user[i])
+        if model.body_treeid[i] in trees
+        and model.body_mass[i] > 0.0
+        and model.body_geomnum[i] > 0
+        and not carries(model.body_user[i])
     ]
     found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
     for i, body in wet.items():

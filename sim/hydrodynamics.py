@@ -25,6 +25,7 @@ its name, so where it is missing MuJoCo crashes or runs another one, and `MjSpec
 
 import copyreg
 import ctypes
+import math
 import sys
 import warnings
 import weakref
@@ -224,11 +225,12 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                 f"{names[i]}: {mass:.4g} kg in {body.volume:.4g} m^3 make {mass / body.volume:.3g} kg/m^3, outside "
                 f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
-        gyration = np.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else np.inf  # [m]
+        gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
         for name, (power, most) in _LEVERS.items():
             numbers = getattr(body, name)
-            linear, angular = np.split(np.diag(numbers) if numbers.ndim == 2 else numbers, 2)
-            lever = angular.max() / linear.max() if linear.max() > 0.0 else 0.0
+            diagonal = np.diag(numbers) if numbers.ndim == 2 else numbers
+            linear, angular = float(diagonal[:3].max()), float(diagonal[3:].max())
+            lever = angular / linear if linear > 0.0 else 0.0
             if lever > most * gyration**power:
                 found.append(
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
@@ -432,7 +434,7 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
     mujoco.mju_quat2Mat(R, model.body_iquat[body])
     R = R.reshape(3, 3)
     about_origin = R @ np.diag(model.body_inertia[body]) @ R.T - model.body_mass[body] * skew(p) @ skew(p)
-    return float(np.linalg.eigvalsh(about_origin)[-1])
+    return max(float(np.linalg.eigvalsh(about_origin)[-1]), 0.0)
 
 
 def _drag_rate(model: mujoco.MjModel, data: mujoco.MjData, factor: np.ndarray, speed: float) -> float:

@@ -18,11 +18,14 @@ contact weights (call `set_constants` after it); and the integrator "implicit" t
 implicitly, those of the water explicitly.
 
 The callback belongs to the process. A pickled model brings it along; an MJB or MJCF file does not, so a process that
-loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry.
+loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry. The same function
+as an engine plugin, which a model could name, costs the same but is no remedy: an MJB holds the number of a plugin, not
+its name, so where it is missing MuJoCo crashes or runs another one, and `MjSpec.attach` drops it without a word.
 """
 
 import copyreg
 import ctypes
+import math
 import sys
 import warnings
 import weakref
@@ -199,9 +202,9 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 def doubts(model: mujoco.MjModel) -> list[str]:
     """What in a wet model is likely a slip, one line each. Empty for a model without coefficients.
 
-    Movable bodies without coefficients beside others that have them (of one tree); a body whose mass and volume give no
-    density within DENSITIES; coefficients whose linear and angular parts look swapped (a body of about 1 m cannot show
-    it); force and torque sensors, which do not see the water.
+    Movable bodies with mass and shape but without coefficients, in one tree with others that have them; a body whose
+    mass and volume give no density within DENSITIES; coefficients whose linear and angular parts look swapped (a body
+    of about 1 m cannot show it); force and torque sensors, which do not see the water.
     """
     wet = _bodies(model)
     trees = {int(model.body_treeid[i]) for i in wet}
@@ -209,7 +212,10 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     dry = [
         names[i]
         for i in range(1, model.nbody)
-        if model.body_treeid[i] in trees and model.body_mass[i] > 0.0 and not carries(model.body_user[i])
+        if model.body_treeid[i] in trees
+        and model.body_mass[i] > 0.0
+        and model.body_geomnum[i] > 0
+        and not carries(model.body_user[i])
     ]
     found = [f"movable bodies without water: {', '.join(dry)}"] if dry else []
     for i, body in wet.items():
@@ -219,11 +225,12 @@ def doubts(model: mujoco.MjModel) -> list[str]:
                 f"{names[i]}: {mass:.4g} kg in {body.volume:.4g} m^3 make {mass / body.volume:.3g} kg/m^3, outside "
                 f"{DENSITIES[0]:g} to {DENSITIES[1]:g}; volume is in m^3"
             )
-        gyration = np.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else np.inf  # [m]
+        gyration = math.sqrt(_largest_inertia(model, i) / mass) if mass > 0.0 else math.inf  # [m]
         for name, (power, most) in _LEVERS.items():
             numbers = getattr(body, name)
-            linear, angular = np.split(np.diag(numbers) if numbers.ndim == 2 else numbers, 2)
-            lever = angular.max() / linear.max() if linear.max() > 0.0 else 0.0
+            diagonal = np.diag(numbers) if numbers.ndim == 2 else numbers
+            linear, angular = float(diagonal[:3].max()), float(diagonal[3:].max())
+            lever = angular / linear if linear > 0.0 else 0.0
             if lever > most * gyration**power:
                 found.append(
                     f"{names[i]}: angular over linear {name} is {lever:.3g} m^{power}, though the body's radius of "
@@ -427,7 +434,7 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
     mujoco.mju_quat2Mat(R, model.body_iquat[body])
     R = R.reshape(3, 3)
     about_origin = R @ np.diag(model.body_inertia[body]) @ R.T - model.body_mass[body] * skew(p) @ skew(p)
-    return float(np.linalg.eigvalsh(about_origin)[-1])
+    return max(float(np.linalg.eigvalsh(about_origin)[-1]), 0.0)
 
 
 def _drag_rate(model: mujoco.MjModel, data: mujoco.MjData, factor: np.ndarray, speed: float) -> float:

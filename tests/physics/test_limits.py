@@ -34,6 +34,9 @@ ARM = """
     <body name="hull"> <freejoint/> <geom size=".2" mass="30"/> <site name="root"/>
       <body name="link" pos=".3 0 0"> <joint name="j" axis="0 1 0"/> <geom size=".1" mass="3"/> <site name="wrist"/>
         <body name="tool" pos=".2 0 0"> <joint name="k" axis="0 1 0"/> <geom size=".05" mass="1"/> <site name="tip"/>
+          <body name="mount"> <joint type="slide" stiffness="1e3"/>
+            <inertial pos="0 0 0" mass=".1" diaginertia="1 1 1"/>
+          </body>
         </body>
       </body>
     </body>

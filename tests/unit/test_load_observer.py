@@ -18,6 +18,9 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
 
+# An odd arm is no real one.
+pytestmark = pytest.mark.filterwarnings("ignore::sim.interfaces.errors.PhysicsWarning")
+
 LAG = 0.012  # [s]
 CURRENT = np.array([0.3, -0.2, 0.1])  # [m/s]
 

@@ -46,8 +46,8 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
         if not kept.any():
             raise ConfigurationError(f"cloud {file}: no usable point is left; {'; '.join(notes)}")
 
-    leave_out(~np.isfinite(points).all(axis=1), "not finite")
-    leave_out(~points.any(axis=1), "at the origin, no return")
+    leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
+    leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
     if scale is None:
         far = float((np.abs(points[kept]).max(axis=1) > FARTHEST).mean())
         if far > 0.02:

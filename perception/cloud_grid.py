@@ -182,7 +182,9 @@ def _framed(grid: DepthGrid) -> DepthGrid:
     depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
     cut = [[of[end] >= _CUT * of[max(1, len(of) // 20)] for end, of in ((0, n), (0, n[::-1]))] for n in count]
-    alone = all(max(n[0], n[-1]) < _CUT * other for n, other in zip(count, depth.shape[::-1], strict=True))
+    filled = np.isfinite(depth).astype(np.float32)
+    dense = _CUT * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())  # pixels may be lost anywhere
+    alone = all(max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True))
     wider = []
     for line, ends in zip(lines, cut, strict=True):
         reach, pitch = (-line[0], line[-1]), line[1] - line[0]

@@ -19,7 +19,7 @@ from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, readonly
 
-SIGMA_ALLOWED = (1e-6, 0.02)  # [m] of depth at 1 m; with more a barrel passes for one 10 cm thicker
+SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner passes for the barrel
 MIN_POINTS = 60  # below this no pose can be told from noise
 _ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
 _SAMPLED = 20_000  # pixels, about, of which background planes are made

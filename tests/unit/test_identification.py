@@ -282,7 +282,7 @@ def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
     with pytest.raises(ConfigurationError):
         SensorModel(baseline=0.0)
     for sigma in (1e300, np.inf, np.nan, 1e-300):
-        with pytest.raises(ConfigurationError, match=r"1e-06 to 0\.02 m|must be positive"):
+        with pytest.raises(ConfigurationError, match=r"1e-06 to 0\.01 m|must be positive"):
             SensorModel(disparity_sigma=sigma)
 
 

@@ -5,19 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.point_files import read_cloud
+from perception.point_files import picture_shape, read_cloud
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, readonly
 
 FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
-MOST = 500_000  # points that are kept
+MOST = 20_000_000  # points: gigabytes
+_MIXED = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)  # large and odd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CloudFile:
     """What a file holds."""
 
-    points: Array  # (N, 3) [m], in the sensor's frame; finite, none twice
+    points: Array  # (N, 3) [m], in the sensor's frame, none twice; or a picture (H, W, 3), NaN where left out
     notes: tuple[str, ...]  # what was left out, in words
 
 
@@ -25,37 +26,48 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     """The cloud of a PLY, PCD or text file (three numbers a line), in the sensor's frame.
 
     `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a cloud that then lies farther
-    than FARTHEST is refused. Points that are not finite, at the origin (no return) or there twice are left out; of
-    more than MOST an even share is kept. Raises ConfigurationError for a file that is missing, malformed, empty,
-    without a usable point, or in a wrong unit.
+    than FARTHEST is refused. Points that are not finite, at the origin (no return) or there twice are left out; the
+    pixels of a PCD file that is a picture stay in their places. Raises ConfigurationError for a file that is missing,
+    malformed, empty, without a usable point, of more than MOST points, or in a wrong unit.
     """
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", above=0.0)
     points = read_cloud(file) * (1.0 if scale is None else scale)
+    if len(points) > MOST:
+        raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
+    kept = np.ones(len(points), dtype=bool)
     notes: list[str] = []
 
-    def kept(mask: np.ndarray, what: str) -> None:
-        nonlocal points
-        if not mask.all():
-            notes.append(f"{int((~mask).sum())} of {len(mask)} points left out: {what}")
-            points = points[mask]
-        if not len(points):
+    def leave_out(those: np.ndarray, what: str) -> None:
+        those = those & kept
+        if those.any():
+            notes.append(f"{int(those.sum())} of {int(kept.sum())} points left out: {what}")
+            kept[those] = False
+        if not kept.any():
             raise ConfigurationError(f"cloud {file}: no usable point is left; {'; '.join(notes)}")
 
-    kept(np.asarray(np.isfinite(points).all(axis=1)), "not finite")
-    kept(np.asarray(points.any(axis=1)), "at the origin, no return")
+    leave_out(np.asarray(~np.isfinite(points).all(axis=1)), "not finite")
+    leave_out(np.asarray(~points.any(axis=1)), "at the origin, no return")
     if scale is None:
-        far = float((np.abs(points).max(axis=1) > FARTHEST).mean())
+        far = float((np.abs(points[kept]).max(axis=1) > FARTHEST).mean())
         if far > 0.02:
-            middle = float(np.median(np.linalg.norm(points, axis=1)))
+            middle = float(np.median(np.linalg.norm(points[kept], axis=1)))
             raise ConfigurationError(
                 f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, median "
                 f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale (0.001 for mm)"
             )
-    first = np.zeros(len(points), dtype=bool)
-    first[np.unique(points, axis=0, return_index=True)[1]] = True
-    kept(first, "there twice")
-    if len(points) > MOST:
-        notes.append(f"{len(points)} points thinned to {MOST}")
-        points = points[np.linspace(0, len(points) - 1, MOST).astype(np.int64)]
-    return CloudFile(points=readonly(points), notes=tuple(notes))
+    shape = picture_shape(file)
+    if shape is not None and shape[0] * shape[1] == len(points):
+        points[~kept] = np.nan
+        return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))
+    leave_out(_again(points), "there twice")
+    return CloudFile(points=readonly(points[kept]), notes=tuple(notes))
+
+
+def _again(points: Array) -> np.ndarray:
+    """Mask (N,) of the points (N, 3) that were there before."""
+    mixed = ((points + 0.0).view(np.uint64) * _MIXED).sum(axis=1)  # one number to sort by, of three; -0 is 0
+    order = np.argsort(mixed, kind="stable")  # of equal ones the first stays first
+    again = np.zeros(len(points), dtype=bool)
+    again[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)
+    return again

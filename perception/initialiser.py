@@ -157,7 +157,7 @@ def initial_poses(
             )  # fmt: skip
             score += _confirmed(
                 X, views.points, views.ways, views.shown, views.center, scan.depth, scan.tangent_x[0],
-                scan.tangent_y[0], scan.pitch, 2.0 * views.spacing + 3.0 * sigma,
+                scan.tangent_y[0], *scan.pitches, 2.0 * views.spacing + 3.0 * sigma,
             )  # fmt: skip
         admitted = expected.admits(X, surface)
         of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
@@ -357,7 +357,8 @@ def _confirmed(
     depth: Array,
     tangent_x: float,
     tangent_y: float,
-    pitch: float,
+    pitch_x: float,
+    pitch_y: float,
     tolerance: float,
 ) -> Array:
     """Of the model in view at the poses `X_ST` (H, 4, 4), the share (H,) that is seen less the share seen through."""
@@ -373,7 +374,7 @@ def _confirmed(
                 continue
             column = (X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3]) / ahead
             row = (X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3]) / ahead
-            i, j = round((row - tangent_y) / pitch), round((column - tangent_x) / pitch)
+            i, j = round((row - tangent_y) / pitch_y), round((column - tangent_x) / pitch_x)
             if 0 <= i < height and 0 <= j < width:
                 behind = depth[i, j] - ahead
                 if abs(behind) < tolerance:

@@ -34,6 +34,20 @@ def read_cloud(file: str | Path) -> Array:
     return points
 
 
+def picture_shape(file: str | Path) -> tuple[int, int] | None:
+    """Rows and columns of a PCD file whose points are the pixels of a picture; None of any other file."""
+    path = _existing(file, "cloud")
+    said: dict[bytes, bytes] = {}
+    if path.suffix.lower() == ".pcd":
+        with path.open("rb") as lines:
+            while (words := lines.readline(200).split(maxsplit=1)) and words[0] != b"DATA":
+                said[words[0]] = words[-1].strip()
+    height, width = said.get(b"HEIGHT", b""), said.get(b"WIDTH", b"")
+    if not (height.isdigit() and width.isdigit()) or min(int(height), int(width)) < 2:
+        return None
+    return int(height), int(width)
+
+
 def read_targets(file: str | Path) -> tuple[Array, Array]:
     """Points B (s, 3) [m] and the unit vector z (3,) of a text file.
 

@@ -17,7 +17,7 @@ from models import ray_casting
 from models.ray_casting import RayScene
 from models.targets import TargetModel
 from perception.nearest_point import NearestPoint
-from perception.scan import Contour, Scan, SensorModel, contour, facing_normals, jump, outward, voxel_means
+from perception.scan import Contour, Scan, SensorModel, contour, facing_normals, jump, one_in, outward, voxel_means
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
 SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends where the sensor fails, not at an edge
@@ -131,7 +131,8 @@ class Evidence:
         points = voxel_means(scan.points[mask], spacing)
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
-        points, normals = points[::step], normals[::step]
+        kept = one_in(step, points, spacing)
+        points, normals = points[kept], normals[kept]
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor.independent(apart), sensor)
 
@@ -425,9 +426,14 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
     rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
-    # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little.
+    # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little;
+    # and counted from the optical axis, which mostly lies midway between two pixels, so that the pixels are the same
+    # however much of the picture is there.
     rows, columns = (
-        slice(max(0, s.start - s.start % _RASTER), -(-s.stop // _RASTER) * _RASTER, s.step) for s in (rows, columns)
+        _rastered(window, round(float(tangents[0]) / pitch + 0.25))
+        for window, tangents, pitch in zip(
+            (rows, columns), (scan.tangent_y, scan.tangent_x), scan.pitches[::-1], strict=True
+        )
     )
     part = scan.part((rows, columns))
     if min(part.depth.shape) < 8:
@@ -449,16 +455,23 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     )
 
 
+def _rastered(window: slice, first: int) -> slice:
+    """`window` of rows or columns, widened to a raster on which the first of the picture is number `first`."""
+    start = window.start - (window.start + first) % _RASTER
+    stop = window.stop + -(window.stop + first) % _RASTER
+    return slice(start if start >= 0 else start % window.step, stop, window.step)
+
+
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
     """Tangents (N, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
     X_TS, step = inverse(X_ST), jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
     for halving in range(_HALVINGS):
-        rays = np.column_stack([middle + part.pitch * at[:, None] * found.steps, np.ones(len(at))])
+        rays = np.column_stack([middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))])
         depth = ray_casting.cast_rays(surface.scene, X_TS[:3, 3], rays @ X_TS[:3, :3].T)["t"]
         at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
-    return middle + part.pitch * at[:, None] * found.steps
+    return middle + part.pitches * at[:, None] * found.steps
 
 
 @lru_cache(maxsize=4)

@@ -1,7 +1,7 @@
 """A depth frame as points on a pixel grid: clouds, segmentation, triangulation and depth edges.
 
-Sensor frame S has OpenCV axes (z along the optical axis). A cloud without a grid gets one: it is triangulated in the
-sensor's image plane (Delaunay) and seen again through a virtual pinhole, so that all that follows has one form.
+Sensor frame S has OpenCV axes (z along the optical axis). Clouds become such a grid too (`cloud_grid`), so that all
+that follows has one form.
 """
 
 from dataclasses import dataclass
@@ -12,19 +12,20 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
-from models import ray_casting
+from perception.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, readonly
 
+SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner passes for the barrel
 MIN_POINTS = 60  # below this no pose can be told from noise
-_MAX_DELAUNAY = 12_000  # points; more add time, not shape
 _ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
 _SAMPLED = 20_000  # pixels, about, of which background planes are made
 _FACET = 0.056  # [rad] of surface, 31 px of the usual camera, that tells which way it faces
 _ALIGNED = np.cos(np.deg2rad(20.0))  # of a surface that lies as a plane does
+_MIXED = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large and odd: mix a cube's indices
 _SEAM = 5  # [px] without depth between what hides and what is hidden
 _EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
@@ -44,6 +45,12 @@ class SensorModel:
         if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
             raise ConfigurationError(
                 f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"
+            )
+        least, most = SIGMA_ALLOWED
+        if not least <= float(self.sigma(1.0)) <= most:
+            raise ConfigurationError(
+                f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to {most:g} m, "
+                f"got {float(self.sigma(1.0)):g} m from {self}"
             )
         if not 1.0 <= self.noise_length < np.inf:
             raise ConfigurationError(f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}")
@@ -73,17 +80,22 @@ class Scan:
         return self.points[..., 2]
 
     @property
+    def pitches(self) -> Array:
+        """Angles (2,) between neighbouring columns and between neighbouring rows, as tangents."""
+        return np.array([self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]])
+
+    @property
     def pitch(self) -> float:
-        """Angle between neighbouring pixels, as a tangent."""
-        return float(self.tangent_x[1] - self.tangent_x[0])
+        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not square."""
+        return float(np.sqrt(self.pitches.prod()))
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Row and column (N,) of points (N, 3) [m] in S, clipped to the grid, and whether they lie within it."""
         with np.errstate(divide="ignore", invalid="ignore"):
             tangents = points[:, :2] / points[:, 2:]
         tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
-        column = (tangents[:, 0] - self.tangent_x[0]) / self.pitch
-        row = (tangents[:, 1] - self.tangent_y[0]) / self.pitch
+        column = (tangents[:, 0] - self.tangent_x[0]) / self.pitches[0]
+        row = (tangents[:, 1] - self.tangent_y[0]) / self.pitches[1]
         height, width = self.depth.shape
         inside = (column >= 0.0) & (column <= width - 1) & (row >= 0.0) & (row <= height - 1)
         return (
@@ -127,15 +139,15 @@ class Scan:
         depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
         tangent_x = (np.arange(depth.shape[1]) - K[0, 2]) / K[0, 0]
         tangent_y = (np.arange(depth.shape[0]) - K[1, 2]) / K[1, 1]
-        points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
-        return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+        return cls.of_grid(depth, tangent_x, tangent_y)
 
     @classmethod
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
-        """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad rows are left out.
+        """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad points are left out.
 
-        Points behind the sensor (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no
-        cloud at all, PerceptionError if too few points are left or they span no surface.
+        A depth sensor's pixels are kept, or found again, where there are any (`cloud_grid`). Points behind the sensor
+        (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no cloud at all,
+        PerceptionError if too few points are left or they span no surface.
         """
         try:
             values = np.asarray(cloud, dtype=np.float64)
@@ -145,60 +157,21 @@ class Scan:
             raise PerceptionError("the cloud is empty")
         if values.ndim not in (2, 3) or values.shape[-1] != 3:
             raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
-        points = values.reshape(-1, 3)
-        points = points[(np.abs(points) < _ENDLESS).all(axis=1)]  # nor is NaN
-        points = points[points[:, 2] > 1e-3]
-        if len(points) < MIN_POINTS:
-            raise PerceptionError(f"only {len(points)} usable points of {values.size // 3}; need {MIN_POINTS}")
-        return _resampled(points)
+        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # NaN is neither
+        count = int(usable.sum())
+        if count < MIN_POINTS:
+            raise PerceptionError(f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}")
+        grid = organised_grid(values, usable) if values.ndim == 3 else None
+        if grid is None:
+            points = values[usable]
+            grid = lattice_grid(points) or scatter_grid(points)
+        return cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
 
-
-def _resampled(points: Array) -> Scan:
-    """See unordered points (N, 3) through a virtual pinhole, at the resolution that they have."""
-    tangents = points[:, :2] / points[:, 2:]
-    low, high = tangents.min(axis=0), tangents.max(axis=0)
-    span = float((high - low).max())
-    if not span > 1e-6:
-        raise PerceptionError("the cloud spans no surface: all its points lie on one line of sight")
-    # Spacing from neighbours, not from the box: a cloud seldom fills its box.
-    sample = tangents[:: max(1, len(tangents) // 4000)]
-    spacing = float(np.median(cKDTree(tangents).query(sample, k=3)[0][:, 2]))
-    pitch = float(np.clip(spacing, span / 640.0, span / 40.0))
-    if len(points) > _MAX_DELAUNAY:
-        coarse = pitch * np.sqrt(len(points) / _MAX_DELAUNAY)
-        # One point a cell, the nearest to the sensor's: mixing depths over an edge would invent surface.
-        order = np.argsort(points[:, 2], kind="stable")
-        cells = np.floor((tangents[order] - low) / coarse).astype(np.int64)
-        _, first = np.unique(cells[:, 0] * (2**31) + cells[:, 1], return_index=True)
-        points, tangents, pitch = points[order[first]], tangents[order[first]], coarse
-    try:
-        triangles = Delaunay(tangents).simplices
-    except QhullError as error:
-        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image") from error
-    triangles = triangles[_coherent(points, tangents, triangles, 4.0 * pitch)]
-    if not len(triangles):
-        raise PerceptionError("the cloud has no connected surface")
-    tangent_x = np.arange(low[0], high[0] + pitch, pitch)
-    tangent_y = np.arange(low[1], high[1] + pitch, pitch)
-    if min(len(tangent_x), len(tangent_y)) < 2:
-        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
-    rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
-    hit = ray_casting.cast_rays(ray_casting.ray_scene(points, triangles), np.zeros(3), rays)
-    depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan)[..., None]
-    return Scan(points=readonly(rays * depth), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
-
-
-def _coherent(points: Array, tangents: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
-    """Which triangles join neighbours on one surface: short in the image, no jump in depth."""
-    corners = tangents[triangles]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    z = points[triangles, 2]
-    return (edges < reach) & (np.ptp(z, axis=1) < jump(z.min(axis=1)) + 2.0 * reach * z.max(axis=1))
-
-
-def jump(z: ArrayLike) -> Array:
-    """Step in depth [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
-    return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
+    @classmethod
+    def of_grid(cls, depth: Array, tangent_x: Array, tangent_y: Array) -> "Scan":
+        """Depth (H, W) [m], NaN where nothing came back, of a pinhole's columns (W,) and rows (H,)."""
+        points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
+        return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
 
 
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
@@ -345,6 +318,15 @@ def voxel_means(points: Array, size: float) -> Array:
     return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
 
 
+def one_in(step: int, points: Array, size: float) -> np.ndarray:
+    """Mask (N,) of about one in `step` of the points (N, 3), by the cube of `size` [m] that each lies in.
+
+    Which ones hangs on their place alone: a point more or less elsewhere changes nothing, as it would by counting.
+    """
+    mixed = (np.floor(points / size).astype(np.int64) * _MIXED).sum(axis=1).astype(np.uint64)
+    return (mixed >> np.uint64(32)) % np.uint64(step) == 0
+
+
 def facing_normals(points: Array, neighbours: int = 20) -> Array:
     """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
     near = cKDTree(points).query(points, k=range(1, min(neighbours, len(points)) + 1))[1]
@@ -438,7 +420,7 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
             reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
             edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
     rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
-    tangents = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]) + scan.pitch * reach[:, None] * steps
+    tangents = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]) + scan.pitches * reach[:, None] * steps
     return Contour(rows, columns, steps, tangents, scan.depth[rows, columns])
 
 

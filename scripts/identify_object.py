@@ -9,7 +9,7 @@ ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file o
 from _start import new_folder, parse, run_scenario  # isort: skip
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,7 +27,7 @@ from perception.check import Check
 from perception.cloud_files import load_cloud
 from perception.deformation import map_deformation
 from perception.identification import Identification, Method, identify
-from perception.scan import SensorModel
+from perception.scan import SIGMA_ALLOWED, SensorModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
 
@@ -74,18 +74,17 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
 
     Raises ConfigurationError for a cloud or numbers that cannot be.
     """
-    sensor = SensorModel()
-    if options.sigma is not None:
-        sensor = SensorModel(disparity_sigma=options.sigma * sensor.focal * sensor.baseline)
     R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
     if options.cloud is not None:
         cloud = load_cloud(options.cloud, options.scale)
-        extent = 2.0 * float(np.linalg.norm(cloud.points - np.median(cloud.points, axis=0), axis=1).max())
+        points = cloud.points.reshape(-1, 3)
+        extent = 2.0 * float(np.nanmax(np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)))
         if 2.0 * target.radius > _TOO_LARGE * extent:
             raise ConfigurationError(
                 f"{target.name!r} is {2.0 * target.radius:.3g} m across, the cloud {extent:.3g} m: is one of them in "
                 "millimetres? Give --scale (of the cloud) or --mesh-scale"
             )
+        sensor = told(SensorModel(), options.sigma)
         found = identify(
             cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed, method=options.method
         )
@@ -94,12 +93,17 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
     scene = object_scene(target, options.seed, options.sensor, there=there)
     approach = scene.approach if options.approach is None else options.approach
     found = identify(
-        scene.scan, target, approach, scene.orientation if R is None else R, sensor=scene.sensor.model,
-        seed=options.seed, method=options.method,
+        scene.scan, target, approach, scene.orientation if R is None else R,
+        sensor=told(scene.sensor.model, options.sigma), seed=options.seed, method=options.method,
     )  # fmt: skip
     position, angle = scene.error(found.X_sensor_target)
     said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {scene.range_m:.2f} m"
     return found, [f"scene of seed {options.seed}, {options.sensor}: {said}"]
+
+
+def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
+    """`sensor` with `sigma` [m] of depth at 1 m, if that is given."""
+    return sensor if sigma is None else replace(sensor, disparity_sigma=sigma * sensor.focal * sensor.baseline)
 
 
 def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
@@ -163,8 +167,9 @@ def picture(found: Identification, title: str) -> Figure:
 
 def main() -> int:
     options, console = parse(Options), Console()
-    if options.sigma is not None and not (np.isfinite(options.sigma) and options.sigma > 0.0):
-        raise ConfigurationError(f"--sigma: must be > 0 m, got {options.sigma}")
+    least, most = SIGMA_ALLOWED
+    if options.sigma is not None and not least <= options.sigma <= most:
+        raise ConfigurationError(f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {options.sigma}")
     target = targets.of(options.object, options.mesh_scale)
     found, notes = found_in(options, target)
     decision = found.decision.value

@@ -8,7 +8,8 @@ import pytest
 from models import targets
 from models.ply_files import read_ply, write_ply
 from models.target_model import TargetModel
-from perception.cloud_files import MOST, load_cloud
+from perception import cloud_files
+from perception.cloud_files import load_cloud
 from perception.identification import identify
 from perception.scan import Scan
 from sim.interfaces.errors import ConfigurationError
@@ -64,11 +65,10 @@ def test_files_without_a_cloud(tmp_path):
         load_cloud(tmp_path / "zeros.xyz", scale=0.0)
 
 
-def test_more_points_than_are_kept(tmp_path):
-    many = np.random.default_rng(1).uniform([-1, -1, 1], [1, 1, 2], (MOST + 1000, 3))
-    found = load_cloud(save(tmp_path / "many.ply", many))
-    assert len(found.points) == MOST
-    assert "thinned" in found.notes[-1]
+def test_more_points_than_are_allowed(tmp_path, monkeypatch):
+    monkeypatch.setattr(cloud_files, "MOST", 400)
+    with pytest.raises(ConfigurationError, match="at most 400 points"):
+        load_cloud(save(tmp_path / "many.ply", POINTS))
 
 
 def test_file_that_is_cut_short(tmp_path):

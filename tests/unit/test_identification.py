@@ -285,6 +285,9 @@ def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
         identify(np.ones((100, 3)), BARREL, seed=-1)
     with pytest.raises(ConfigurationError):
         SensorModel(baseline=0.0)
+    for sigma in (1e300, np.inf, np.nan, 1e-300):
+        with pytest.raises(ConfigurationError, match=r"1e-06 to 0\.01 m|must be positive"):
+            SensorModel(disparity_sigma=sigma)
 
 
 def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import open3d_loader
+from models.ply_files import write_ply
 from models.targets import Symmetry, TargetModel, barrel
 from perception.cloud_files import load_cloud
 from perception.cloud_grid import lattice_grid, organised_grid, scatter_grid
@@ -170,24 +170,39 @@ def test_a_stray_point_leaves_the_rest_its_resolution(rng, within):
     same("strays", Scan.from_cloud(np.vstack([strays, listed(scan)])), scan, within)
 
 
-def written(folder: Path, points: Array) -> dict[str, Path]:
-    """The cloud (H, W, 3) as files: lists without what is empty, and a picture."""
-    o3d = open3d_loader.load()
-    flat = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points[np.isfinite(points[..., 2])]))
-    files = {}
-    for ending in ("ply", "pcd"):
-        for ascii_ in (False, True):
-            file = folder / f"{'text' if ascii_ else 'binary'}.{ending}"
-            assert o3d.io.write_point_cloud(str(file), flat, write_ascii=ascii_)
-            files[file.name] = file
-    height, width = points.shape[:2]
+def pcd(file: Path, points: Array, shape: tuple[int, int], *, text: bool) -> Path:
+    """The points as a PCD file of `shape` (rows, columns), nine digits as text, single precision else."""
+    rows, columns = shape
     head = (
         "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-        f"WIDTH {width}\nHEIGHT {height}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {height * width}\nDATA binary\n"
+        f"WIDTH {columns}\nHEIGHT {rows}\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {rows * columns}\n"
+        f"DATA {'ascii' if text else 'binary'}\n"
     )
-    files["picture.pcd"] = folder / "picture.pcd"
-    files["picture.pcd"].write_bytes(head.encode() + points.astype("<f4").tobytes())
-    return files
+    lines = "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points.reshape(-1, 3)) if text else ""
+    file.write_bytes(head.encode() + (lines.encode() if text else points.astype("<f4").tobytes()))
+    return file
+
+
+def ply(file: Path, points: Array) -> Path:
+    """The points as an ASCII PLY file of nine digits."""
+    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
+    head += "property float x\nproperty float y\nproperty float z\nend_header\n"
+    file.write_text(head + "".join(f"{x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in points), encoding="utf-8")
+    return file
+
+
+def written(folder: Path, points: Array) -> dict[str, Path]:
+    """The cloud (H, W, 3) as files: lists without what is empty, and a picture."""
+    flat = points[np.isfinite(points[..., 2])]
+    binary = folder / "binary.ply"
+    write_ply(binary, flat)
+    files = {
+        "binary.ply": binary,
+        "text.ply": ply(folder / "text.ply", flat),
+        "binary.pcd": pcd(folder / "binary.pcd", flat, (1, len(flat)), text=False),
+        "text.pcd": pcd(folder / "text.pcd", flat, (1, len(flat)), text=True),
+    }
+    return files | {"picture.pcd": pcd(folder / "picture.pcd", points, points.shape[:2], text=False)}
 
 
 def farthest(surface: ModelSurface, X: Array, Y: Array) -> float:
@@ -243,8 +258,8 @@ def test_organised_clouds_that_hold_nothing(cloud: Array):
 
 @pytest.mark.skipif(REAL not in os.environ, reason=f"{REAL} names no folder with the real frame")
 @pytest.mark.parametrize("name", ["milk.pcd", "milk_other_view.pcd"])
-def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, within):
-    o3d, folder = open3d_loader.load(), Path(os.environ[REAL])
+def test_every_door_finds_the_same_pose_in_a_real_frame(name: str, open3d, within):
+    o3d, folder = open3d, Path(os.environ[REAL])
     file = folder / "milk_cartoon_all_small_clorox.pcd"
     picture = load_cloud(file).points
     K = np.array([[525.0, 0.0, 319.5], [0.0, 525.0, 239.5], [0.0, 0.0, 1.0]])

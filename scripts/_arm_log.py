@@ -7,6 +7,7 @@ import numpy as np
 
 from models.arms import Arm
 from sim.interfaces.spatial import Array
+from sim.rerun_program import spawn_viewer
 
 TIMELINE = "sim_time"
 
@@ -19,7 +20,7 @@ class ArmLog:
 
         self._rr, self._stream = rr, rr.RecordingStream("uuv-arm")
         if view:
-            rr.spawn(connect=False)
+            spawn_viewer(rr)
             self._stream.set_sinks(rr.FileSink(str(file)), rr.GrpcSink())
         else:
             self._stream.save(str(file))

@@ -10,8 +10,8 @@ B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict
+from importlib.metadata import version
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -30,7 +30,7 @@ try:
     from dm_env import specs
 except Exception as error:  # on MuJoCo 4 it can be any: dm_control builds itself from MuJoCo's names
     raise MissingLibraryError(
-        f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {mujoco.__version__}): "
+        f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {version('mujoco')}): "
         f"pip install 'uuv-arm[dm-control]' ({type(error).__name__}: {error})"
     ) from error
 

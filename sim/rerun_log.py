@@ -21,6 +21,7 @@ from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Reference, Target, WorkState
 from sim.interfaces.spatial import Array
+from sim.rerun_program import compact, spawn_viewer
 from sim.rerun_scene import TIMELINE, blueprint, body_mesh, middle_of
 from sim.rollout import Moment, ticks_per_period
 
@@ -81,7 +82,7 @@ class RerunLog:
         self._ticks = ticks_per_period(period, timestep, "log's period")
         self._stream = rr.RecordingStream("uuv-arm")
         if view:
-            rr.spawn(connect=False)
+            spawn_viewer(rr)
             self._stream.set_sinks(rr.FileSink(str(path)), rr.GrpcSink())
         else:
             self._stream.save(str(path))
@@ -103,6 +104,7 @@ class RerunLog:
         self._target: Target | None = None
         self._sent_at = perf_counter()
         self._time = 0.0  # [s] of what was last seen
+        self._closed = False
         self.flush()
 
     def __enter__(self) -> Self:
@@ -179,9 +181,13 @@ class RerunLog:
 
     def close(self) -> None:
         """Write the rest and close the file; more than once does no harm."""
+        if self._closed:
+            return
+        self._closed = True
         self.flush()
         if not self.lost:
             self._stream.disconnect()
+            compact(self._path)
 
     def _give_up(self, reason: str) -> None:
         """Say so, once, and leave what was written readable, with room beside it."""

@@ -185,7 +185,9 @@ class RerunLog:
     def close(self) -> None:
         """Write the rest and close the file; more than once does no harm."""
         self.flush()
-        if not self.lost:
+        if self.lost:
+            self._cut()  # once more: its writer may have had some left
+        else:
             self._stream.disconnect()
 
     def _give_up(self, reason: str) -> None:
@@ -200,7 +202,13 @@ class RerunLog:
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
         if self._path.is_file():
             most = self._path.stat().st_size - ROOM
-            os.truncate(self._path, max((size for size in self._whole if size <= most), default=0))
+            self._whole = [size for size in self._whole if size <= most] or [0]
+            self._cut()
+
+    def _cut(self) -> None:
+        """Bring the file of a lost log back to the end of a flush."""
+        if self._path.is_file():
+            os.truncate(self._path, self._whole[-1])
 
     # -- events ----------------------------------------------------------------------------------------------------
 

@@ -200,10 +200,9 @@ class RerunLog:
         self._rr.unregister_shutdown()
         for each in (self._stream, getattr(self._stream, "inner", None)):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
-        if self._path.is_file():
-            most = self._path.stat().st_size - ROOM
-            self._whole = [size for size in self._whole if size <= most] or [0]
-            self._cut()
+        most = (self._path.stat().st_size if self._path.is_file() else 0) - ROOM
+        self._whole = [size for size in self._whole if size <= most] or [0]
+        self._cut()
 
     def _cut(self) -> None:
         """Bring the file of a lost log back to the end of a flush."""

@@ -5,7 +5,9 @@ and a killed run loses less than a second of work. Rerun is imported when a log 
 be written any more (the disk is full) is given up with one line on stderr; the run goes on without it.
 """
 
+import ctypes
 import os
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -76,6 +78,7 @@ class RerunLog:
         timestep = float(model.opt.timestep) if timestep is None else timestep
         self._rr = rr
         self._path = path
+        self._whole: list[int] = []  # [bytes] of the file, after each flush: to there it can be read
         self.lost = ""  # why the log was given up, if it was
         self._vehicle = vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
@@ -175,6 +178,8 @@ class RerunLog:
             self._send_series()
             self._send_poses()
             self._stream.flush(timeout_sec=10.0)
+            if self._path.is_file():
+                self._whole.append(self._path.stat().st_size)
         except RuntimeError as error:  # of Rerun, whose writer has stopped
             self._give_up(str(error))
         self._sent_at = perf_counter()
@@ -185,19 +190,30 @@ class RerunLog:
             return
         self._closed = True
         self.flush()
-        if not self.lost:
+        if self.lost:
+            self._cut()  # once more: its writer may have had some left
+        else:
             self._stream.disconnect()
             compact(self._path)
 
     def _give_up(self, reason: str) -> None:
-        """Say so, once, and leave what was written readable, with room beside it."""
-        self.lost = reason
+        """Say so, once; leave what is readable of the file, with ROOM beside it."""
+        self.lost = "no space left" if shutil.disk_usage(self._path.parent).free < ROOM else reason
         self._series.clear()
         self._poses.clear()
-        print(f"run log: lost from {self._time:.1f} s on, the run goes on ({reason}): {self._path}", file=sys.stderr)
-        self._stream.disconnect()
+        print(f"run log: lost from {self._time:.1f} s on, the run goes on ({self.lost}): {self._path}", file=sys.stderr)
+        # A stream whose writer is dead can wait for it for ever, when it is closed or taken down: it is left alone.
+        self._rr.unregister_shutdown()
+        for each in (self._stream, getattr(self._stream, "inner", None)):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
+        most = (self._path.stat().st_size if self._path.is_file() else 0) - ROOM
+        self._whole = [size for size in self._whole if size <= most] or [0]
+        self._cut()
+
+    def _cut(self) -> None:
+        """Bring the file of a lost log back to the end of a flush."""
         if self._path.is_file():
-            os.truncate(self._path, max(0, self._path.stat().st_size - ROOM))
+            os.truncate(self._path, self._whole[-1])
 
     # -- events ----------------------------------------------------------------------------------------------------
 

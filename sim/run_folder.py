@@ -12,6 +12,7 @@ from pathlib import Path
 from sim.interfaces.errors import ConfigurationError
 from sim.saving import write_whole
 
+_claimed: list[Path] = []  # by this process
 RUNS = Path("runs")  # where the user stands
 BEGUN = "run.json"  # in a run's folder from the beginning: what was asked for, and when
 LATEST = "latest"
@@ -52,6 +53,24 @@ def _next_to_others(home: Path, name: str) -> Path:
         else:
             return folder
     raise AssertionError  # count has no end
+
+
+def give_back() -> None:
+    """Leave no trace of folders that this process claimed and wrote nothing to: the run was refused at the door."""
+    while _claimed:
+        folder = _claimed.pop()
+        try:
+            if [path.name for path in folder.iterdir()] != [BEGUN]:
+                continue
+            (folder / BEGUN).unlink()
+            folder.rmdir()
+            latest = folder.parent / LATEST
+            if latest.is_symlink() and not latest.exists():
+                latest.unlink()
+                if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
+                    point_to(latest, others[-1])
+        except OSError:
+            continue  # it stays as it is
 
 
 def point_to(latest: Path, name: str) -> None:
@@ -116,6 +135,7 @@ def _claim(folder: Path, scenario: str) -> bool:
         return False
     except OSError as error:
         raise ConfigurationError(f"--out {folder}: cannot be written to ({error.strerror})") from error
+    _claimed.append(folder)
     return True
 
 

@@ -20,7 +20,7 @@ from types import FrameType, TracebackType
 from typing import Any, NoReturn, TypeVar
 
 from sim.interfaces.errors import UuvError
-from sim.run_folder import new_folder
+from sim.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
@@ -132,6 +132,7 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
         with signals(interrupt):
             code = main()
     except UuvError as error:
+        give_back()
         raise _refusal(str(error)) from None
     except KeyboardInterrupt as stop:
         print("interrupted", file=sys.stderr)

@@ -25,22 +25,22 @@ def test_a_cloud_with_blemishes_is_searched(script, scene, tmp_path):
     rows = np.vstack([points, points[:100], np.zeros((20, 3)), np.full((30, 3), np.nan)])
     np.savetxt(tmp_path / "cloud.xyz", 1e3 * rows, "%.2f")
     known = ("--object", "starfish", "--cloud", tmp_path / "cloud.xyz", "--approach", *scene.approach)
-    refused = script("identify_object", *known, "--out", tmp_path)
+    refused = script("identify_object", *known, "--out", tmp_path / "out")
     assert refused.returncode == 2
     assert "millimetres" in refused.stderr
-    done = script("identify_object", *known, "--scale", 0.001, "--out", tmp_path)
+    done = script("identify_object", *known, "--scale", 0.001, "--out", tmp_path / "out")
     assert done.returncode in (0, 1), done.stderr
     assert "not finite" in done.stdout
-    found = json.loads((tmp_path / "identification.json").read_text("utf-8"))
+    found = json.loads((tmp_path / "out" / "identification.json").read_text("utf-8"))
     assert (done.returncode == 0) == (found["decision"] == "accept")
     assert len(found["notes"]) == 3
     for name in ("cloud.ply", "model.ply", "identification.png"):
-        assert (tmp_path / name).stat().st_size > 5000
+        assert (tmp_path / "out" / name).stat().st_size > 5000
 
 
 def test_object_and_cloud_in_different_units(script, scene, tmp_path):
     np.savetxt(tmp_path / "cloud.xyz", 0.001 * scene.scan.points.reshape(-1, 3)[::50])
-    done = script("identify_object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path)
+    done = script("identify_object", "--object", "barrel", "--cloud", tmp_path / "cloud.xyz", "--out", tmp_path / "out")
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
     assert "--mesh-scale" in done.stderr

@@ -21,14 +21,14 @@ def files(tmp_path):
 def test_a_path_from_files(script, files, within):
     folder, ground = files
     given = ("--cloud", folder / "cloud.txt", "--targets", folder / "targets.txt")
-    done = script("plan_seabed", *given, "--out", folder)
+    done = script("plan_seabed", *given, "--out", folder / "out")
     assert done.returncode == 0, done.stderr
-    T = np.loadtxt(folder / "profile.csv", delimiter=",", skiprows=1)
-    path = np.loadtxt(folder / "path.csv", delimiter=",", skiprows=1)
+    T = np.loadtxt(folder / "out" / "profile.csv", delimiter=",", skiprows=1)
+    path = np.loadtxt(folder / "out" / "path.csv", delimiter=",", skiprows=1)
     within("profile [m]", T[:, 2] - ground.height(T), 0.03)
     within("path [m]", path[:, 5] - ground.height(path[:, 3:5]), 0.03)
     assert np.all(np.diff(path[:, 0]) > 0.0)
-    assert (folder / "plan.png").stat().st_size > 20_000
+    assert (folder / "out" / "plan.png").stat().st_size > 20_000
 
 
 def test_bad_files_end_in_one_line(script, files):

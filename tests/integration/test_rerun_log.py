@@ -7,6 +7,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import models
 from models.targets import barrel
+from sim import rerun_log
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import pose, transform_points
@@ -124,6 +126,43 @@ def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
     with pytest.raises(ZeroDivisionError):
         run()
     assert last_times(file)["/series/force"] == pytest.approx(1.0)
+
+
+@pytest.mark.filterwarnings("ignore:RRD file has no footer")
+def test_log_that_cannot_be_written_is_given_up_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """As Rerun does on a full disk: from then on every flush raises. What came before can be read."""
+    file = tmp_path / "run.rrd"
+    model = scene()
+    monkeypatch.setattr(rerun_log, "ROOM", 100)
+    with RerunLog(file, model) as log:
+        for moment in moments(model):
+            log.observe(moment)
+            if moment.tick == 500:
+                log.flush()
+                monkeypatch.setattr(log, "_stream", FullDisk(log._stream))
+                log.flush()
+            if moment.truth.time > 2.0:
+                break
+        log.log_cloud("scan", np.zeros((3, 3)), 2.0)
+    said = capsys.readouterr().err
+    assert said == f"run log: lost from 1.0 s on, the run goes on (File-writer thread shut down prematurely): {file}\n"
+    assert log.lost
+    assert 0.0 < last_times(file)["/series/force"] <= 1.0
+
+
+class FullDisk:
+    """A stream whose writer has stopped."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def flush(self, **_: Any) -> None:
+        raise RuntimeError("File-writer thread shut down prematurely")
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # which only a closed file can have

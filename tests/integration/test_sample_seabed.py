@@ -86,11 +86,11 @@ def not_numbers(rng):
 )
 def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
     np.savetxt(tmp_path / "cloud.txt", cloud(np.random.default_rng(0)))
-    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--cloud", tmp_path / "cloud.txt")
+    done = script("sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt")
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
-    metrics = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text("utf-8"))
     jsonschema.validate(metrics, schema())
     assert metrics["run"]["state"] == "abort"
     assert metrics["hull"]["ground_gap_m"] > 2.0  # it is 2.5 m up, its underside 0.4 m lower
@@ -103,11 +103,11 @@ def test_over_a_bad_cloud_it_does_not_descend(script, tmp_path, cloud, said):
 )
 def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_path, text, said):
     (tmp_path / "cloud.txt").write_text(text, "utf-8")
-    done = script("sample_seabed", "--no-record", "--out", tmp_path, "--cloud", tmp_path / "cloud.txt")
+    done = script("sample_seabed", "--no-record", "--out", tmp_path / "out", "--cloud", tmp_path / "cloud.txt")
     assert done.returncode == 2, done.stdout + done.stderr
     assert done.stderr.count("\n") == 1
     assert said in done.stderr
-    assert not (tmp_path / "metrics.json").exists()
+    assert not (tmp_path / "out" / "metrics.json").exists()
 
 
 def test_the_story_of_a_drag_has_its_profile_with_both_axes(monkeypatch, root):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sim.interfaces.errors import ConfigurationError
-from sim.run_folder import alone_in, new_folder, point_to
+from sim.run_folder import alone_in, give_back, new_folder, point_to
 from sim.saving import write_json, write_whole
 
 
@@ -23,6 +23,18 @@ def test_each_run_has_a_folder_of_its_own_and_latest_leads_to_the_last(tmp_path,
         assert "-7" in folder.name
         assert json.loads((folder / "run.json").read_text())["scenario"] == "clean_barrel"
     assert (tmp_path / "runs/clean_barrel/latest").resolve() == folders[-1].resolve()
+
+
+def test_a_run_that_is_refused_at_the_door_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first = new_folder("x", seed=0)
+    (first / "metrics.json").write_text("{}")
+    second, out = new_folder("x", seed=0), new_folder("x", tmp_path / "out")
+    give_back()
+    assert not second.exists()
+    assert not out.exists()
+    assert sorted(path.name for path in first.iterdir()) == ["metrics.json", "run.json"]
+    assert (tmp_path / "runs/x/latest").resolve() == first.resolve()
 
 
 def test_latest_is_a_file_where_there_are_no_links(tmp_path, monkeypatch):

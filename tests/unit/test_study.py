@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.recording import STATES, Event, Recording, Series
+from sim.startup import Interrupted
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[2] / "sim/schemas/study_contact.schema.json").read_text())
@@ -247,6 +249,19 @@ def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
         assert not any(map(gone, workers))
         study.kill()
     until(lambda: all(map(gone, workers)), "they are gone")
+
+
+def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
+    stop = import_module("_whole_run").Stop()
+    stop.observe("first")
+    assert stop.last is None
+    stop.ask(signal.SIGTERM)
+    with pytest.raises(Interrupted) as ended:
+        stop.observe("second")
+    assert (stop.last, ended.value.code) == ("second", 143)
+    with pytest.raises(Interrupted) as at_once:
+        stop.ask(signal.SIGINT)
+    assert at_once.value.code == 130
 
 
 def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:

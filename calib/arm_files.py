@@ -21,6 +21,7 @@ import yaml
 from calib.arm import Arm
 from calib.kernels import ROW
 from models import arm_geometry
+from models.mjcf_files import read_mjcf
 from models.vehicle import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
@@ -426,21 +427,9 @@ def _rpy(angles: Sequence[float] | Array) -> Array:
 # MJCF
 
 
-def read_mjcf(file: Path) -> mujoco.MjSpec:
-    """The spec of an MJCF. Raises ConfigurationError where MuJoCo cannot read it."""
-    try:
-        return mujoco.MjSpec.from_file(str(file))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"arm {file}: not an MJCF that MuJoCo reads: {str(error).splitlines()[0]}") from error
-
-
 def mjcf_geometry(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSpec, arm_geometry.ArmGeometry]:
     """Spec and arm of an MJCF; joints without actuator (springs, pads) stay out of it if others have one."""
-    spec = read_mjcf(file)
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"arm {file}: MuJoCo cannot compile it: {str(error).splitlines()[0]}") from error
+    spec, model = read_mjcf(file, "arm")
     return spec, arm_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
 
 

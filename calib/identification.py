@@ -203,6 +203,8 @@ def identify(
     if noise is not None:
         noise = finite_number(noise, "noise [m]", above=0.0, most=_MOST_NOISE)
     max_iterations = whole_number(max_iterations, "max_iterations", least=1)
+    if not isinstance(robust, bool | np.bool_):
+        raise ConfigurationError(f"robust: must be True or False, got {shown(robust)}")
     if loads is not None and not isinstance(loads, Loads):
         raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
     arm = nominal if isinstance(nominal, Arm) else Arm.from_dh(nominal, joint_types)

@@ -7,9 +7,11 @@ import numpy as np
 
 from perception.point_files import read_cloud
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, finite_number, readonly
 
 FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
+_NO_POINT = 1e15  # in any unit, from where on a number is no place
 MOST = 500_000  # points that are kept
 
 
@@ -29,9 +31,11 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     more than MOST an even share is kept. Raises ConfigurationError for a file that is missing, malformed, empty,
     without a usable point, or in a wrong unit.
     """
+    file = existing_file(file, "cloud")
     if scale is not None:
-        scale = finite_number(scale, f"cloud {file}: scale", above=0.0)
-    points = read_cloud(file) * (1.0 if scale is None else scale)
+        scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
+    points = read_cloud(file)
+    points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)
     notes: list[str] = []
 
     def kept(mask: np.ndarray, what: str) -> None:

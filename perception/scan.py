@@ -4,7 +4,7 @@ Sensor frame S has OpenCV axes (z along the optical axis). A cloud without a gri
 sensor's image plane (Delaunay) and seen again through a virtual pinhole, so that all that follows has one form.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from models import open3d_loader
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import Array, number, readonly
 
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
@@ -41,6 +41,8 @@ class SensorModel:
     max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            number(getattr(self, field.name), f"sensor model: {field.name}")
         if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
             raise ConfigurationError(
                 f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -10,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn, TypeVar
 
-from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
@@ -81,6 +82,9 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     for name, value in vars(options).items():
         if name.endswith("seed") and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
     return options
 
 
@@ -98,5 +102,5 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
 
 
 def _refusal(reason: str) -> SystemExit:
-    print(f"error: {' '.join(reason.split())}", file=sys.stderr)
+    print(f"error: {one_line(' '.join(reason.split()))}", file=sys.stderr)
     return SystemExit(BAD_INPUT)

@@ -17,7 +17,7 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from models import open3d_loader
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, number, readonly
+from sim.interfaces.spatial import Array, number, readonly, real_array
 
 MIN_POINTS = 60  # below this no pose can be told from noise
 _MAX_DELAUNAY = 12_000  # points; more add time, not shape
@@ -139,10 +139,7 @@ class Scan:
         Points behind the sensor (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no
         cloud at all, PerceptionError if too few points are left or they span no surface.
         """
-        try:
-            values = np.asarray(cloud, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got {type(cloud).__name__}") from error
+        values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
         if values.size == 0:
             raise PerceptionError("the cloud is empty")
         if values.ndim not in (2, 3) or values.shape[-1] != 3:

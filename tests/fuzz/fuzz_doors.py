@@ -281,7 +281,8 @@ _URDF = b"""<?xml version="1.0" encoding="utf-8"?>
 <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
 <joint name="j2" type="prismatic"><parent link="l1"/><child link="l2"/><origin xyz="0.2 0 0" rpy="1.5 0 0"/>
 <axis xyz="0 1 0"/><limit lower="0" upper="0.5" effort="1" velocity="1"/></joint>
-<joint name="j3" type="continuous"><parent link="l2"/><child link="tip"/><origin xyz="0 0 0.2"/><axis xyz="1 0 0"/></joint></robot>"""
+<joint name="j3" type="continuous"><parent link="l2"/><child link="tip"/><origin xyz="0 0 0.2"/>
+<axis xyz="1 0 0"/></joint></robot>"""
 _DH = b"theta,d,a,alpha\n0,0.3,0,1.5708\n0,0,0.4,0\n0.1,0,0.3,0\n0,0.2,0,-1.5708\n"
 _YAML = b"""units: {angle: rad, length: m}
 base: base
@@ -390,7 +391,13 @@ def _file_door(name: str) -> Door:
         file = thrown(rng, folder, VALID[name])
         return give(name, folder if name == "touches" and rng.random() < 0.2 else file, rng)
 
-    return Door(f"file: {name}", throw)
+    def warm() -> None:
+        file, raw = next(iter(VALID[name].items()))
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / file).write_bytes(raw)
+            give(name, Path(folder) / file)
+
+    return Door(f"file: {name}", throw, warm=warm)
 
 
 # Python arguments
@@ -660,7 +667,8 @@ SCRIPTS = (
 VALUES = (
     "nan", "inf", "-inf", "-1", "0", "1", "2.5", "1e308", "-1e-9", "1e400", "9" * 400, "9" * 5000, "", " ", "x",
     "x" * 400, "ä→", "\ud800", "None", "True", "[]", "a.txt", "/", "../..", "/dev/null", "rock", "barrel", "uuv_puma",
-    "3", "0.3", "--seed", "-", "mod:Class", "os:nothing", "json.decoder:JSONDecoder", "nowhere.stl", "n" * 300 + ".xml", "60",
+    "3", "0.3", "--seed", "-", "mod:Class", "os:nothing", "json.decoder:JSONDecoder", "nowhere.stl", "60",
+    "n" * 300 + ".xml",
 )  # fmt: skip
 
 
@@ -685,7 +693,7 @@ def _script_door(script: str) -> Door:
             raise RefusedError(text.strip()) from None
         return _options_stage(script, options)
 
-    return Door(f"options: {script}", throw, 0.25)
+    return Door(f"options: {script}", throw, 0.25, lambda: importlib.import_module(script))
 
 
 DOORS: tuple[Door, ...] = (

@@ -83,6 +83,7 @@ PAST: list[tuple[Callable[[], Any], str]] = [
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=np.zeros(3)), "method: allowed"),  # type: ignore[arg-type]
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance="x"), "position_tolerance"),  # type: ignore[arg-type]
     (lambda: calibrate(TOUCHES, DH, noise="x"), "noise .m.: expected a number, got 'x'"),  # type: ignore[arg-type]
+    (lambda: calibrate(TOUCHES, DH, noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
     (lambda: calibrate(TOUCHES, DH, noise=10**400), "noise .m.: expected a number"),
     (lambda: calibrate(TOUCHES, DH, robust=np.zeros(2)), "robust: must be True or False"),  # type: ignore[arg-type]
     (lambda: calibrate(TOUCHES, DH, distances=[(0, 1)]), "distances: expected"),  # type: ignore[list-item]

@@ -58,6 +58,10 @@ class Chain:
 
     def __post_init__(self) -> None:
         set_field = partial(object.__setattr__, self)
+        if not (np.isfinite(self.axes).all() and np.isfinite(self.X_base_tip0).all()):
+            raise ConfigurationError(
+                "a chain's axes and its tip at zero must be finite: a length or angle is beyond reason"
+            )
         largest = float(max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max()))
         if not largest <= FARTHEST:
             raise ConfigurationError(f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m")

@@ -159,7 +159,7 @@ class Arm:
 
     def flange(self, q: ArrayLike) -> Array:
         """Flange poses (M, 4, 4) in the base for joint values `q` (M, n)."""
-        values = np.ascontiguousarray(q, dtype=np.float64)
+        values = np.ascontiguousarray(checked_rows(q, self.n, "q"))
         return kernels.frames(self.table, self.slides, self.X_base_0, values)[:, -1] @ self.X_n_flange
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:

@@ -21,12 +21,14 @@ import yaml
 from calib.arm import Arm
 from calib.kernels import ROW
 from models import arm_geometry
+from models.mjcf_files import read_mjcf
 from models.vehicle import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import (
     Array,
     checked,
+    checked_place,
     checked_pose,
     exp_so3,
     number,
@@ -41,6 +43,7 @@ _DH_NAMES = {
     "theta": 0, "theta0": 0, "theta_offset": 0, "offset": 0, "q": 0, "d": 1, "a": 2, "r": 2, "alpha": 3, "beta": 4,
 }  # fmt: skip
 _UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
+_LONGEST = 1e4  # [m] or [rad] in a URDF or calibration: more is a slip, or millimetres
 _LONGEST_KEY = 60  # characters of a column's name
 _DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 
@@ -273,7 +276,7 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
             given = [float(values[key]) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
         except (TypeError, KeyError, ValueError, OverflowError) as error:
             raise ConfigurationError(f"arm {file}: {shown(name)}: expected x, y, z, roll, pitch, yaw") from error
-        figures = checked(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw")
+        figures = checked_place(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw", _LONGEST)
         X = X @ pose(_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
@@ -412,9 +415,14 @@ def _numbers(text: str | None, default: tuple[float, float, float], file: Path, 
     if text is None:
         return np.array(default)
     try:
-        return checked([float(word) for word in text.split()], (3,), f"arm {file}: joint {joint.get('name')!r}")
+        values = [float(word) for word in text.split()]
+        return checked_place(values, (3,), f"arm {file}: joint {joint.get('name')!r}", _LONGEST)
+    except ConfigurationError:
+        raise
     except ValueError as error:
-        raise ConfigurationError(f"arm {file}: joint {joint.get('name')!r}: three numbers, got {text!r}") from error
+        raise ConfigurationError(
+            f"arm {file}: joint {joint.get('name')!r}: three numbers, got {shown(text)}"
+        ) from error
 
 
 def _rpy(angles: Sequence[float] | Array) -> Array:
@@ -426,21 +434,9 @@ def _rpy(angles: Sequence[float] | Array) -> Array:
 # MJCF
 
 
-def read_mjcf(file: Path) -> mujoco.MjSpec:
-    """The spec of an MJCF. Raises ConfigurationError where MuJoCo cannot read it."""
-    try:
-        return mujoco.MjSpec.from_file(str(file))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"arm {file}: not an MJCF that MuJoCo reads: {str(error).splitlines()[0]}") from error
-
-
 def mjcf_geometry(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSpec, arm_geometry.ArmGeometry]:
     """Spec and arm of an MJCF; joints without actuator (springs, pads) stay out of it if others have one."""
-    spec = read_mjcf(file)
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"arm {file}: MuJoCo cannot compile it: {str(error).splitlines()[0]}") from error
+    spec, model = read_mjcf(file, "arm")
     return spec, arm_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
 
 

@@ -42,7 +42,7 @@ _SURE_DISTANCE = 5e-5  # [m] deviation of a known distance where none is stated
 _BETA_LEVEL = 0.05  # betas that chance explains this well are dropped
 _FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad] and share of the arm's length that no workshop gets wrong
 _MOST_LENGTH = 1e3  # [m] between two points that an arm touches
-_MOST_NOISE = 1.0  # [m] of a touch
+_LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] of a touch
 _FAR_OFF = 5e-3  # [m] touches that scatter so after the fit are not touches of this arm
 
 
@@ -201,8 +201,11 @@ def identify(
     """
     one_of(method, get_args(Method), "method")
     if noise is not None:
-        noise = finite_number(noise, "noise [m]", above=0.0, most=_MOST_NOISE)
+        noise = finite_number(noise, "noise [m]", least=_LEAST_NOISE, most=_MOST_NOISE)
+
     max_iterations = whole_number(max_iterations, "max_iterations", least=1)
+    if not isinstance(robust, bool | np.bool_):
+        raise ConfigurationError(f"robust: must be True or False, got {shown(robust)}")
     if loads is not None and not isinstance(loads, Loads):
         raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
     arm = nominal if isinstance(nominal, Arm) else Arm.from_dh(nominal, joint_types)

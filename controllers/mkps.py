@@ -115,7 +115,8 @@ def solve(
     The GIL is held meanwhile. Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that
     is not positive, and an unknown option.
     """
-    if method == "hybrid" and precision == "double" and not history and axis_tolerances is None:
+    usual = type(method) is str and type(precision) is str and history is False and axis_tolerances is None
+    if usual and method == "hybrid" and precision == "double":
         q = np.empty(chain.n)
         try:
             outcome = _quick[branch](
@@ -128,7 +129,7 @@ def solve(
                 max_restarts,
                 q,
             )
-        except (TypeError, KeyError, OverflowError):
+        except (TypeError, KeyError, OverflowError, ValueError):
             outcome = _NO_OUTCOME  # not yet compiled, or not the usual types
         code, iterations, restarts, error_p, error_r = outcome
         if code < kernels.BAD_TARGET:
@@ -195,6 +196,8 @@ class _Options:
 
 
 def _solve(chain: Chain, target: Array, start: Array, options: _Options, history: bool) -> IkResult:
+    if not isinstance(history, bool | np.bool_):
+        raise ConfigurationError(f"history: must be True or False, got {shown(history)}")
     if history:
         whole_number(options.max_iterations, "max_iterations with history", most=_MOST_KEPT)
     rows = options.max_iterations + SETTLE_STEPS + 1 if history else 0

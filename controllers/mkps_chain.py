@@ -4,7 +4,7 @@ Joints are hinges [rad], slides [m] and pantograph links [rad] (a link that swin
 direction). The base frame is whatever the chain was given in; the tip frame is the tool G of `design`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -58,6 +58,10 @@ class Chain:
 
     def __post_init__(self) -> None:
         set_field = partial(object.__setattr__, self)
+        if not (np.isfinite(self.axes).all() and np.isfinite(self.X_base_tip0).all()):
+            raise ConfigurationError(
+                "a chain's axes and its tip at zero must be finite: a length or angle is beyond reason"
+            )
         largest = float(max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max()))
         if not largest <= FARTHEST:
             raise ConfigurationError(f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m")
@@ -84,6 +88,8 @@ class Chain:
         Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown letters and crossed limits.
         """
         rows = checked_rows(dh, 4, "dh")
+        if np.abs(rows).max() > FARTHEST:
+            raise ConfigurationError(f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}")
         types = _letters(joint_types, len(rows))
         axes, points, links = np.empty((3, len(rows), 3))
         X = np.eye(4)
@@ -163,6 +169,8 @@ class Chain:
         """
         base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
         site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
+        if isinstance(exclude, str) or not isinstance(exclude, Iterable):
+            raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
         excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
         bodies = []
         body = int(model.site_bodyid[site])
@@ -385,6 +393,10 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
+    if not isinstance(model, mujoco.MjModel):
+        raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
+    if not isinstance(name, str) or not name.isprintable():  # MuJoCo does not survive None
+        raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
     found = mujoco.mj_name2id(model, kind, name)
     if found < 0:
         count = {
@@ -393,5 +405,5 @@ def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) 
             mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
         }[kind]
         known = [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
-        raise ConfigurationError(f"{argument}: the model has {', '.join(filter(None, known))}, got {name!r}")
+        raise ConfigurationError(f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}")
     return found

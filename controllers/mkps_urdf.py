@@ -31,7 +31,7 @@ def model_from_urdf(urdf: str | Path, base_link: str, tip_link: str) -> tuple[mu
     robot = _parsed(urdf)
     links = [link.get("name", "") for link in robot.findall("link")]
     for argument, link in (("base_link", base_link), ("tip_link", tip_link)):
-        if link not in links:
+        if not isinstance(link, str) or link not in links:
             raise ConfigurationError(f"{argument}: the robot has {', '.join(links)}, got {shown(link)}")
     mimics = []
     carriers: dict[str, tuple[str, ElementTree.Element]] = {}  # of each link: its parent link and the joint between
@@ -102,9 +102,9 @@ def _parsed(urdf: str | Path) -> ElementTree.Element:
     if not isinstance(given, str | os.PathLike) or isinstance(given, bytes):
         raise ConfigurationError(f"urdf: expected a file or its text, got {shown(given)}")
     try:
-        is_text = isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
+        text = given.lstrip("\ufeff \t\r\n") if isinstance(given, str) else ""
         # A file is read as bytes: XML says its encoding itself.
-        robot = ElementTree.fromstring(given.lstrip("\ufeff \t\r\n") if is_text else bytes_of(given, "urdf"))
+        robot = ElementTree.fromstring(text if text.startswith("<") else bytes_of(given, "urdf"))
     except (ElementTree.ParseError, UnicodeError, LookupError) as error:
         raise ConfigurationError(f"urdf: not XML: {error}") from error
     except ConfigurationError:

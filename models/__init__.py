@@ -9,6 +9,7 @@ import numpy as np
 from models import bluerov2_heavy, hydrodynamics, phoenix_smart3s, reach_alpha_5, thrusters, uuv_puma
 from models.vehicle import HULL_BODY
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +93,6 @@ def describe(name: str) -> Description:
 
 
 def _entry(name: str) -> _Entry:
-    if name not in available():
-        raise ConfigurationError(f"unknown model {name!r}; there are {', '.join(available())}")
+    if not isinstance(name, str) or name not in available():
+        raise ConfigurationError(f"unknown model {shown(name)}; there are {', '.join(available())}")
     return _MODELS[_ALIASES.get(name, name)]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, exp_so3, pose, readonly
+from sim.interfaces.spatial import Array, checked_place, exp_so3, pose, readonly, shown
 
 H = math.pi / 2
 _Rows = list[tuple[float, float, float, float]]
@@ -48,7 +48,7 @@ class Arm:
 
     def frames(self, q: ArrayLike) -> Array:
         """Poses (n + 1, 4, 4) in the base at `q` (n,): of each joint's frame, moved by that joint, and of the tip."""
-        values = checked(q, (self.n,), "q")
+        values = checked_place(q, (self.n,), "q")
         *joints, tip = self.origins()
         X, found = np.eye(4), []
         for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
@@ -76,8 +76,8 @@ def available() -> tuple[str, ...]:
 
 def load(name: str) -> Arm:
     """The arm of that name. Raises ConfigurationError, with the names there are, for another."""
-    if name not in _ARMS:
-        raise ConfigurationError(f"arm: allowed {', '.join(_ARMS)}, got {name!r}")
+    if not isinstance(name, str) or name not in _ARMS:
+        raise ConfigurationError(f"arm: allowed {', '.join(_ARMS)}, got {shown(name)}")
     return _ARMS[name]
 
 
@@ -235,7 +235,7 @@ _ARMS["jaco"] = Arm(
         ]
     ),
     joint_types="rrrrrr",
-    limits=readonly([_FREE, np.radians((47.0, 313.0)), np.radians((19.0, 341.0)), _FREE, _FREE, _FREE]),
+    limits=readonly([_FREE, *np.radians([(47.0, 313.0), (19.0, 341.0)]), *[_FREE] * 3]),
     source="P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user"
     " guide, far from even about zero",
 )  # fmt: skip

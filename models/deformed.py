@@ -16,10 +16,11 @@ from models.closed_shells import split, vertex_normals, welded
 from models.nearest_surface import NearestSurface
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly
+from sim.interfaces.spatial import Array, checked, readonly, shown, whole_number
 
 HEIGHT = (0.01, 0.04)  # [m] of growth and dents
 PATCHES = 5
+_MOST_PATCHES = 1000
 _STEEPEST = 2.5  # least ratio of radius and height
 _LOBES = 0.15  # share by which the edge wanders
 _MOST_OF_SIZE = 0.45  # largest radius of a patch, as a share of the object's
@@ -152,11 +153,10 @@ def _drawn(
     height: tuple[float, float],
     near: ArrayLike | None,
 ) -> list[Patch]:
-    least, most = height
-    if not (np.isfinite(most) and 0.0 < least <= most):
-        raise ConfigurationError(f"{kind}: height must be 0 < least <= most [m], got {height}")
-    if isinstance(count, bool) or count < 1:
-        raise ConfigurationError(f"{kind}: patches must be at least 1, got {count}")
+    least, most = checked(height, (2,), f"{kind}: height [m]").tolist()
+    if not 0.0 < least <= most:
+        raise ConfigurationError(f"{kind}: height must be 0 < least <= most [m], got {shown(height)}")
+    count = whole_number(count, f"{kind}: patches", least=1, most=_MOST_PATCHES)
     widest = _MOST_OF_SIZE * target.radius
     if least * _STEEPEST > widest:
         raise ConfigurationError(

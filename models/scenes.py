@@ -6,11 +6,11 @@ import mujoco
 
 import models
 from models import hydrodynamics
+from models.mjcf_files import read_mjcf
 from models.seabed import Seabed
 from models.targets import TargetModel
 from models.vehicle import TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, shown, transform_points
 
 SEABED_DEPTH = 0.75  # [m] below the middle of the object
@@ -30,15 +30,7 @@ def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
         raise ConfigurationError(
             f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or an MJCF file"
         )
-    existing_file(vehicle, "vehicle")
-    try:
-        spec = mujoco.MjSpec.from_file(vehicle)
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"vehicle {shown(vehicle)} is not an MJCF that MuJoCo reads: {error}") from error
-    try:
-        spec.compile()  # what is wrong with the file is told here, not by whoever builds a scene of it
-    except (ValueError, mujoco.FatalError) as error:
-        raise ConfigurationError(f"vehicle {shown(vehicle)}: MuJoCo cannot compile it: {error}") from error
+    spec, _ = read_mjcf(vehicle, "vehicle")
     if hydrodynamics.attached(spec):
         hydrodynamics.attach(spec, {})  # MJCF keeps the coefficients of bodies, but no user data of the world
     return spec

@@ -99,6 +99,8 @@ class ModelPath:
             raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
         for name in ("p", "a", "b"):
             values = checked(getattr(self, name), (n, 3), f"model path {name}")
+            if np.abs(values).max() > FARTHEST_VERTEX:
+                raise ConfigurationError(f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}")
             if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
                 raise ConfigurationError(f"model path {name}: every row must be a unit vector")
             object.__setattr__(self, name, values)
@@ -253,7 +255,7 @@ class TargetModel:
         """
         path = existing_file(file, "target mesh")
         if scale is not None:
-            scale = finite_number(scale, "target mesh: scale", above=0.0)
+            scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
         vertices, triangles = read_mesh(path)
         vertices = vertices * (1.0 if scale is None else scale)
         size = float(np.ptp(vertices, axis=0).max())

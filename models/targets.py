@@ -16,6 +16,7 @@ from models.starfish import starfish
 from models.target_model import ModelPath, Solid, Symmetry, TargetModel
 from models.valve import valve
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import shown
 
 __all__ = [
     "BARREL_DIAMETER",
@@ -62,8 +63,8 @@ def named(name: str, **options: Any) -> TargetModel:
 
     Raises ConfigurationError for an unknown name or option, with those there are.
     """
-    if name not in _OBJECTS:
-        raise ConfigurationError(f"unknown object {name!r}; there are {', '.join(available())}")
+    if not isinstance(name, str) or name not in _OBJECTS:
+        raise ConfigurationError(f"unknown object {shown(name)}; there are {', '.join(available())}")
     allowed = inspect.signature(_OBJECTS[name]).parameters
     if not set(options) <= set(allowed):
         raise ConfigurationError(
@@ -73,11 +74,14 @@ def named(name: str, **options: Any) -> TargetModel:
     return made if isinstance(made, TargetModel) else made.target
 
 
-def of(name_or_file: str, scale: float | None = None) -> TargetModel:
+def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
     """The object of that name, or from a mesh file (`TargetModel.from_file`): what has an ending is a file.
 
     Raises ConfigurationError for an unknown name, or a file or `scale` that cannot be.
     """
+    if not isinstance(name_or_file, str | Path):
+        raise ConfigurationError(f"object: expected a name or a mesh file, got {shown(name_or_file)}")
+    name_or_file = str(name_or_file)
     if Path(name_or_file).suffix:
         return TargetModel.from_file(name_or_file, scale=scale)
     if scale is not None:

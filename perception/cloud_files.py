@@ -7,9 +7,11 @@ import numpy as np
 
 from perception.point_files import picture_shape, read_cloud
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, finite_number, readonly
 
 FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
+_NO_POINT = 1e15  # in any unit, from where on a number is no place
 MOST = 20_000_000  # points: gigabytes
 _MIXED = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)  # large and odd
 
@@ -30,11 +32,13 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     pixels of a PCD file that is a picture stay in their places. Raises ConfigurationError for a file that is missing,
     malformed, empty, without a usable point, of more than MOST points, or in a wrong unit.
     """
+    file = existing_file(file, "cloud")
     if scale is not None:
-        scale = finite_number(scale, f"cloud {file}: scale", above=0.0)
-    points = read_cloud(file) * (1.0 if scale is None else scale)
+        scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
+    points = read_cloud(file)
     if len(points) > MOST:
         raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
+    points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)
     kept = np.ones(len(points), dtype=bool)
     notes: list[str] = []
 

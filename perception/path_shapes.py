@@ -16,17 +16,28 @@ from scipy.interpolate import make_interp_spline
 from models import ray_casting
 from models.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, exp_so3
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    exp_so3,
+    finite_number,
+    number,
+    real_array,
+    unit_vector,
+)
 
 _GRAZING = np.cos(np.deg2rad(70.0))  # cosine between a ray and the normal below which a projection says nothing
 _STEEPEST = 4.0  # [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge
 _FOOTPRINT = 0.01  # [m] around the path, over which normals are averaged
 _NEAR = 1e-9  # [m]
+_FARTHEST = 1e3  # [m] of a path from the middle of its object: more is another unit
+_MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; of a raster
 
 
 def line(start: ArrayLike, end: ArrayLike) -> Array:
     """Points (N, 3) [m] from `start` to `end` (3,)."""
-    a, b = checked(start, (3,), "line: start"), checked(end, (3,), "line: end")
+    a, b = _place(start, "line: start"), _place(end, "line: end")
     length = float(np.linalg.norm(b - a))
     if not length > _NEAR:
         raise ConfigurationError("line: start and end coincide")
@@ -40,14 +51,18 @@ def circle(
 
     With `rise` [m] along the axis by its end it is a helix; more than a turn is allowed.
     """
-    c, p = checked(center, (3,), "circle: center"), checked(start, (3,), "circle: start")
+    c, p = _place(center, "circle: center"), _place(start, "circle: start")
+    angle, rise = number(angle, "circle: angle [rad]"), number(rise, "circle: rise [m]")
     w = _unit(axis, "circle: axis")
     arm = (p - c) - w * (w @ (p - c))
     radius = float(np.linalg.norm(arm))
     if not radius > _NEAR:
         raise ConfigurationError("circle: the start lies on the axis")
-    if not (np.isfinite(angle) and angle != 0.0 and np.isfinite(rise)):
-        raise ConfigurationError(f"circle: angle must not be zero, and rise finite; got {angle} rad, {rise} m")
+    if not (abs(angle) < _MOST_TURN and abs(rise) <= _FARTHEST and angle != 0.0 and np.isfinite(rise)):
+        raise ConfigurationError(
+            f"circle: angle must not be zero, and below {_MOST_TURN:g} rad, rise below {_FARTHEST:g} m; got "
+            f"{angle} rad, {rise} m"
+        )
     share = np.linspace(0.0, 1.0, _count(float(np.hypot(radius * angle, rise))))
     turned = np.array([exp_so3(angle * u * w) @ arm for u in share])
     return p - arm + turned + (share * rise)[:, None] * w
@@ -60,14 +75,14 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
     `along`, the half circles lie beyond its ends. Lines are at most `pitch` [m] apart.
     """
     c, u, v = (
-        checked(value, (3,), f"raster: {name}")
-        for value, name in ((center, "center"), (along, "along"), (across, "across"))
+        _place(value, f"raster: {name}") for value, name in ((center, "center"), (along, "along"), (across, "across"))
     )
     length, width = float(np.linalg.norm(u)), float(np.linalg.norm(v))
     if not (length > _NEAR and width > _NEAR and abs(u @ v) < 1e-6 * length * width):
         raise ConfigurationError("raster: along and across must be perpendicular and not zero")
-    if not (np.isfinite(pitch) and pitch > 0.0):
-        raise ConfigurationError(f"raster: pitch must be > 0 m, got {pitch}")
+    pitch = finite_number(pitch, "raster: pitch [m]", above=0.0)
+    if width / pitch > _MOST_LINES:
+        raise ConfigurationError(f"raster: pitch must give at most {_MOST_LINES} lines, got {pitch} m on {width:g} m")
     lines = 1 + max(1, int(np.ceil(width / pitch - 1e-9)))
     pitch = width / (lines - 1)
     parts, turn = [], np.linspace(0.0, np.pi, _count(0.5 * np.pi * pitch))[1:-1, None]
@@ -89,9 +104,11 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
     off an edge.
     """
     points = _points(curve, "curve")
-    ways = np.asarray(direction, dtype=np.float64)
+    ways = real_array(direction, "direction")
+    before = finite_number(before, "before [m]", least=0.0, most=_FARTHEST)
     if ways.shape not in ((3,), points.shape) or not np.all(np.isfinite(ways)):
         raise ConfigurationError(f"direction: expected (3,) or {points.shape} numbers, got shape {ways.shape}")
+    ways = ways / np.maximum(np.abs(ways).max(axis=-1, keepdims=True), 1e-9)
     length = np.linalg.norm(ways, axis=-1, keepdims=True)
     if not np.all(length > _NEAR):
         raise ConfigurationError("direction: must not be zero")
@@ -204,20 +221,20 @@ def _count(length: float) -> int:
 
 
 def _unit(values: ArrayLike, name: str) -> Array:
-    vector = checked(values, (3,), name)
-    size = float(np.linalg.norm(vector))
-    if not size > _NEAR:
-        raise ConfigurationError(f"{name}: must not be zero")
-    return vector / size
+    return unit_vector(values, name)
+
+
+def _place(values: ArrayLike, name: str) -> Array:
+    return checked_place(values, (3,), name, _FARTHEST)
 
 
 def _points(values: ArrayLike, name: str) -> Array:
-    points = np.asarray(values, dtype=np.float64)
+    points = real_array(values, name, "(N, 3) numbers [m]")
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4:
         raise ConfigurationError(f"{name}: expected (N, 3) numbers [m], N >= 4, got shape {points.shape}")
     if not np.all(np.isfinite(points)):
         raise ConfigurationError(f"{name}: row {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite")
-    _chords(points, name)
+    _chords(checked_place(points, points.shape, name, _FARTHEST), name)
     return points
 
 

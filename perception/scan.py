@@ -4,7 +4,7 @@ Sensor frame S has OpenCV axes (z along the optical axis). Clouds become such a 
 that follows has one form.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from perception.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import Array, number, readonly, real_array
 
 SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner passes for the barrel
 MIN_POINTS = 60  # below this no pose can be told from noise
@@ -42,6 +42,8 @@ class SensorModel:
     max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            number(getattr(self, field.name), f"sensor model: {field.name}")
         if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
             raise ConfigurationError(
                 f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"
@@ -149,10 +151,7 @@ class Scan:
         (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no cloud at all,
         PerceptionError if too few points are left or they span no surface.
         """
-        try:
-            values = np.asarray(cloud, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got {type(cloud).__name__}") from error
+        values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
         if values.size == 0:
             raise PerceptionError("the cloud is empty")
         if values.ndim not in (2, 3) or values.shape[-1] != 3:

@@ -19,8 +19,9 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 from models import ray_casting
 from models.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError, PerceptionError
-from sim.interfaces.spatial import Array, checked, readonly
+from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
 
+_FARTHEST = 1e5  # [m] from the sensor that ground is measured
 MIN_POINTS = 60
 MAX_VERTICES = 16_000  # more add time, not shape: denser clouds are averaged in cells of the ground plane
 _NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
@@ -79,8 +80,8 @@ def build_terrain(
     """
     points = _as_cloud(cloud)
     z = _unit(up, "up")
-    if hole is not None and not hole > 0.0:
-        raise ConfigurationError(f"hole: must be > 0 m, got {hole}")
+    if hole is not None:
+        hole = finite_number(hole, "hole [m]", above=0.0)
     origin = points.mean(axis=0)
     R = _axes(z)
     local = (points - origin) @ R.T
@@ -136,12 +137,13 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
     The ray caster does what eq. (4) does over all triangles. Raises PerceptionError, naming the point, for one with a
     hole under it, one that lies under the surface, and one over two layers.
     """
-    targets = np.asarray(B, dtype=np.float64)
+    targets = real_array(B, "targets B", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or not len(targets):
         raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}")
     if not np.all(np.isfinite(targets)):
         bad = int(np.argmin(np.isfinite(targets).all(axis=1)))
         raise ConfigurationError(f"targets B: every number must be finite, B_{bad + 1} is {targets[bad].tolist()}")
+    checked_place(targets, targets.shape, "targets B", _FARTHEST)
     t, triangle = terrain.under(targets)
     for i in np.flatnonzero(~np.isfinite(t)):
         _say_missed(terrain, targets[i], f"B_{i + 1}")
@@ -217,10 +219,7 @@ def relief(
 
 
 def _as_cloud(cloud: ArrayLike) -> Array:
-    try:
-        points = np.asarray(cloud, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ConfigurationError(f"cloud: expected (N, 3) numbers [m]; {error}") from error
+    points = real_array(cloud, "cloud", "(N, 3) numbers [m]")
     if points.ndim != 2 or points.shape[1] != 3:
         raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got shape {points.shape}")
     if len(points) < MIN_POINTS:
@@ -231,7 +230,7 @@ def _as_cloud(cloud: ArrayLike) -> Array:
             f"cloud: {bad.sum()} of {len(points)} points are not finite numbers, the first is point "
             f"{int(bad.argmax()) + 1}"
         )
-    return points
+    return checked_place(points, points.shape, "cloud", _FARTHEST)
 
 
 def _check_spread(local: Array) -> None:
@@ -444,7 +443,4 @@ def _axes(up: Array) -> Array:
 
 
 def _unit(vector: ArrayLike, name: str) -> Array:
-    values = checked(vector, (3,), name)
-    if not np.linalg.norm(values) > 1e-9:
-        raise ConfigurationError(f"{name}: must not be zero")
-    return readonly(values / np.linalg.norm(values))
+    return unit_vector(vector, name)

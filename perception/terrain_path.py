@@ -224,6 +224,8 @@ def plan_seabed_work(
     """
     began = time.perf_counter()
     width = _width(width)
+    if limits is not None and not isinstance(limits, ReliefLimits):
+        raise ConfigurationError(f"limits: expected ReliefLimits, got {type(limits).__name__}")
     patch = finite_number(patch, "patch [m]", above=0.0, most=100.0)
     terrain = build_terrain(cloud, z)
     targets = project(terrain, B)

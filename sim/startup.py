@@ -6,6 +6,7 @@ by SIGTERM.
 
 import contextlib
 import io
+import math
 import os
 import re
 import signal
@@ -19,14 +20,14 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NoReturn, TypeVar
 
-from sim.interfaces.errors import UuvError
+from sim.interfaces.errors import UuvError, one_line
 from sim.run_folder import give_back, new_folder
 
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: show the whole of such an error; or UUV_TRACEBACK=1
-_HOME = Path(__file__).resolve().parents[1]
+from sim.interfaces.errors import UuvError, one_line
 
 Options = TypeVar("Options")
 
@@ -119,6 +120,9 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     for name, value in vars(options).items():
         if name.endswith("seed") and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
     return options
 
 
@@ -174,5 +178,5 @@ def _installed(file: Path) -> bool:
 
 
 def _refusal(reason: str, code: int = BAD_INPUT) -> SystemExit:
-    print(f"error: {' '.join(reason.split())}", file=sys.stderr)
+    print(f"error: {one_line(' '.join(reason.split()))}", file=sys.stderr)
     return SystemExit(code)

@@ -49,6 +49,24 @@ _REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = 6
 _REPR.maxlong, _REPR.maxstring, _REPR.maxother = 30, _MOST_SHOWN, _MOST_SHOWN
 
 
+def unit_vector(values: ArrayLike, name: str) -> Array:
+    """The read-only unit vector (3,) along `values` (3,); ConfigurationError if those are none, or zero."""
+    vector = checked(values, (3,), name)
+    largest = float(np.abs(vector).max())
+    if not largest > 1e-9:
+        raise ConfigurationError(f"{name}: must not be zero")
+    vector = vector / largest  # the square of a very long one is no number
+    return readonly(vector / np.linalg.norm(vector))
+
+
+def checked_place(values: ArrayLike, shape: tuple[int, ...], name: str, farthest: float = FARTHEST) -> Array:
+    """`checked` positions [m], which must lie within `farthest` [m] of their frame's origin."""
+    points = checked(values, shape, name)
+    if points.size and np.abs(points).max() > farthest:
+        raise ConfigurationError(f"{name}: must lie within {farthest:g} m, got {np.abs(points).max():g} m")
+    return points
+
+
 def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
     """A new float64 array of `values`, of any shape, or ConfigurationError that says what is `wanted`.
 

@@ -1,5 +1,6 @@
 """What the monitor finds in readings made up for it, how soon, and what it lets pass."""
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -161,6 +162,9 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     alone = np.where(np.arange(M) == thruster, COMMAND, 0.3 * COMMAND)
     (fault,) = Rig(velocity=accelerated(-thrust * column), command=alone).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.THRUSTER, thruster)
+    gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
+    assert asked == pytest.approx(abs(thrust), abs=1.0)
+    assert abs(gave) < 0.5 * asked  # what is left, as it was judged then
     limits, turns = Limits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
     confirmed = limits.thruster_confirm if turns else limits.current_confirm
     assert confirmed < fault.time - 10.0 < confirmed + 0.65

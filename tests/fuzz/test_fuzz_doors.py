@@ -1,0 +1,106 @@
+"""Every door against thousands of odd inputs: a whole, finite result, or one line of ours. No other error, no hang.
+
+    UUV_FUZZ=500 ./uvw run pytest tests/fuzz                        # as many of each door, in place of a few
+    UUV_FUZZ=500 UUV_FUZZ_SEED=fresh ./uvw run pytest tests/fuzz    # a new seed, which a finding tells
+
+A finding names the call that repeats it. What was found before is in `corpus/`, and in PAST below.
+"""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import fuzz_doors
+import numpy as np
+import pytest
+from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
+
+from calib import identify as calibrate
+from calib.arm import Arm
+from controllers.mkps import Chain, solve
+from models import arms, targets
+from models.targets import TargetModel
+from perception.path_shapes import line, raster
+from sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
+
+INPUTS = int(os.environ.get("UUV_FUZZ", "12"))
+_ASKED = os.environ.get("UUV_FUZZ_SEED", "0")
+SEED = int.from_bytes(os.urandom(4), "big") if _ASKED == "fresh" else int(_ASKED)
+CORPUS = Path(__file__).parent / "corpus"
+DH = [[0.0, 0.3, 0.0, 1.57], [0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.3, 0.2]]
+CHAIN = Chain.from_dh(arms.load("puma560").dh)
+PUMA = fuzz_doors._PUMA
+TOUCHES = [np.random.default_rng(k).uniform(-1.0, 1.0, (6, 3)) for k in range(2)]
+
+
+@pytest.mark.parametrize("door", DOORS, ids=lambda door: door.name)
+def test_what_is_thrown_is_met(door: Door) -> None:
+    became: list[str] = []
+    for number in range(max(2, round(door.share * INPUTS))):
+        try:
+            became.append(attempt(door, SEED, number))
+        except FindingError as finding:
+            pytest.fail(
+                f"./uvw run tests/fuzz/fuzz_doors.py --inputs 1 --seed {SEED} --first {number} --door {door.name!r}: "
+                f"{finding}"
+            )
+    print(door.name, sum(one == "passed" for one in became), "of", len(became), "passed")
+
+
+@pytest.mark.parametrize("kind", sorted(VALID))
+def test_valid_files_pass(kind: str, tmp_path: Path) -> None:
+    for name, raw in VALID[kind].items():
+        (tmp_path / name).write_bytes(raw)
+        try:
+            fuzz_doors.whole(fuzz_doors.give(kind, tmp_path / name))
+        except UuvError as error:
+            pytest.fail(f"{kind} {name}: {error}")
+
+
+@pytest.mark.parametrize("file", sorted(CORPUS.glob("*/*")), ids=lambda file: f"{file.parent.name}-{file.name}")
+def test_files_that_were_met_badly_are_refused_by_name(file: Path) -> None:
+    """The name of each ends in two words of the answer: `what-it-is.WORDS.ending`."""
+    words = file.suffixes[0].strip(".").replace("_", " ")
+    with pytest.raises(ConfigurationError) as refused:
+        fuzz_doors.give(file.parent.name, file)
+    said = str(refused.value)
+    assert words in said
+    assert len(said) <= LONGEST
+    assert said.isprintable()
+
+
+PAST: list[tuple[Callable[[], Any], str]] = [
+    (lambda: Chain.from_mjcf(PUMA, None, "tip"), "base_body: expected a name, got None"),  # type: ignore[arg-type]
+    (lambda: Chain.from_dh(DH, joint_types=7), "joint_types: expected 3 letters"),  # type: ignore[arg-type]
+    (lambda: Chain.from_dh([[1e308, 0, 0, 0]]), "dh: numbers must lie within 1e"),
+    (lambda: Chain.from_dh([[10**400, 0, 0, 0]]), "dh: expected .* numbers"),
+    (lambda: Chain.from_urdf(np.zeros(2), "a", "b"), "base_link|urdf: expected"),  # type: ignore[arg-type]
+    (lambda: Arm.from_dh(DH, joint_types=7), "joint_types: 3 letters"),  # type: ignore[arg-type]
+    (lambda: Arm.from_dh([["a"] * 4]), "nominal: expected"),
+    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), max_restarts=10**400), "max_restarts: must be a whole number"),
+    (lambda: solve(CHAIN, np.eye(4), []), "q0: expected shape"),
+    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=np.zeros(3)), "method: allowed"),  # type: ignore[arg-type]
+    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance="x"), "position_tolerance"),  # type: ignore[arg-type]
+    (lambda: calibrate(TOUCHES, DH, noise="x"), "noise .m.: expected a number, got 'x'"),  # type: ignore[arg-type]
+    (lambda: calibrate(TOUCHES, DH, noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
+    (lambda: calibrate(TOUCHES, DH, noise=10**400), "noise .m.: expected a number"),
+    (lambda: calibrate(TOUCHES, DH, robust=np.zeros(2)), "robust: must be True or False"),  # type: ignore[arg-type]
+    (lambda: calibrate(TOUCHES, DH, distances=[(0, 1)]), "distances: expected"),  # type: ignore[list-item]
+    (lambda: TargetModel.from_file(__file__, scale="1"), "scale: expected a number, got '1'"),  # type: ignore[arg-type]
+    (lambda: TargetModel.from_file("n" * 300 + ".stl"), "file name too long"),
+    (lambda: TargetModel.from_file(10**400), "expected the name of a file"),  # type: ignore[arg-type]
+    (lambda: targets.of(1j), "object: expected a name or a mesh file"),  # type: ignore[arg-type]
+    (lambda: targets.of(Hostile()), "object: expected .*Hostile"),  # type: ignore[arg-type]
+    (lambda: line([0, 0, 0], [1e300, 0, 0]), "line: end: must lie within"),
+    (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], "x"), "pitch .m.: expected a number"),  # type: ignore[arg-type]
+    (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], 1e-9), "at most 10000 lines"),
+]
+
+
+@pytest.mark.parametrize("number", range(len(PAST)), ids=lambda k: PAST[k][1][:30])
+def test_arguments_that_were_met_badly_are_refused_by_name(number: int) -> None:
+    call, said = PAST[number]
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        call()
+    assert len(str(refused.value)) <= LONGEST

@@ -27,7 +27,7 @@ ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
 TRACEBACK = "--traceback"  # option of every script: show the whole of such an error; or UUV_TRACEBACK=1
-from sim.interfaces.errors import UuvError, one_line
+_HOME = Path(__file__).resolve().parents[1]
 
 Options = TypeVar("Options")
 

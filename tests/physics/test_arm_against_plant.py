@@ -330,7 +330,7 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     normal = drive.feel(
         arm.layout, arm.numbers, arm.stations, arm.work, np.empty(24), moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3],
         np.array(moving.model.opt.wind), moving.q, qd, moving.tau, np.zeros(n), NOISE, np.full(n, FLOOR), 0.02,
-        (lag, 0.01), qd_slow, w_slow_B, felt_qdd, tau_e, wrench_B, np.empty((4, 4)), J_B, f_B, f_G, f_W,
+        (lag, 0.015), qd_slow, w_slow_B, felt_qdd, tau_e, wrench_B, np.empty((4, 4)), J_B, f_B, f_G, f_W,
     )  # fmt: skip
     within("acceleration", relative(felt_qdd, qdd), 1e-13)  # measured up to 1e-14
     expected_tau, expected_wrench = arm.inverse(

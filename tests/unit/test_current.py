@@ -58,6 +58,18 @@ def test_acceleration_is_the_derivative(within):
     within("dv - a dt [m/s]", np.diff(velocity, axis=0) - 0.002 * acceleration[1:], 3e-16)  # measured 3e-17
 
 
+def test_a_flow_that_grows_is_accelerated_by_as_much(within):
+    """With gusts, under a profile 1 - exp(-t / T): differences of the velocities are the accelerations."""
+
+    def rising(t: float) -> tuple[float, float]:
+        return 1.0 - np.exp(-t / 3.0), np.exp(-t / 3.0) / 3.0
+
+    current = Current([0.4, -0.2, 0.1], gust=0.05, timestep=1e-3, rng=np.random.default_rng(1), profile=rising)
+    v, a = (np.array(rows) for rows in zip(*(current.step() for _ in range(5000)), strict=True))
+    assert np.abs(a).max() > 0.1
+    within("acceleration [m/s^2]", np.diff(v, axis=0) / 1e-3 - a[1:], 3e-4)  # 2.8e-5: of the first order
+
+
 def test_gusts_of_a_long_time_and_a_short_step_begin_at_once():
     current = Current((0, 0, 0), gust=0.03, time_constant=1e8, timestep=1e-3, rng=np.random.default_rng(5))
     velocity, _ = run(current, 10)

@@ -186,3 +186,9 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     assert np.array_equal(np.delete(inner.seen.tau, 1), np.delete(wrong, 1))
     # Its noise of 1 N m, averaged, is what remains.
     assert inner.seen.tau[1] == pytest.approx(0.01 * 2599 + 3.0, abs=0.5)
+    # A rotor that is being accelerated, and its gear, take their share of what the motor gives.
+    steady, faster = inner.seen.tau[1], np.array(estimate(2601).qd)
+    faster[1] += 0.2
+    taken = VEHICLE.armature[1] / Limits().torque_time + VEHICLE.joint_damping[1]
+    guarded.step(state, estimate(2601, tau=wrong, qd=faster), REFERENCE)
+    assert steady - inner.seen.tau[1] == pytest.approx(0.2 * taken, abs=0.05 * taken)

@@ -8,6 +8,7 @@ import models
 from controllers.allocation import Allocation
 from controllers.arm_dynamics import ArmDynamics
 from controllers.hover import Hover
+from models import hydrodynamics as coefficients
 from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
@@ -68,6 +69,30 @@ def test_a_small_error_dies_away_as_a_double_pole_at_1_6_per_second(parts, axis,
     errors = run(parts, pose(exp_so3(error[3:]), error[:3]), 4.0, told=True)
     w_t = 1.6 * DT * np.arange(1, len(errors) + 1)
     within("error, relative", errors / 0.02 - np.outer((1.0 + w_t) * np.exp(-w_t), error / 0.02), 0.08)
+
+
+def test_feedback_is_proportional_in_hull_axes_wherever_the_hull_is_to_stand(parts, rng, within):
+    """1.6^2 times the error and 3.2 times its rate, accelerations of the loop's inertia beyond its weight."""
+    hover, _, _ = parts
+    for _ in range(20):
+        wanted = pose(exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.0, 1.0, 3))
+        error, nu, turning_W = rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.2, 0.2, 6), rng.uniform(-0.2, 0.2, 3)
+        X = wanted @ pose(exp_so3(error[3:]))
+        X[:3, 3] += X[:3, :3] @ error[:3]
+        wrench = hover.step(hover.init(), estimate(X, nu), wanted, np.zeros(3), NONE, DT, turning_W)
+        rate = nu - np.concatenate([np.zeros(3), X[:3, :3].T @ turning_W])
+        acceleration = np.linalg.solve(hover.inertia, wrench + hover.static_wrench(X[:3, :3]))
+        within("acceleration [m/s^2, rad/s^2]", acceleration + 1.6**2 * error + 3.2 * rate, 1e-12)
+
+
+@pytest.mark.parametrize("name", ["uuv_puma", "bluerov2_heavy_wu2018", "bluerov2_heavy_benzon2022"])
+def test_the_hull_weighs_and_floats_at_its_centres(name, rng, within):
+    model = models.load(name).compile()
+    hull, R_WB = Vehicle.of(model).hull, exp_so3(rng.uniform(-1.0, 1.0, 3))
+    water, up = coefficients.unpack(model.body_user[hull]), R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]]
+    floats, weighs = coefficients.water_density(model) * water.volume * up, -model.body_mass[hull] * up
+    moment = np.cross(water.center_of_buoyancy, floats) + np.cross(model.body_ipos[hull], weighs)
+    within("wrench [N, N m]", Hover(model).static_wrench(R_WB) - [*(floats + weighs), *moment], 1e-10)
 
 
 def test_nothing_changes_while_the_thrusters_suffice(parts, within):

@@ -8,6 +8,7 @@ import pytest
 
 import models
 from controllers.hover import Hover
+from controllers.hull_observer import HullObserver
 from models import hydrodynamics as coefficients
 from sim import hydrodynamics
 from sim.current import Current
@@ -109,3 +110,19 @@ def test_wrong_coefficients_make_the_current_wrong_by_their_root_at_most(error, 
     errors = basin.run(60.0)
     within("off the place [m]", basin.data.qpos[:3], 2e-7)  # measured 1.3e-8
     assert np.all(np.abs(errors[-1]) < 0.35 * np.array([0.2, 0.1, 0.05]) / (1.0 + min(error, 0.0)))
+
+
+def test_a_hull_that_tumbles_freely_is_pushed_by_no_moment():
+    """Euler's equations with three different inertias: what turns it over is its own spin, and no moment is told."""
+    turning = np.diag([20.0, 60.0, 90.0])
+    inertia = np.block([[150.0 * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), turning]])
+    observer, w, nothing = HullObserver(inertia, np.zeros(6), np.zeros(6)), np.array([0.5, 0.4, 0.3]), np.zeros(6)
+    state, told, spun = observer.init(), [], []
+    for _ in range(500):
+        observer.step(state, np.eye(3), NONE, w, nothing, nothing, nothing, DT)
+        told.append(state.moment_B.copy())
+        spun.append(np.cross(w, turning @ w))
+        for _ in range(20):
+            w = w - DT / 20 * np.linalg.solve(turning, np.cross(w, turning @ w))
+    assert np.abs(spun).max() > 5.0  # [N m]
+    assert np.abs(told).max() < 0.05 * np.abs(spun).max()

@@ -22,7 +22,7 @@ from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage, EncoderMeasurement
 from sim.interfaces.protocols import TargetFinder
-from sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
+from sim.interfaces.spatial import exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z, transform_points
 from tests.unit.depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
 
 BARREL = barrel()
@@ -295,6 +295,17 @@ def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):
     found = identify(Scan.from_depth(frame), BARREL, VIEW[:3, 3] + [0.0, 0.0, 0.55], VIEW[:3, :3], approach_error=0.1)
     assert not found.accepted
     assert found.reason
+
+
+@pytest.mark.parametrize("p_TC", [(0.1, -0.9, 0.75), (-0.7, 0.8, 0.5)])
+def test_an_exact_frame_gives_the_pose_without_bias(surface: ModelSurface, p_TC, within):
+    """No noise, so what is left in depth is the method's own: pixels, voxels, facets."""
+    X_CT, rng = seen_from(np.array(p_TC)), np.random.default_rng(1)
+    scan = Scan.from_depth(look(BARREL, X_CT, rng, noise=None))
+    result = identify(scan, surface, *coarse(rng, X_CT, BARREL.center))
+    assert result.accepted, result.reason
+    off = transform_points(result.X_sensor_target, BARREL.center) - transform_points(X_CT, BARREL.center)
+    within("in depth [m]", off @ X_CT[:3, 3] / np.linalg.norm(X_CT[:3, 3]), 5e-4)
 
 
 def test_a_face_whose_plane_cuts_the_bed_is_no_background(rng):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from navigation_bench import Course, Hull, Rig
 
+from perception import navigation_kernel as kernel
 from perception.navigation import Navigation
 from sim import sensors
 from sim.interfaces.errors import ConfigurationError
@@ -410,3 +411,16 @@ def test_first_measurement_that_is_missing_is_named(missing):
     ]
     with pytest.raises(ConfigurationError, match=missing.__name__):
         Navigation().init([m for m in first if not isinstance(m, missing)])
+
+
+def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(rng, within):
+    """p = v t + a t^2 / 2 over a hundred steps, to rounding."""
+    R, a, bias, v = exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+    row, x, P = np.zeros(kernel.INPUT), np.zeros(kernel.MOST_STATES), np.zeros((kernel.MOST_STATES,) * 2)
+    row[kernel.DT], row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = 0.05, R.ravel()
+    row[kernel.FORCE : kernel.FORCE + 3] = R.T @ (a + np.array([0.0, 0.0, GRAVITY])) + bias
+    x[3:6], x[6:9] = v, bias
+    for _ in range(100):
+        kernel.propagate(row, np.array([9, -1, -1]), np.zeros(3), x, P)
+    within("place [m]", x[:3] - (5.0 * v + 12.5 * a), 1e-10)
+    within("velocity [m/s]", x[3:6] - (v + 5.0 * a), 1e-11)

@@ -58,6 +58,17 @@ def test_a_step_overshoots_little_on_any_surface_with_one_tuning(spring):
     assert felt[-1] == pytest.approx(90.0, abs=0.1)
 
 
+def test_a_change_of_the_set_force_is_displaced_at_once_by_what_is_known_of_the_surface():
+    """Beside what the error will still do, which in one step is little."""
+    loop, k = Displacement(), []
+    for change in (0.0, 0.5):
+        state = DisplacementState()
+        felt = pressed(loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
+        k.append(loop.step(state, 60.0 + change, felt[-1], SERVO, DT))
+    assert state.compliance > 2e-5
+    assert k[1] - k[0] == pytest.approx(0.5 * state.compliance, rel=0.02)
+
+
 def test_a_drifting_surface_at_a_steady_force_teaches_nothing():
     """What k does at a steady force is the path's shape or the hull's drift; the compliance stays as it was."""
     loop, state = Displacement(), DisplacementState()

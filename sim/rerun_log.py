@@ -29,7 +29,7 @@ from sim.rollout import Moment, ticks_per_period
 
 FLUSH_WALL_S = 0.4  # [s] of wall time that a killed run can lose, plus the time that writing takes
 FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must reach out of the wrist
-ROOM = 1 << 20  # [bytes] cut off a log that filled the disk, for figures and report
+ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, for figures and report
 LIFT = 0.006  # [m] off the surface at which paths are drawn: lines have no thickness in depth, it would hide them
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 

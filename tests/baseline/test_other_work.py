@@ -8,5 +8,5 @@ import pytest
     "name",
     ["insertion", "core", "drag", "inspection"],
 )
-def test_figures_keep_their_bands(name):
-    holding.check(name)
+def test_figures_keep_their_bands(name, fresh_seeds):
+    holding.check(name, fresh_seeds)

@@ -15,5 +15,5 @@ import pytest
         "hover_envelope",
     ],
 )
-def test_figures_keep_their_bands(name):
-    holding.check(name)
+def test_figures_keep_their_bands(name, fresh_seeds):
+    holding.check(name, fresh_seeds)

@@ -9,8 +9,8 @@ import traces
     "name",
     ["barrel_longitudinal", "barrel_transverse", "pile", "rock", "force_steps"],
 )
-def test_figures_keep_their_bands(name):
-    holding.check(name)
+def test_figures_keep_their_bands(name, fresh_seeds):
+    holding.check(name, fresh_seeds)
 
 
 def test_the_main_job_goes_the_way_that_is_held():

@@ -83,6 +83,8 @@ def without_uv_options(words: list[str]) -> list[str]:
             assert (ROOT / value).is_file(), value
         elif option == "--group":
             assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
+        elif option == "--extra":
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], value
         else:
             assert option == "--with", option
     return words

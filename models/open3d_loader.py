@@ -30,7 +30,7 @@ def load() -> Any:
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
             "Open3D is not installed, and only what compares with it needs it: ./uvw run --extra open3d ..., or "
-            "pip install 'uuv-arm[open3d]'"
+            "pip install '.[open3d]' in the checkout"
         ) from error
     except (ImportError, OSError) as error:
         raise MissingLibraryError(

@@ -23,14 +23,15 @@ CAMERA_SITE = "camera"
 HOME_KEY = "home"
 READY_KEY = "ready"
 TOOL_GEOM = "pad"
-# What a job of the arm asks of a vehicle beside its hull and thrusters, and what each part does.
+# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them fit into one message.
 _PARTS = (
+    (mujoco.mjtObj.mjOBJ_BODY, "body", HULL_BODY, "free"),
     (mujoco.mjtObj.mjOBJ_BODY, "body", ARM_BASE_BODY, "carries the arm"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "end of the tool, z out of it"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "looks for the object"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "of the tool, z out"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "sees the object"),
     (mujoco.mjtObj.mjOBJ_GEOM, "geom", TOOL_GEOM, "may touch"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded, clear of the view"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, where inverse kinematics starts"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, IK starts there"),
 )
 
 

@@ -14,7 +14,7 @@ from sim import hydrodynamics
 from sim.metrics import Bounds, schema
 
 BOUNDS = Bounds()
-RUNS = {"vertical": (), "ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}
+RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}
 
 
 def clean_pile(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[str]:
@@ -51,16 +51,13 @@ def test_figures_keep_their_bounds(runs, name):
     assert metrics["tool"]["speed_mean_m_s"] == pytest.approx(0.02, rel=0.2)
 
 
-@pytest.mark.parametrize("name", ["vertical", "ring"])
-def test_it_pressed(runs, name):
-    contact = runs[name]["contact"]
-    assert [segment["set_n"] for segment in contact["segments"]] == (
-        [60.0, 90.0, 60.0] if name == "vertical" else [60.0, 90.0]
-    )
+def test_it_pressed(runs):
+    contact = runs["ring"]["contact"]
+    assert [segment["set_n"] for segment in contact["segments"]] == [60.0, 90.0]
     assert contact["force_error_rms_n"] <= BOUNDS.force_error_rms
     assert contact["force_error_max_n"] <= BOUNDS.force_error_max
     assert contact["lost_s"] == 0.0
-    assert runs[name]["gap"] is None
+    assert runs["ring"]["gap"] is None
 
 
 def test_it_kept_its_distance(runs):

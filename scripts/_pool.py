@@ -33,16 +33,17 @@ def run_all(
             try:
                 while source or under_way:
                     while source and len(under_way) < size:
-                        task = source.pop()
-                        under_way[pool.submit(run, task)] = task
+                        task = source[-1]
+                        under_way[pool.submit(run, task)] = task  # raises where the pool broke since the last one
+                        source.pop()
                     for done in wait(under_way, return_when=FIRST_COMPLETED).done:
                         row = done.result()
                         yield under_way.pop(done), row
             except BrokenProcessPool:
                 lost = list(under_way.values())
-                if alone:
+                if alone and lost:
                     yield lost[0], died(lost[0])
-                else:
+                elif not alone:
                     suspects += reversed(lost)
             except BaseException:
                 _stop(pool)

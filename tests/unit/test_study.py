@@ -6,6 +6,8 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -219,6 +221,24 @@ def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
     rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(5))
     assert [row["run"] for row in rows if "value" not in row] == [2]
+
+
+def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(pool, monkeypatch):
+    class Breaking(ThreadPoolExecutor):
+        """Refuses the second run that it is given, as a pool does of which a process died meanwhile."""
+
+        given = 0
+
+        def submit(self, *what: Any, **how: Any) -> Any:
+            self.given += 1
+            if self.given == 2:
+                raise BrokenProcessPool
+            return super().submit(*what, **how)
+
+    monkeypatch.setattr(pool, "_pool", Breaking)
+    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
+    assert sorted(row["run"] for row in rows) == list(range(4))
+    assert all("value" in row for row in rows)
 
 
 WATCHED = """

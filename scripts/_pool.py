@@ -57,8 +57,9 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 def _begin() -> None:
     """Let a worker end with the study: without a word on Ctrl-C, and on whatever else ends it, SIGKILL too."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the study says it once
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # of nohup, which is for the workers too
+            signal.signal(number, signal.SIG_DFL)  # the study says it once
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -71,5 +72,5 @@ def _end_with_parent() -> None:
 
 def _stop(pool: ProcessPoolExecutor) -> None:
     for process in multiprocessing.active_children():
-        process.terminate()
+        process.kill()  # SIGTERM may be ignored
     pool.shutdown(wait=False, cancel_futures=True)

@@ -18,7 +18,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from pool_tasks import deadly, squared, told_dead
+from pool_tasks import deadly, ignores, squared, told_dead
 
 import models
 from models.vehicle import Vehicle
@@ -239,6 +239,15 @@ def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(pool, monkeypatc
     rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
     assert sorted(row["run"] for row in rows) == list(range(4))
     assert all("value" in row for row in rows)
+
+
+def test_workers_ignore_the_signals_that_the_study_ignores(pool):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found == {signal.SIGINT: True, signal.SIGTERM: False}
 
 
 WATCHED = """

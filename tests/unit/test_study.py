@@ -326,6 +326,26 @@ def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
         log.Log(tmp_path, {"seed": 1})
 
 
+def test_a_bad_line_with_rows_after_it_costs_none_of_them(log, tmp_path):
+    begun = log.Log(tmp_path, {"seed": 1})
+    for run in range(3):
+        begun.add({"run": run, "without": ""})
+    file = tmp_path / "results.jsonl"
+    spoilt = file.read_text().replace('{"run": 1', '{"run": ')
+    file.write_text(spoilt)
+    with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
+        log.Log(tmp_path, {"seed": 1})
+    assert file.read_text() == spoilt
+
+
+def test_anew_leaves_nothing_of_the_old_runs(log, tmp_path):
+    log.Log(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
+    for name in ("metrics.json", "report.html"):
+        (tmp_path / name).write_text("")
+    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
+
+
 def test_log_goes_on_where_it_was_cut(log, tmp_path):
     begun = log.Log(tmp_path, {"seed": 1})
     begun.add({"run": 0, "without": ""})

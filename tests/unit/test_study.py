@@ -10,22 +10,24 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from time import monotonic, sleep
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import jsonschema
 import numpy as np
 import pytest
 from pool_tasks import deadly, ignores, squared, told_dead
+from rich.console import Console
 
 import models
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.recording import STATES, Event, Recording, Series
-from sim.startup import Interrupted
+from sim.startup import Interrupted, ScenarioOptions
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[2] / "sim/schemas/study_contact.schema.json").read_text())
@@ -291,6 +293,39 @@ def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
     with pytest.raises(Interrupted) as at_once:
         stop.ask(signal.SIGINT)
     assert at_once.value.code == 130
+
+
+def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
+    """It comes while the run is judged: the figures are written all the same, and the exit code says so."""
+    whole_run = import_module("_whole_run")
+
+    class Judged:
+        accepted, failed = True, ()
+        metrics: ClassVar = {"run": {"simulated_s": 1.0}, "timings": {"wall_s": 1.0, "real_time_factor": 1.0}}
+
+        def made_by(self, _made_by: Any) -> Any:
+            return self
+
+        def write(self, file: Path) -> None:
+            file.write_text("{}")
+
+    def assess(_ran: Any) -> Judged:
+        signal.raise_signal(signal.SIGTERM)
+        return Judged()
+
+    for name in ("rehearse", "run_through"):  # the run itself is not what this is about
+        monkeypatch.setattr(whole_run, name, lambda *_, **__: None)
+    monkeypatch.setattr(whole_run, "results_table", lambda _: "")
+    plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
+    judging = whole_run.Judging(assess=assess, pictures=lambda _: (), begun=())
+    said = Console(file=StringIO())
+    with pytest.raises(Interrupted) as ended:
+        whole_run.run_shown(
+            "x", SimpleNamespace(plant=plant), judging, "x", ScenarioOptions(record=False), tmp_path, said, 0.0
+        )
+    assert ended.value.code == 143
+    assert (tmp_path / "metrics.json").exists()
+    assert "written to" in said.file.getvalue()
 
 
 def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:

@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 
+@pytest.mark.usefixtures("open3d")
 def test_one_scene(root: Path, tmp_path: Path):
     run = subprocess.run(
         [sys.executable, "scripts/bench_identification.py", "--objects", "manifold", "--scenes", "1",

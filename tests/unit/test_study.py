@@ -318,14 +318,21 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
     plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
     judging = whole_run.Judging(assess=assess, pictures=lambda _: (), begun=())
-    said = Console(file=StringIO())
+    said = StringIO()
     with pytest.raises(Interrupted) as ended:
         whole_run.run_shown(
-            "x", SimpleNamespace(plant=plant), judging, "x", ScenarioOptions(record=False), tmp_path, said, 0.0
+            "x",
+            SimpleNamespace(plant=plant),
+            judging,
+            "x",
+            ScenarioOptions(record=False),
+            tmp_path,
+            Console(file=said),
+            0.0,
         )
     assert ended.value.code == 143
     assert (tmp_path / "metrics.json").exists()
-    assert "written to" in said.file.getvalue()
+    assert "written to" in said.getvalue()
 
 
 def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:

@@ -244,7 +244,8 @@ def _joint_names(file: Path, about: Mapping[str, Any], n: int) -> tuple[str, ...
     given = about.get("joint_names")
     if given is None:
         return ()
-    if not isinstance(given, Sequence) or isinstance(given, str) or len({str(name) for name in given}) != n != 0:
+    words = isinstance(given, Sequence) and not isinstance(given, str)
+    if not words or len(given) != n or len({str(name) for name in given}) != n:
         raise ConfigurationError(f"arm {file}: joint_names: {n} different names, got {shown(given)}")
     return tuple(str(name) for name in given)
 

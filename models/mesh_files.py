@@ -4,6 +4,7 @@ Trimesh is asked for nothing but corners and faces: no textures, no merging, no 
 are cut short for whole ones, and knows no binary PLY of triangles beside larger faces.
 """
 
+import logging
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}  # by ending
+_SILENT = logging.NullHandler()
 _NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
@@ -53,6 +55,7 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
 def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(_SILENT)  # else it shows tracebacks of what it tries and goes on from
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene: Any = trimesh.load_scene(

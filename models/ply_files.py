@@ -34,7 +34,8 @@ def read_ply(file: Path) -> tuple[Array, np.ndarray]:
         if element.name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
                 raise ValueError("its vertices have no x, y and z")
-            points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
+            with np.errstate(invalid="ignore"):  # of a signalling NaN
+                points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
         elif element.name == "face":
             corners = next((columns[name] for name in _FACES if name in columns), None)
             if corners is None:

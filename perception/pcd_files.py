@@ -30,6 +30,8 @@ def read_pcd(file: Path) -> Array:
         kind = header["DATA"][0].lower()
         if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
             raise ValueError("fields")
+        if not all(counts[k] for k in columns):
+            raise ValueError("x, y and z must have a COUNT of at least 1")
     except (KeyError, ValueError, IndexError) as error:
         raise ConfigurationError(
             f"cloud {file}: no points can be read from this PCD file: bad header ({error})"
@@ -56,7 +58,9 @@ def read_pcd(file: Path) -> Array:
         parts = [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(names))]
     else:
         raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
-    return np.column_stack([np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns])
+    with np.errstate(invalid="ignore"):  # of a signalling NaN
+        axes = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
+    return np.column_stack(axes)
 
 
 def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:

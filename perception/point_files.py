@@ -66,10 +66,11 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
             B.append(values)
         elif z is not None:
             raise ConfigurationError(f"{where}: z is given twice")
-        elif not np.linalg.norm(values) > 1e-9:
+        elif not (largest := np.abs(values).max()) > 1e-9:
             raise ConfigurationError(f"{where}: z must not be zero")
         else:
-            z = np.array(values) / np.linalg.norm(values)
+            z = np.array(values) / largest  # first: the square of 1e200 is no number
+            z /= np.linalg.norm(z)
     if not B:
         raise ConfigurationError(f"targets {path}: there is no point B in it")
     return np.array(B), np.array([0.0, 0.0, 1.0]) if z is None else z

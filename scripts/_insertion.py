@@ -19,7 +19,7 @@ from controllers.insertion import HoleInsertion, InsertionJob
 from controllers.mkps import Chain
 from models import scenes, uuv_puma
 from models.manifold import manifold
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, find, pose_in_body
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find, pose_in_body
 from perception.navigation import Navigation
 from perception.target_finder import KnownObjectFinder
 from sim import hydrodynamics, sensors
@@ -30,7 +30,7 @@ from sim.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crash
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.metrics import Assessment
-from sim.plant import PAD_GEOM, Plant
+from sim.plant import Plant
 from sim.recording import Recorder
 from sim.rollout import Parts
 from sim.startup import ScenarioOptions
@@ -70,9 +70,11 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     rng = np.random.default_rng(seed)
     own = with_sampler(setting.vehicle).compile()
     arm = with_parts(own)
-    tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+    tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     if own.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
-        raise ConfigurationError(f"--vehicle {setting.vehicle!r}: its geom {PAD_GEOM!r} must be a capsule, the sampler")
+        raise ConfigurationError(
+            f"--vehicle {setting.vehicle!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler"
+        )
     tool_radius = float(own.geom_size[tool, 0])
     if not setting.clearance > 0.0:
         raise ConfigurationError(f"--clearance: must be > 0 mm, got {1e3 * setting.clearance:g}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.guarded import Guarded
 from models import arm_geometry, scenes
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle, check_parts
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, Vehicle, check_parts
 from perception.scan import SensorModel
 from perception.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder
@@ -22,7 +22,6 @@ from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly, shown, whole_number
-from sim.plant import PAD_GEOM
 from sim.sonar import BEAMS, Sonar
 
 _FARTHEST = 1e3  # [m] from an object, far beyond what any sensor here sees
@@ -72,7 +71,7 @@ def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | S
 
 def tool_radius(model: mujoco.MjModel) -> float:
     """Radius [m] of the ball that the tool's pad is; 0, a point, for a pad of another form."""
-    pad = model.geom(PAD_GEOM)
+    pad = model.geom(TOOL_GEOM)
     return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
 

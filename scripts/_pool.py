@@ -33,16 +33,17 @@ def run_all(
             try:
                 while source or under_way:
                     while source and len(under_way) < size:
-                        task = source.pop()
-                        under_way[pool.submit(run, task)] = task
+                        task = source[-1]
+                        under_way[pool.submit(run, task)] = task  # raises where the pool broke since the last one
+                        source.pop()
                     for done in wait(under_way, return_when=FIRST_COMPLETED).done:
                         row = done.result()
                         yield under_way.pop(done), row
             except BrokenProcessPool:
                 lost = list(under_way.values())
-                if alone:
+                if alone and lost:
                     yield lost[0], died(lost[0])
-                else:
+                elif not alone:
                     suspects += reversed(lost)
             except BaseException:
                 _stop(pool)
@@ -56,8 +57,9 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 def _begin() -> None:
     """Let a worker end with the study: without a word on Ctrl-C, and on whatever else ends it, SIGKILL too."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the study says it once
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # of nohup, which is for the workers too
+            signal.signal(number, signal.SIG_DFL)  # the study says it once
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -70,5 +72,5 @@ def _end_with_parent() -> None:
 
 def _stop(pool: ProcessPoolExecutor) -> None:
     for process in multiprocessing.active_children():
-        process.terminate()
+        process.kill()  # SIGTERM may be ignored
     pool.shutdown(wait=False, cancel_futures=True)

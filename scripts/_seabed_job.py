@@ -21,7 +21,7 @@ from controllers.seabed_work import SeabedJob, SeabedWork
 from models import sampler, scenes, uuv_puma
 from models.seabed import KINDS, Kind, seabed
 from models.soil import SOILS, SoilTool, box, core_tube
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, find
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
 from perception.ground_plane import GroundBelow
 from perception.navigation import Navigation
 from perception.point_files import read_cloud, read_targets
@@ -31,7 +31,7 @@ from sim.current import Current
 from sim.dvl_ranges import DvlBeams, DvlRanges
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
-from sim.plant import PAD_GEOM, Plant
+from sim.plant import Plant
 from sim.recording import Recorder
 from sim.rollout import Moment, Parts
 from sim.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
@@ -164,7 +164,7 @@ def with_tool(vehicle: str, *, drag: bool) -> mujoco.MjSpec:
 
 def tool_of(own: mujoco.MjModel) -> SoilTool:
     """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is neither tube nor box."""
-    geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+    geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     kinds, size = mujoco.mjtGeom, own.geom_size[geom]
     kind = kinds(int(own.geom_type[geom]))
     if kind == kinds.mjGEOM_BOX:
@@ -172,7 +172,7 @@ def tool_of(own: mujoco.MjModel) -> SoilTool:
     if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         return core_tube(float(size[0]), sampler.CORER.wall)
     raise ConfigurationError(
-        f"--vehicle: its geom {PAD_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
+        f"--vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
     )
 
 

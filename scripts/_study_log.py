@@ -18,6 +18,7 @@ from sim.saving import write_json
 from sim.startup import ROOMS
 
 Row = dict[str, Any]
+_MADE_OF_IT = ("metrics.json", "report.html")  # of the runs in a log
 
 
 class Log:
@@ -37,7 +38,8 @@ class Log:
                 f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
             )
         if anew:
-            self._file.unlink(missing_ok=True)
+            for name in (self._file.name, *_MADE_OF_IT):
+                (folder / name).unlink(missing_ok=True)
         elif self._file.exists() and (old := json.loads(about.read_text(encoding="utf-8"))) != said:
             other = sorted(key for key in {*old, *said} if old.get(key) != said.get(key))
             raise ConfigurationError(
@@ -72,23 +74,39 @@ class Log:
 
 
 def _whole_lines(file: Path) -> list[Row]:
-    """The rows of a log; a last line that was cut short when the study was stopped is taken off the file."""
+    """The rows of a log; a last line that was cut short when the study was stopped is taken off the file.
+
+    Raises ConfigurationError for a bad line with rows after it: that was no stop, and those rows are of worth.
+    """
     if not file.exists():
         return []
     rows: list[Row] = []
     whole = 0  # bytes of good lines
+    bad = 0  # number of the first line that is none
     with file.open("rb+") as log:
-        for line in log:
-            try:
-                row = json.loads(line)
-            except ValueError:  # of a power cut: its length was kept, its content was not
-                row = None
-            if not line.endswith(b"\n") or not isinstance(row, dict):
-                break
-            rows.append(row)
-            whole += len(line)
+        for number, line in enumerate(log, start=1):
+            row = _row(line)
+            if row is None:
+                bad = bad or number
+            elif bad:
+                raise ConfigurationError(
+                    f"{file}: line {bad} is no row of a study, and rows follow it; mend it or take it out (--anew "
+                    "throws all of them away)"
+                )
+            else:
+                rows.append(row)
+                whole += len(line)
         log.truncate(whole)
     return rows
+
+
+def _row(line: bytes) -> Row | None:
+    """What a whole line of a log holds; None for one that was cut short, or of which a power cut left the length."""
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    return row if line.endswith(b"\n") and isinstance(row, dict) else None
 
 
 def fingerprint() -> str:

@@ -13,10 +13,9 @@ from scipy.optimize import brentq
 from models import gear_friction, hydrodynamics, thrusters
 from models.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics
-from models.vehicle import ARM_BASE_BODY, HULL_BODY
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
-from sim.plant import PAD_GEOM
 
 PAD_BODY = PAD_JOINT = "pad"
 TARGET_BODY = "target"
@@ -172,9 +171,9 @@ def _gears(spec: mujoco.MjSpec, spread: float, rng: np.random.Generator) -> dict
 
 
 def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -> None:
-    geom, joint = spec.geom(PAD_GEOM), spec.joint(PAD_JOINT)
+    geom, joint = spec.geom(TOOL_GEOM), spec.joint(PAD_JOINT)
     if geom is None or (stiffness is not None and joint is None):
-        raise ConfigurationError(f"friction and stiffness are those of a geom {PAD_GEOM!r} on a slide {PAD_JOINT!r}")
+        raise ConfigurationError(f"friction and stiffness are those of a geom {TOOL_GEOM!r} on a slide {PAD_JOINT!r}")
     if friction is not None:
         geom.priority = 1  # the pad's friction holds, whatever the surface has
         geom.friction = [friction, *np.array(geom.friction)[1:]]
@@ -207,12 +206,12 @@ def slide(scene: mujoco.MjSpec) -> None:
     in by no more than that, and lets go of the surface step after step. Hence a rate of its own for friction, slow, and
     friction that hardly yields. Parts of a mesh (`TargetModel.add_to`) have contacts of their own, and keep them.
     """
-    pad, target = scene.geom(PAD_GEOM), scene.body(TARGET_BODY)
+    pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
     scene.option.impratio = FRICTION_STIFFNESS
     for geom in target.geoms:
         if not (geom.contype or geom.conaffinity) or geom.priority > pad.priority or not geom.name:
             continue
-        pair = scene.add_pair(geomname1=PAD_GEOM, geomname2=geom.name)
+        pair = scene.add_pair(geomname1=TOOL_GEOM, geomname2=geom.name)
         sliding, spinning, rolling = np.array(pad.friction)
         pair.friction = [sliding, sliding, spinning, rolling, rolling]
         pair.condim, pair.solref, pair.solimp = pad.condim, pad.solref, pad.solimp

@@ -51,7 +51,6 @@ class Ran:
     recording: Recording
     last: Moment
     wall_s: float
-    stopped: Interrupted | None = None  # before its end, from outside
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,7 +88,7 @@ def run_through(
     by = stop.asked if stop.last is not None else None
     return Ran(
         recording=recorder.recording(interrupted=by.signal.name if by else ""), last=last,
-        wall_s=time.perf_counter() - began, stopped=by,
+        wall_s=time.perf_counter() - began,
     )  # fmt: skip
 
 
@@ -101,42 +100,45 @@ def run_shown(
 
     `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
     and the log (None: there is none). Raises ConfigurationError where the work never began, and Interrupted, after all
-    is written, where it was ended from outside.
+    is written, where a signal asked for the end; a second signal ends it at once.
     """
     plant = ready.plant
     made_by = provenance(scenario, options, plant.model)  # before it runs: the current rides in the model
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
-    log: Any = None
-    if options.record or options.view:
-        from sim.rerun_log import RerunLog
-
-        log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
-        observers.append(log)
-    bar = progress(console)
-    observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
     rehearse(ready)
-    console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
-    stop = Stop()
+    log: Any = None
     try:
-        with bar, signals(stop.ask):
-            ran = run_through(ready, recorder, observers, stop=stop)
+        if options.record or options.view:
+            from sim.rerun_log import RerunLog
+
+            log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
+            observers.append(log)
+        bar = progress(console)
+        observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
+        console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+        stop = Stop()
+        with signals(stop.ask):
+            with bar:
+                ran = run_through(ready, recorder, observers, stop=stop)
+            assessment = judging.assess(ran).made_by(made_by)
+            assessment.write(folder / "metrics.json")  # before the log, which takes long to close
+            if log is not None:
+                log.close()
+            _say(assessment, console)
+            if options.record:
+                from sim.report import write_report
+
+                write_report(
+                    folder / "report.html", ran.recording, assessment, title=title, options=asdict(options),
+                    pictures=judging.pictures(ran),
+                )  # fmt: skip
+            console.print(f"written to {folder}/", highlight=False)
     finally:
         if log is not None:
             log.close()
-    assessment = judging.assess(ran).made_by(made_by)
-    assessment.write(folder / "metrics.json")
-    _say(assessment, console)
-    if options.record:
-        from sim.report import write_report
-
-        write_report(
-            folder / "report.html", ran.recording, assessment, title=title, options=asdict(options),
-            pictures=judging.pictures(ran),
-        )  # fmt: skip
-    console.print(f"written to {folder}/", highlight=False)
-    if ran.stopped is not None:
-        raise ran.stopped
+    if stop.asked is not None:
+        raise stop.asked
     if not ran.recording.within(*judging.begun).any():
         raise ConfigurationError(
             f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"

@@ -32,6 +32,7 @@ from perception.registration import Evidence, ModelSurface, fine_fit, score
 from perception.scan import facing_normals
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from sim.saving import write_whole
 
 FOUND = (0.01, 5.0)  # of range, deg
 FIT_POINTS = 10_000
@@ -205,6 +206,7 @@ def main() -> None:
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
+    folder = new_folder("bench_identification", options.out, options.first_seed)
     open3d_loader.load()
     rows, fits = [], []
     for name in options.objects:
@@ -222,11 +224,11 @@ def main() -> None:
                 rows.append({"object": name, "seed": seed, "method": method, "found": bool(found),
                              "position_m": position, "angle_deg": degrees, "process_s": spent})  # fmt: skip
             fits.append(fit_times(case, np.random.default_rng([seed, 29])))
-    show(rows, fits, options)
+    show(rows, fits, options, folder)
 
 
-def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Options) -> None:
-    """Tables on the screen, figures in a file. Errors are of the poses that were found."""
+def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Options, folder: Path) -> None:
+    """Tables on the screen, figures in a file of `folder`. Errors are of the poses that were found."""
     table = Table("method", *options.objects, "time: median [ms]", "to ours")
     base = np.median([row["process_s"] for row in rows if row["method"] == "ours, search and fit"])
     for method in METHODS:
@@ -243,8 +245,7 @@ def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Opti
     alone = {name: float(np.median([fit[name] for fit in fits])) for name in fits[0]}
     console.print(f"a fit alone of {FIT_POINTS} points, from 1 cm and 2 deg off, median: ", end="")
     console.print(", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items()), highlight=False)
-    folder = new_folder("bench_identification", options.out, options.first_seed)
-    (folder / "figures.json").write_text(json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
+    write_whole(folder / "figures.json", json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ from models import arms
 from models.arms import Arm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
+from sim.saving import write_whole
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad]
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
@@ -353,7 +354,7 @@ def main() -> int:
                 if case.bar == "A" and case.degrees == options.limits[0]:
                     results.kernel.append(kernel(case, 5 * options.repeats))
         results.growth = growth(options, progress)
-    (folder / "bench_ik.json").write_text(json.dumps(vars_of(results), indent=1))
+    write_whole(folder / "bench_ik.json", json.dumps(vars_of(results), indent=1))
     missing = [] if not options.peers else [name for name, here in present().items() if not here]
     shown = tables(vars_of(results), options.limits[0])
     text = []

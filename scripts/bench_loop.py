@@ -10,7 +10,6 @@ Writes bench_loop.json into --out.
 
 import copy
 import hashlib
-import json
 import time
 from array import array
 from collections.abc import Callable, Mapping
@@ -31,6 +30,7 @@ from sim.interfaces.errors import UuvError
 from sim.interfaces.messages import WorkState
 from sim.recording import Recorder
 from sim.rollout import Moment
+from sim.saving import write_json
 
 GOAL = 20.0  # times real time
 SLOWEST = 0.01  # share of a part's calls that is left out: those in which the machine did something else
@@ -204,6 +204,7 @@ def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]
 
 def main() -> int:
     options = parse(Options)
+    folder = options.folder("bench_loop")
     console = Console()
     outcome, spent, instants = as_it_is(options)
     again, watches, rest_watch = by_part(options)
@@ -246,8 +247,7 @@ def main() -> int:
         "real_time_factor": factors, "mujoco_step_us": own,
         "us_a_step": {**{name: often * us for name, (often, us) in rows.items()}, "loop itself": rest},
     }  # fmt: skip
-    folder = options.folder("bench_loop")
-    (folder / "bench_loop.json").write_text(json.dumps(figures, indent=2) + "\n")
+    write_json(folder / "bench_loop.json", figures)
     console.print(f"written to {folder}/", highlight=False)
     return 0 if factors["loop"] >= GOAL else 1
 

@@ -25,6 +25,7 @@ from rich.table import Table
 
 from models import hydrodynamics as water
 from sim import hydrodynamics
+from sim.saving import write_whole
 
 LINK = np.array([0.3, 0.0, 0.0])  # [m] from joint to joint
 GOALS = {"bare": 1.6, "ellipsoid": 0.3, "threads": 1.8}
@@ -267,7 +268,7 @@ def main() -> int:
     if cores:
         os.sched_setaffinity(0, cores)
     batch(options, report)
-    (folder / "bench_physics.json").write_text(json.dumps(report.numbers, indent=1) + "\n")
+    write_whole(folder / "bench_physics.json", json.dumps(report.numbers, indent=1) + "\n")
     (folder / "bench_physics.md").write_text("\n\n".join(report.markdown) + "\n")
     report.console.print(f"written to {folder}")
     return 0

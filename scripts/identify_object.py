@@ -8,7 +8,6 @@ ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file o
 
 from _start import new_folder, parse, run_scenario  # isort: skip
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -30,6 +29,7 @@ from perception.identification import Identification, Method, identify
 from perception.scan import SIGMA_ALLOWED, SensorModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
+from sim.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code
 _TOO_LARGE = 20.0  # times the cloud's extent: an object of which nothing could be told
@@ -170,10 +170,10 @@ def main() -> int:
     least, most = SIGMA_ALLOWED
     if options.sigma is not None and not least <= options.sigma <= most:
         raise ConfigurationError(f"--sigma: must lie in {least:g} to {most:g} m (at 1 m), got {options.sigma}")
+    folder = new_folder("identify_object", options.out, options.seed)
     target = targets.of(options.object, options.mesh_scale)
     found, notes = found_in(options, target)
     decision = found.decision.value
-    folder = new_folder("identify_object", options.out, options.seed)
     for note in notes:
         console.print(note, highlight=False)
     console.print(f"{target.name}: {decision}{': ' + found.reason if found.reason else ''}", highlight=False)
@@ -192,8 +192,7 @@ def main() -> int:
         else:
             compared = f"of the {made.compared:.0%} of the surface in view that was compared"
             console.print(f"nothing {compared} lies off its model beyond doubt", highlight=False)
-    file = folder / "identification.json"
-    file.write_text(json.dumps(said, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_json(folder / "identification.json", said)
     write_ply(folder / "cloud.ply", found.cloud)
     write_ply(folder / "model.ply", found.model_after)
     picture(found, f"{target.name}: {decision}").savefig(folder / "identification.png", dpi=120)

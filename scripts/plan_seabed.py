@@ -76,10 +76,10 @@ def main() -> int:
     options = parse(Options)
     finite_number(options.width, "--width [m]", least=NARROWEST, most=WIDEST)
     finite_number(options.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
+    folder = new_folder("plan_seabed", options.out)
     cloud = read_cloud(options.cloud)
     B, z = read_targets(options.targets)
     plan = plan_seabed_work(cloud, B, z, width=options.width)
-    folder = new_folder("plan_seabed", options.out)
     console = Console()
     terrain, relief = plan.terrain, plan.relief
     console.print(

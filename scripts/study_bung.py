@@ -23,6 +23,7 @@ from perception.identification import identify
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3
+from sim.saving import write_whole
 
 PLACES = 16  # of the bung around the barrel
 WRONG = 2.0  # deg
@@ -123,7 +124,7 @@ def main() -> None:
     for row in rows:
         if row["told"] and row["turn_deg"] > WRONG:
             console.print("told wrong:", row, highlight=False)
-    (folder / "scenes.json").write_text(json.dumps(rows, indent=1))
+    write_whole(folder / "scenes.json", json.dumps(rows, indent=1))
 
 
 if __name__ == "__main__":

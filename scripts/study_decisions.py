@@ -29,6 +29,7 @@ from perception.identification import identify
 from perception.projection import paper_q
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
+from sim.saving import write_whole
 
 FOUND = (0.01, 5.0)  # of range, deg
 _COLOURS = {Decision.ACCEPT: "C2", Decision.RESCAN: "C1", Decision.REFUSE: "C3"}
@@ -169,7 +170,7 @@ def main() -> None:
     for row in rows:
         if row["decision"] == Decision.ACCEPT and not row["right"]:
             console.print("false accept:", {k: row[k] for k in ("object", "kind", "sensor", "seed")}, highlight=False)
-    (folder / "decisions.json").write_text(json.dumps({"rates": rates(rows), "table": table, "rows": rows}, indent=1))
+    write_whole(folder / "decisions.json", json.dumps({"rates": rates(rows), "table": table, "rows": rows}, indent=1))
     picture(table, folder / "decisions.png")
 
 

@@ -26,6 +26,7 @@ from perception.looks import on_all_looks
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, transform_points
+from sim.saving import write_whole
 
 BOUND = 0.8  # least overlap
 SIZES = (0.005, 0.01, 0.015)  # [m] asked for, beside the size that follows from the noise
@@ -137,7 +138,7 @@ def main() -> int:
     false = [f"{row['object']} of seed {row['seed']}" for row in compared if row["regions"]]
     console.print(f"undeformed: regions on {len(false)} of {len(compared)} accepted objects {false or ''}")
     text = json.dumps({"deformed": results, "undeformed": clean}, indent=1)
-    (folder / "deformation.json").write_text(text, "utf-8")
+    write_whole(folder / "deformation.json", text)
     console.print(f"written to {folder}/", highlight=False)
     worst = min(
         row["both"] / max(1, row["either"]) for found in results.values() for each in found

@@ -20,6 +20,7 @@ from rich.table import Table
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
+from sim.saving import write_whole
 
 
 @dataclass(kw_only=True)
@@ -105,9 +106,9 @@ def main() -> int:
 
             run_branched(build(clean_barrel.barrel_job(barrel, rng), barrel, rng), options.only, said)
     console.print(_table(found))
-    (folder / "faults.json").write_text(
+    write_whole(
+        folder / "faults.json",
         json.dumps([{name: getattr(one, name) for name in one.__slots__} for one in found], indent=2) + "\n",
-        encoding="utf-8",
     )
     console.print(f"written to {folder}/", highlight=False)
     return 1 if any(one.damage for one in found) else 0

@@ -23,6 +23,7 @@ from models import targets
 from perception.identification import identify
 from perception.registration import ModelSurface
 from sim.interfaces.errors import ConfigurationError
+from sim.saving import write_whole
 
 FOUND = (0.01, 5.0)  # of range, deg
 
@@ -217,8 +218,8 @@ def main() -> int:
     low, high = options.ranges
     console.print(table_of(figures, f"{low} to {high} m, {known}"))
     settings = {name: value for name, value in asdict(options).items() if name not in ("out", "workers")}
-    (folder / "scenes.json").write_text(json.dumps(rows, indent=1))
-    (folder / "figures.json").write_text(json.dumps({"options": settings, "figures": figures}, indent=1))
+    write_whole(folder / "scenes.json", json.dumps(rows, indent=1))
+    write_whole(folder / "figures.json", json.dumps({"options": settings, "figures": figures}, indent=1))
     picture(rows, folder / "errors.png")
     console.print(f"in {folder}: scenes.json, figures.json, errors.png", highlight=False)
     return 0

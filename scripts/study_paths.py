@@ -34,6 +34,7 @@ from perception.toolpath import carry, densified, plan_path
 from sim.depth_camera import NOISE, DepthCamera
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
+from sim.saving import write_whole
 from sim.stereo_noise import StereoNoise
 
 BOUND = 0.003  # [m] within which the path on the true surface must be
@@ -279,7 +280,7 @@ def main() -> int:
         for path in CASES[name].paths:
             table.add_row(name, path, *row_of([each["paths"][path] for each in found if each["paths"]], options.trials))
     console.print(table)
-    (folder / "paths.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+    write_whole(folder / "paths.json", json.dumps(results, indent=1))
     picture(results, str(folder / "paths.png"))
     console.print(f"written to {folder}/", highlight=False)
     planned = [path for found in results.values() for each in found for path in each["paths"].values()]

@@ -36,6 +36,7 @@ from perception.terrain_path import SeabedPlan, plan_seabed_work
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError, PerceptionError, ReachError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.saving import write_whole
 from sim.sonar import Sonar, SonarBeams, SonarNoise
 
 SWATH = BEAMS.azimuth  # [rad] of the sonar, both ways
@@ -260,7 +261,7 @@ def main() -> int:
     console = Console()
     figures = speed(options, console) if options.speed else study(options, console)
     file = folder / ("speed.json" if options.speed else "study.json")
-    file.write_text(json.dumps(figures, indent=2) + "\n", "utf-8")
+    write_whole(file, json.dumps(figures, indent=2) + "\n")
     console.print(f"written to {file}", highlight=False)
     return 0
 

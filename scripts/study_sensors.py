@@ -28,6 +28,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage, SonarScan
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
 from sim.refraction import FlatPort, in_air, in_water
+from sim.saving import write_whole
 from sim.sonar import BEAMS, Sonar
 
 FOCAL, CORNER = 554.0, 400.0  # [px]
@@ -161,7 +162,7 @@ def main() -> int:
         raise ConfigurationError(f"--runs must be positive and --ranges lie within 0.3 and 10 m, got {options}")
     folder = new_folder("study_sensors", options.out, options.seed)
     results = study(options)
-    (folder / "sensors.json").write_text(json.dumps(results, indent=1))
+    write_whole(folder / "sensors.json", json.dumps(results, indent=1))
     picture(folder / "sensors.png", options.seed, options.ranges)
     table = Table(title=f"Barrel, {options.runs} scenes at {options.ranges[0]} to {options.ranges[1]} m")
     for column in ("sensor", "depth, median [mm]", "position, median, worst [mm]", "axis, median [deg]", "accepted"):

@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim.interfaces.errors import ConfigurationError
+from sim.saving import write_whole
 
 ROOT = Path(__file__).resolve().parents[1]
 MARK = "check"
@@ -143,7 +144,7 @@ def main() -> int:
         for r in rows
     ]
     run = {"mujoco": mujoco.__version__, "seconds": round(seconds, 1), "processor_seconds": round(worked, 1)}
-    (out / "table.json").write_text(json.dumps({**run, "checks": figures}, indent=1) + "\n")
+    write_whole(out / "table.json", json.dumps({**run, "checks": figures}, indent=1) + "\n")
     return 0 if stopped == pytest.ExitCode.OK and all(row.ok for row in rows) else 1
 
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
-from models.vehicle import HOME_KEY, Vehicle
+from models.vehicle import HOME_KEY, TOOL_GEOM, Vehicle
 from sim import hydrodynamics
 from sim.current import Current
 from sim.hydrodynamics_kernel import WET_MARK
@@ -16,7 +16,6 @@ from sim.reaction import Reaction
 from sim.soil import SoilForce
 from sim.thrusters import Thrusters
 
-PAD_GEOM = "pad"
 PAD_FACE_SITE = "pad_face"
 
 
@@ -110,7 +109,7 @@ class Plant:
         self._observed = False
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
-        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, PAD_GEOM)
+        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
             pad_site = vehicle.tip
@@ -126,7 +125,7 @@ class Plant:
         self._reaction_ticks, self._tick = reaction_ticks, 0
         self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal and (3,) in W, as the kernel adds them
         if soil is not None and self._pad_geom < 0:
-            raise ConfigurationError(f"soil acts on the geom {PAD_GEOM!r}, which this vehicle does not have")
+            raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
         self.truth = self._bind(pad_site)
         self.reset(current=current, X_WB=X_WB)

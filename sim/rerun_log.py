@@ -197,8 +197,9 @@ class RerunLog:
             compact(self._path)
 
     def _give_up(self, reason: str) -> None:
-        """Say so, once; leave what is readable of the file, with ROOM beside it."""
-        self.lost = "no space left" if shutil.disk_usage(self._path.parent).free < ROOM else reason
+        """Say so, once; leave what is readable of the file, where the disk is full with ROOM beside it."""
+        full = shutil.disk_usage(self._path.parent).free < ROOM
+        self.lost = "no space left" if full else reason
         self._series.clear()
         self._poses.clear()
         print(f"run log: lost from {self._time:.1f} s on, the run goes on ({self.lost}): {self._path}", file=sys.stderr)
@@ -206,7 +207,7 @@ class RerunLog:
         self._rr.unregister_shutdown()
         for each in (self._stream, getattr(self._stream, "inner", None)):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
-        most = (self._path.stat().st_size if self._path.is_file() else 0) - ROOM
+        most = (self._path.stat().st_size if self._path.is_file() else 0) - (ROOM if full else 0)
         self._whole = [size for size in self._whole if size <= most] or [0]
         self._cut()
 

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -12,10 +13,21 @@ from pathlib import Path
 from sim.interfaces.errors import ConfigurationError
 from sim.saving import write_whole
 
-_claimed: list[Path] = []  # by this process
 RUNS = Path("runs")  # where the user stands
 BEGUN = "run.json"  # in a run's folder from the beginning: what was asked for, and when
 LATEST = "latest"
+
+
+@dataclass(frozen=True, slots=True)
+class _Claimed:
+    """A folder that this process began a run in."""
+
+    folder: Path
+    made: bool  # by this process, too
+    latest: Path | None = None  # that leads to it
+
+
+_claimed: list[_Claimed] = []
 
 
 def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) -> Path:
@@ -24,18 +36,25 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
     Raises ConfigurationError for an `out` in which there is something already, and where no folder can be made.
     """
     if out is not None:
+        made = True
         try:
-            out.mkdir(parents=True, exist_ok=True)
+            try:
+                out.mkdir(parents=True)
+            except FileExistsError:
+                made = False
             used = any(out.iterdir())
         except OSError as error:
             raise _cannot(out, error) from error
         if used or not _claim(out, scenario):
             raise ConfigurationError(f"--out {out}: is in use already; each run needs a new or empty folder of its own")
+        _claimed.append(_Claimed(out, made))
         return out
     name = f"{datetime.now():%Y%m%d-%H%M%S}" + ("" if seed is None else f"-{seed}")
     folder = _next_to_others(RUNS / scenario, name)
+    latest = folder.parent / LATEST
     _claim(folder, scenario)
-    point_to(folder.parent / LATEST, folder.name)
+    _claimed.append(_Claimed(folder, True, latest))
+    point_to(latest, folder.name)
     return folder
 
 
@@ -56,16 +75,20 @@ def _next_to_others(home: Path, name: str) -> Path:
 
 
 def give_back() -> None:
-    """Leave no trace of folders that this process claimed and wrote nothing to: the run was refused at the door."""
+    """Leave no trace of runs that this process began and wrote nothing of: refused at the door, or stopped before.
+
+    A folder that it did not make stays, empty as it was.
+    """
     while _claimed:
-        folder = _claimed.pop()
+        claimed = _claimed.pop()
+        folder, latest = claimed.folder, claimed.latest
         try:
             if [path.name for path in folder.iterdir()] != [BEGUN]:
                 continue
             (folder / BEGUN).unlink()
-            folder.rmdir()
-            latest = folder.parent / LATEST
-            if latest.is_symlink() and not latest.exists():
+            if claimed.made:
+                folder.rmdir()
+            if latest is not None and latest.is_symlink() and not latest.exists():
                 latest.unlink()
                 if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
                     point_to(latest, others[-1])
@@ -89,14 +112,18 @@ def point_to(latest: Path, name: str) -> None:
 def alone_in(folder: Path) -> Iterator[None]:
     """Hold `folder` against other processes, for as long as this one lives: a lock is gone with its process.
 
-    Raises ConfigurationError if another holds it.
+    Raises ConfigurationError if another holds it, and where there are no locks.
     """
     try:
         lock = (folder / ".lock").open("a+")
     except OSError as error:
         raise _cannot(folder, error) from error
     with lock as file:
-        if not _locked(file.fileno()):
+        try:
+            locked = _locked(file.fileno())
+        except OSError as error:
+            raise ConfigurationError(f"{folder}: its file system gives no lock ({error.strerror})") from error
+        if not locked:
             file.seek(0)
             raise ConfigurationError(f"{folder}: process {file.read().strip() or '?'} is at work in it")
         file.truncate(0)
@@ -106,7 +133,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def _locked(file: int) -> bool:
-    """Whether this process has the lock on an open file now."""
+    """Whether this process has the lock on an open file now. OSError where there are no locks."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -120,7 +147,7 @@ def _locked(file: int) -> bool:
         return True
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+    except BlockingIOError:
         return False
     return True
 
@@ -135,7 +162,6 @@ def _claim(folder: Path, scenario: str) -> bool:
         return False
     except OSError as error:
         raise ConfigurationError(f"--out {folder}: cannot be written to ({error.strerror})") from error
-    _claimed.append(folder)
     return True
 
 

@@ -139,9 +139,11 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
         give_back()
         raise _refusal(str(error)) from None
     except KeyboardInterrupt as stop:
+        give_back()
         print("interrupted", file=sys.stderr)
         raise SystemExit(stop.code if isinstance(stop, Interrupted) else Interrupted().code) from None
     except Exception as error:
+        give_back()
         if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
             traceback.print_exc()
         reason, code = _blame(error)

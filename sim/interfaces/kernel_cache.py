@@ -80,7 +80,10 @@ def _place() -> Path | None:
 def _writable(folder: Path) -> bool:
     """Whether there is right and room to write to `folder`, or to make it."""
     there = folder if folder.exists() else folder.parent
-    return os.access(there, os.W_OK | os.X_OK) and shutil.disk_usage(there).free > _ROOM
+    try:
+        return os.access(there, os.W_OK | os.X_OK) and shutil.disk_usage(there).free > _ROOM
+    except OSError:  # neither is there, or a file system that does not tell
+        return False
 
 
 class _Inert:

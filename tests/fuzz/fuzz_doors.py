@@ -75,6 +75,10 @@ class FindingError(AssertionError):
     """An input that was not met as it should be."""
 
 
+class Overdue(BaseException):
+    """An input took too long; no Exception, so that no `except Exception` on the way swallows it."""
+
+
 # What comes out
 
 
@@ -99,10 +103,10 @@ def whole(value: Any, depth: int = 0) -> None:
 
 @contextlib.contextmanager
 def at_most(seconds: float) -> Iterator[None]:
-    """Raise FindingError in what takes longer, where the system has timers."""
+    """Raise Overdue in what takes longer, where the system has timers."""
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
-        raise FindingError(f"took more than {seconds:g} s")
+        raise Overdue(f"took more than {seconds:g} s")
 
     if not hasattr(signal, "setitimer"):
         yield
@@ -134,6 +138,8 @@ def attempt(door: Door, seed: int, number: int) -> str:
             if not said or len(said) > LONGEST_MESSAGE or not said.isprintable():
                 raise FindingError(f"{len(said)} characters, or not one line: {said!r}") from error
             return said
+        except Overdue as overdue:
+            raise FindingError(str(overdue)) from overdue
         except FindingError:
             raise
         except (Exception, SystemExit) as error:
@@ -309,6 +315,7 @@ _PLY = (
     b"property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
     b"3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 )
+_OFF = b"OFF\n4 4 6\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n"
 _FACET = b"facet normal 0 0 1\nouter loop\nvertex %s\nvertex %s\nvertex %s\nendloop\nendfacet\n"
 _STL = (
     b"solid a\n" + _FACET % (b"0 0 0", b"0 1 0", b"1 0 0") + _FACET % (b"0 0 0", b"1 0 0", b"0 0 1") + b"endsolid a\n"
@@ -350,7 +357,7 @@ def _touch_files() -> dict[str, bytes]:
 
 VALID: dict[str, dict[str, bytes]] = {
     "vehicle": {"a.xml": _VEHICLE.encode(), "b.mjcf": _VEHICLE.encode()},
-    "mesh": {"a.obj": _OBJ, "a.ply": _PLY, "a.stl": _STL, "b.stl": _BINARY_STL},
+    "mesh": {"a.obj": _OBJ, "a.ply": _PLY, "a.off": _OFF, "a.stl": _STL, "b.stl": _BINARY_STL},
     "cloud": _cloud_files(),
     "urdf": {"a.urdf": _URDF, "b.xml": _URDF, "c.urdf": _URDF.replace(b"utf-8", b"latin-1").replace(b'"r"', b'"\xe9"')},
     "arm": {"a.csv": _DH, "b.txt": _DH.replace(b",", b" "), "a.yaml": _YAML, "b.yml": _UR, "a.xml": _VEHICLE.encode()},

@@ -6,7 +6,10 @@
 A finding names the call that repeats it. What was found before is in `corpus/`, and in PAST below.
 """
 
+import contextlib
 import os
+import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -46,6 +49,17 @@ def test_what_is_thrown_is_met(door: Door) -> None:
                 f"{finding}"
             )
     print(door.name, sum(one == "passed" for one in became), "of", len(became), "passed")
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="the system has no timers")
+def test_what_takes_too_long_is_a_finding_whatever_catches_exceptions(monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(_rng: np.random.Generator, _folder: Path) -> None:
+        with contextlib.suppress(Exception):
+            time.sleep(5.0)
+
+    monkeypatch.setattr(fuzz_doors, "LONGEST", 0.05)
+    with pytest.raises(FindingError, match=r"more than 0\.05 s"):
+        attempt(Door("slow", slow), 0, 0)
 
 
 @pytest.mark.parametrize("kind", sorted(VALID))

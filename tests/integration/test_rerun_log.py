@@ -129,26 +129,33 @@ def test_exception_in_the_run_leaves_a_whole_log(tmp_path: Path):
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
+@pytest.mark.parametrize("full", [True, False])
 def test_log_that_cannot_be_written_is_given_up_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    """As Rerun does on a full disk: from then on every flush raises. What came before can be read."""
+    """As Rerun does on a full disk: from then on every flush raises. What came before can be read; room is made where
+    the disk is full."""
     file = tmp_path / "run.rrd"
     model = scene()
-    monkeypatch.setattr(rerun_log, "ROOM", 100)
+    if full:
+        monkeypatch.setattr(rerun_log, "ROOM", 100)
+        monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+    whole = 0
     with RerunLog(file, model) as log:
         for moment in moments(model):
             log.observe(moment)
             if moment.tick == 500:
                 log.flush()
+                whole = file.stat().st_size
                 monkeypatch.setattr(log, "_stream", FullDisk(log._stream))
                 log.flush()
             if moment.truth.time > 2.0:
                 break
         log.log_cloud("scan", np.zeros((3, 3)), 2.0)
     said = capsys.readouterr().err
-    assert said == f"run log: lost from 1.0 s on, the run goes on (File-writer thread shut down prematurely): {file}\n"
-    assert log.lost
+    reason = "no space left" if full else "File-writer thread shut down prematurely"
+    assert said == f"run log: lost from 1.0 s on, the run goes on ({reason}): {file}\n"
+    assert file.stat().st_size <= whole - 100 if full else file.stat().st_size == whole
     assert 0.0 < last_times(file)["/series/force"] <= 1.0
 
 

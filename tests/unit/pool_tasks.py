@@ -1,6 +1,7 @@
 """Tasks for the tests of `scripts/_pool.py`, in a module that a fresh process loads quickly."""
 
 import os
+import signal
 import time
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,10 @@ def deadly(run: int) -> dict[str, Any]:
 
 def told_dead(run: int) -> dict[str, Any]:
     return {"run": run, "without": ""}
+
+
+def ignores(number: int) -> bool:
+    return signal.getsignal(number) is signal.SIG_IGN
 
 
 def waiting(file: str) -> None:

@@ -93,3 +93,11 @@ def test_a_checkout_that_cannot_be_written(home, tmp_path, monkeypatch, capsys):
     assert said == "" if home else said.startswith(f"compiled code is kept in {place}: neither")
     if not home:
         assert place.stat().st_mode & 0o077 == 0
+
+
+def test_a_disk_that_does_not_tell_its_room_cannot_be_written(tmp_path, monkeypatch):
+    def untold(_: Path) -> None:
+        raise OSError("not supported")
+
+    monkeypatch.setattr(kernel_cache.shutil, "disk_usage", untold)
+    assert not kernel_cache._writable(tmp_path)

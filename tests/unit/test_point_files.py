@@ -107,3 +107,16 @@ def test_bad_targets_are_refused_with_their_line(tmp_path, content, words):
         read_targets(tmp_path / "t.txt")
     with pytest.raises(ConfigurationError, match="no such file"):
         read_cloud(tmp_path / "none.txt")
+
+
+def test_a_direction_has_any_length(tmp_path):
+    file = tmp_path / "targets.txt"
+    file.write_text("z 0 3e200 4e200\n1 2 3\n")
+    assert read_targets(file)[1] == pytest.approx([0.0, 0.6, 0.8])
+
+
+def test_a_signalling_nan_is_a_nan(tmp_path):
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz")
+    (tmp_path / "a.ply").write_bytes(header.encode() + b"end_header\n" + b"\x01\x00\x80\x7f" + bytes(8))
+    assert np.array_equal(read_cloud(tmp_path / "a.ply"), [[np.nan, 0.0, 0.0]], equal_nan=True)

@@ -1,5 +1,6 @@
 """A run's folder is new and its own, and its results are there whole or not at all."""
 
+import errno
 import json
 import os
 import subprocess
@@ -35,6 +36,15 @@ def test_a_run_that_is_refused_at_the_door_leaves_nothing(tmp_path, monkeypatch)
     assert not out.exists()
     assert sorted(path.name for path in first.iterdir()) == ["metrics.json", "run.json"]
     assert (tmp_path / "runs/x/latest").resolve() == first.resolve()
+
+
+def test_a_folder_of_the_users_own_is_left_as_it_was(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "latest").symlink_to("elsewhere")
+    new_folder("x", tmp_path / "out")
+    give_back()
+    assert list((tmp_path / "out").iterdir()) == []
+    assert os.readlink(tmp_path / "latest") == "elsewhere"
 
 
 def test_latest_is_a_file_where_there_are_no_links(tmp_path, monkeypatch):
@@ -95,6 +105,17 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)
     with pytest.raises(ConfigurationError, match="No space left on device"):
         write_whole(tmp_path / "metrics.json", "x" * 100)
+
+
+def test_a_file_system_without_locks_is_one_line(tmp_path, monkeypatch):
+    fcntl = pytest.importorskip("fcntl")
+
+    def none(*_: object) -> None:
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    with pytest.raises(ConfigurationError, match=r"gives no lock \(No locks available\)"), alone_in(tmp_path):
+        pass
 
 
 def test_a_lock_goes_with_its_process(tmp_path, root):

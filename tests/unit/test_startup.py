@@ -13,6 +13,7 @@ from typing import Any, Literal
 import pytest
 
 from sim.interfaces.errors import ConfigurationError
+from sim.run_folder import new_folder
 from sim.startup import check, parse, run_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -123,6 +124,18 @@ def test_signals_end_a_scenario_with_the_code_of_a_shell(number: signal.Signals,
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
     assert ended(lambda: signal.raise_signal(number), capsys) == (128 + number, "interrupted\n")
     assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+
+
+@pytest.mark.parametrize("outcome", [ConfigurationError("no"), KeyboardInterrupt(), ZeroDivisionError()])
+def test_whatever_ends_a_scenario_at_its_door_leaves_no_folder(
+    outcome: BaseException, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    def main() -> None:
+        new_folder("x", tmp_path / "out")
+        raise outcome
+
+    ended(main, capsys)
+    assert not (tmp_path / "out").exists()
 
 
 def test_traceback_is_an_option_of_every_script():

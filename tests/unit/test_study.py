@@ -6,24 +6,28 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from importlib import import_module
+from io import StringIO
 from pathlib import Path
 from time import monotonic, sleep
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar
 
 import jsonschema
 import numpy as np
 import pytest
-from pool_tasks import deadly, squared, told_dead
+from pool_tasks import deadly, ignores, squared, told_dead
+from rich.console import Console
 
 import models
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.recording import STATES, Event, Recording, Series
-from sim.startup import Interrupted
+from sim.startup import Interrupted, ScenarioOptions
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[2] / "sim/schemas/study_contact.schema.json").read_text())
@@ -221,6 +225,33 @@ def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
     assert [row["run"] for row in rows if "value" not in row] == [2]
 
 
+def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(pool, monkeypatch):
+    class Breaking(ThreadPoolExecutor):
+        """Refuses the second run that it is given, as a pool does of which a process died meanwhile."""
+
+        given = 0
+
+        def submit(self, *what: Any, **how: Any) -> Any:
+            self.given += 1
+            if self.given == 2:
+                raise BrokenProcessPool
+            return super().submit(*what, **how)
+
+    monkeypatch.setattr(pool, "_pool", Breaking)
+    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
+    assert sorted(row["run"] for row in rows) == list(range(4))
+    assert all("value" in row for row in rows)
+
+
+def test_workers_ignore_the_signals_that_the_study_ignores(pool):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found == {signal.SIGINT: True, signal.SIGTERM: False}
+
+
 WATCHED = """
 import sys
 sys.path.insert(0, "scripts")
@@ -264,6 +295,46 @@ def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
     assert at_once.value.code == 130
 
 
+def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
+    """It comes while the run is judged: the figures are written all the same, and the exit code says so."""
+    whole_run = import_module("_whole_run")
+
+    class Judged:
+        accepted, failed = True, ()
+        metrics: ClassVar = {"run": {"simulated_s": 1.0}, "timings": {"wall_s": 1.0, "real_time_factor": 1.0}}
+
+        def made_by(self, _made_by: Any) -> Any:
+            return self
+
+        def write(self, file: Path) -> None:
+            file.write_text("{}")
+
+    def assess(_ran: Any) -> Judged:
+        signal.raise_signal(signal.SIGTERM)
+        return Judged()
+
+    for name in ("rehearse", "run_through"):  # the run itself is not what this is about
+        monkeypatch.setattr(whole_run, name, lambda *_, **__: None)
+    monkeypatch.setattr(whole_run, "results_table", lambda _: "")
+    plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
+    judging = whole_run.Judging(assess=assess, pictures=lambda _: (), begun=())
+    said = StringIO()
+    with pytest.raises(Interrupted) as ended:
+        whole_run.run_shown(
+            "x",
+            SimpleNamespace(plant=plant),
+            judging,
+            "x",
+            ScenarioOptions(record=False),
+            tmp_path,
+            Console(file=said),
+            0.0,
+        )
+    assert ended.value.code == 143
+    assert (tmp_path / "metrics.json").exists()
+    assert "written to" in said.getvalue()
+
+
 def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:
     """Wait for it; a failure after `longest` [s]."""
     began = monotonic()
@@ -295,6 +366,26 @@ def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
     with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
         log.Log(tmp_path, {"seed": 1})
+
+
+def test_a_bad_line_with_rows_after_it_costs_none_of_them(log, tmp_path):
+    begun = log.Log(tmp_path, {"seed": 1})
+    for run in range(3):
+        begun.add({"run": run, "without": ""})
+    file = tmp_path / "results.jsonl"
+    spoilt = file.read_text().replace('{"run": 1', '{"run": ')
+    file.write_text(spoilt)
+    with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
+        log.Log(tmp_path, {"seed": 1})
+    assert file.read_text() == spoilt
+
+
+def test_anew_leaves_nothing_of_the_old_runs(log, tmp_path):
+    log.Log(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
+    for name in ("metrics.json", "report.html"):
+        (tmp_path / name).write_text("")
+    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
 
 
 def test_log_goes_on_where_it_was_cut(log, tmp_path):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array
 
@@ -152,7 +152,7 @@ def scatter_grid(points: Array) -> DepthGrid:
         raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
     rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
     vertices = few_z[:, None] * np.column_stack([few, np.ones(len(few))])
-    hit = ray_casting.cast_rays(ray_casting.ray_scene(vertices, triangles), np.zeros(3), rays)
+    hit = RayScene(vertices, triangles).cast(np.zeros(3), rays)
     return DepthGrid(np.where(np.isfinite(hit["t"]), hit["t"], np.nan), tangent_x, tangent_y)
 
 

@@ -425,6 +425,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
     rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    if rows.stop <= rows.start or columns.stop <= columns.start:
+        return None
     # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little;
     # and counted from the optical axis, which mostly lies midway between two pixels, so that the pixels are the same
     # however much of the picture is there.

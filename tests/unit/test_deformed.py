@@ -110,13 +110,15 @@ def test_growth_is_felt_where_it_is(within):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: fouled(block(), np.random.default_rng(0), patches=0), "at least 1"),
+        (lambda: fouled(block(), np.random.default_rng(0), patches=0), r"1\.\.1000"),
         (lambda: fouled(block(), np.random.default_rng(0), height=(0.02, 0.01)), "least <= most"),
         (lambda: dented(block(), np.random.default_rng(0), height=(0.3, 0.4)), "too small"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros(3)), "near"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros((0, 3))), "N > 0"),
         (lambda: dented(block(), np.random.default_rng(0), near=[[9.0, 0.0, 0.0]]), "farther than its patches reach"),
         (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[np.nan, 0.0, 0.0]]), "finite"),
+        (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[1e200, 0.0, 0.0]]), "within"),
+        (lambda: fouled(block(), np.random.default_rng(0)).offset_at(np.zeros(3)), "shape"),
         (
             lambda: Patch(kind="dent", p_T=np.zeros(3), n_T=np.ones(3), radius=0.05, height=0.03, lobes=np.zeros(2)),
             "2.5 times",

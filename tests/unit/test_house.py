@@ -84,7 +84,9 @@ def without_uv_options(words: list[str]) -> list[str]:
         elif option == "--group":
             assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
         elif option == "--extra":
-            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], value
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], (
+                value
+            )
         else:
             assert option == "--with", option
     return words

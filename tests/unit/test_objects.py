@@ -92,7 +92,7 @@ def test_object_is_felt_where_it_is_seen(name: str, within):
 
 def test_pad_rests_where_the_surface_is(within):
     """The pad's dome, lowered on a rock until it touches: its distance from the mesh is its radius."""
-    stone = OBJECTS["a fresh rock"]
+    stone = OBJECTS["another rock"]
     spec = mujoco.MjSpec()
     stone.add_to(spec, pose())
     dome = spec.worldbody.add_body(name="dome")

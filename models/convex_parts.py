@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from models import ray_casting
 from models.closed_shells import vertex_normals, welded
+from models.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 
@@ -148,19 +148,19 @@ class _Judged:
         a, b, c = solid[faces].transpose(1, 0, 2)
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), shape.equations[:, :3]) < 0.0
         faces = np.where(inward[:, None], faces[:, ::-1], faces)
-        scene = ray_casting.ray_scene(solid - solid[0], faces)
+        scene = RayScene(solid - solid[0], faces)
         worst = 0.0
         for some in (rows[::40], rows):  # most hulls are refused by a few points
             facing = self.sample_normals[some]
             start = self.samples[some] - solid[0] - _UNDER * facing
-            first = ray_casting.cast_rays(scene, start, facing)
+            first = scene.cast(start, facing)
             leaves = np.isfinite(first["t"]) & (np.einsum("ij,ij->i", first["normal"], facing) > 1e-6)
             worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
             # Over a hollow the hull lies on the surface from outside: such a ray comes into it first.
             enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
             if len(enters):
                 way = first["t"][enters] + _UNDER
-                onward = ray_casting.cast_rays(scene, start[enters] + way[:, None] * facing[enters], facing[enters])
+                onward = scene.cast(start[enters] + way[:, None] * facing[enters], facing[enters])
                 through = np.isfinite(onward["t"])
                 worst = max(worst, float((way + onward["t"])[through].max(initial=_UNDER)) - _UNDER)
             if worst > enough:

@@ -16,7 +16,7 @@ from models.closed_shells import split, vertex_normals, welded
 from models.nearest_surface import NearestSurface
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, readonly, shown, whole_number
+from sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
 
 HEIGHT = (0.01, 0.04)  # [m] of growth and dents
 PATCHES = 5
@@ -86,11 +86,12 @@ class Deformed:
     def offset_at(self, points_T: ArrayLike) -> Array:
         """Offset (N,) [m] from the clean surface at the points of the true one that are nearest to (N, 3) [m].
 
-        Growth is positive. Raises ConfigurationError for points of another shape, or not finite.
+        Growth is positive. Raises ConfigurationError for points of another shape, not finite, or absurdly far.
         """
-        points = np.asarray(points_T, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3 or not np.all(np.isfinite(points)):
-            raise ConfigurationError(f"offset_at: expected finite points (N, 3), got shape {points.shape}")
+        points = real_array(points_T, "offset_at", "points (N, 3) [m]")
+        if points.ndim != 2:
+            raise ConfigurationError(f"offset_at: expected points (N, 3) [m], got shape {points.shape}")
+        points = checked_place(points, (len(points), 3), "offset_at: points [m]")
         nearest = NearestSurface.of(self.target.vertices, self.target.triangles).query(points)
         return np.einsum("nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]])
 

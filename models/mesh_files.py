@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from models.ply_files import read_ply
+from models.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array
 
 FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}  # by ending
 _SILENT = logging.NullHandler()
-_NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
 def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
@@ -30,19 +30,18 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise ConfigurationError(f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}")
+    own = {"ply": read_ply, "off": _read_off}.get(kind)
     try:
-        read = {"ply": read_ply, "off": _read_off}.get(kind, _read_by_trimesh)
-        vertices, triangles = read(file)
-        if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
-            raise ValueError(_NO_SUCH_VERTEX)
+        vertices, triangles = own(bytes_of(file, "target mesh")) if own else _read_by_trimesh(file)
+        need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
-    except MemoryError:
+    except (MemoryError, ImportError, ConfigurationError):  # none of them says that it is malformed
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
         said = " ".join(str(error).split())[:200] or type(error).__name__
         if kind == "obj" and isinstance(error, IndexError):
-            said = _NO_SUCH_VERTEX
+            said = NO_SUCH_VERTEX
         raise ConfigurationError(f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}") from error
     vertices, triangles = _tidied(vertices, triangles)
     if not len(triangles):
@@ -68,9 +67,9 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
     return np.vstack([np.zeros((0, 3)), *vertices]), np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
 
 
-def _read_off(file: Path) -> tuple[Array, np.ndarray]:
+def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
     """OFF and its kin with normals or colours, which stand behind the coordinates; as text."""
-    lines = [line.partition("#")[0].split() for line in file.read_text("ascii").splitlines()]
+    lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].upper().endswith("OFF"):
         raise ValueError("it does not begin with 'OFF'")

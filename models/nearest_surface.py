@@ -38,9 +38,9 @@ class NearestSurface:
         return cls(corners[order], order, boxes, spans)
 
     def query(self, points: ArrayLike) -> Nearest:
-        """What is nearest to each of `points` (N, 3) [m], which are finite."""
+        """What is nearest to each of `points` (N, 3) [m], which are finite, and so are their squares."""
         asked = np.ascontiguousarray(points, dtype=np.float64)
-        at, weights = np.empty(len(asked), dtype=np.int64), np.empty((len(asked), 3))
+        at, weights = np.zeros(len(asked), dtype=np.int64), np.zeros((len(asked), 3))
         _search(asked, self.corners, self.boxes, self.spans, at, weights)
         point = np.einsum("nk,nkj->nj", weights, self.corners[at])
         distance = np.linalg.norm(asked - point, axis=1)

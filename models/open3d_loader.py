@@ -29,8 +29,8 @@ def load() -> Any:
             import open3d  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError as error:
         raise MissingLibraryError(
-            "Open3D is not installed, and only what compares with it needs it: ./uvw run --extra open3d ..., or "
-            "pip install '.[open3d]' in the checkout"
+            f"the package {error.name} is not installed; Open3D, and what it needs, come with: "
+            "./uvw run --extra open3d ..., or pip install '.[open3d]' in the checkout"
         ) from error
     except (ImportError, OSError) as error:
         raise MissingLibraryError(

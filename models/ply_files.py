@@ -17,15 +17,29 @@ _TYPES = {
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _FACES = ("vertex_indices", "vertex_index")  # both are in use
 _MOST = 2**31  # of any element
+_NOT_FINITE = "a count or an index is not finite"
+NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
-def read_ply(file: Path) -> tuple[Array, np.ndarray]:
-    """Points (N, 3) and triangles (T, 3) of a PLY file, in its own unit and order; T is 0 for a cloud.
+def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
+    """Points (N, 3) and triangles (T, 3) in the `content` of a PLY file, in its own unit and order; T is 0 for a cloud.
 
     Faces of more corners are cut into triangles around their first. NaN stays NaN. Raises ValueError, with the reason,
     for anything else than such a file, or for one that is cut short.
     """
-    content = file.read_bytes()
+    try:
+        return _read(content)
+    except OverflowError as error:
+        raise ValueError(_NOT_FINITE) from error
+
+
+def need_corners(points: Array, triangles: np.ndarray) -> None:
+    """ValueError if one of `triangles` (T, 3) points at none of `points` (N, 3)."""
+    if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
+        raise ValueError(NO_SUCH_VERTEX)
+
+
+def _read(content: bytes) -> tuple[Array, np.ndarray]:
     order, elements, at = _header(content)
     source = _Text(content[at:].split()) if not order else _Binary(content, at, order)
     points, triangles = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
@@ -42,8 +56,7 @@ def read_ply(file: Path) -> tuple[Array, np.ndarray]:
                 raise ValueError("its faces have no vertex_indices")
             triangles = _triangles(corners)
             break  # what follows is of no use here
-    if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
-        raise ValueError("a face points at a vertex that is not there")
+    need_corners(points, triangles)
     return points, triangles
 
 
@@ -125,7 +138,8 @@ class _Text:
     def read(self, element: _Element) -> dict[str, Any]:
         """The columns (count,) of `element`; of a property that is a list, a list of arrays."""
         if not element.has_lists:
-            numbers = self._take(element.count * len(element.properties), element).reshape(element.count, -1)
+            width = len(element.properties)
+            numbers = self._take(element.count * width, element).reshape(element.count, width)
             return {name: numbers[:, k] for k, (name, _, _) in enumerate(element.properties)}
         columns: dict[str, Any] = {name: [] for name, _, _ in element.properties}
         for _ in range(element.count):
@@ -200,6 +214,8 @@ class _Binary:
 def _triangles(faces: Any) -> np.ndarray:
     """Triangles (T, 3) of faces, an array (F, n) or arrays (n,) of corners; those of less than three are left out."""
     if isinstance(faces, np.ndarray):
+        if not np.isfinite(faces).all():
+            raise ValueError(_NOT_FINITE)
         faces = faces.astype(np.int64)
         fans = [faces[:, [0, k, k + 1]] for k in range(1, faces.shape[1] - 1)]
         return np.stack(fans, axis=1).reshape(-1, 3) if fans else np.zeros((0, 3), dtype=np.int64)

@@ -98,13 +98,3 @@ def _device() -> Any:
     from embreex.rtcore import EmbreeDevice
 
     return EmbreeDevice()
-
-
-def ray_scene(vertices: ArrayLike, triangles: ArrayLike) -> RayScene:
-    """The mesh with vertices (V, 3) [m] and triangles (T, 3), ready for rays. Raises as RayScene."""
-    return RayScene(vertices, triangles)
-
-
-def cast_rays(scene: RayScene, origins: ArrayLike, directions: ArrayLike) -> dict[str, np.ndarray]:
-    """`scene.cast(origins, directions)`."""
-    return scene.cast(origins, directions)

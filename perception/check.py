@@ -18,7 +18,7 @@ from enum import StrEnum
 import numpy as np
 from scipy import ndimage
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from perception.likelihood import OCCLUDER, log_likelihood
 from perception.look_alikes import best_look_alike
 from perception.projection import ACROSS_EDGES, clear_of_edges, curves, direction
@@ -217,9 +217,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     H_D, o = direction(points)
     starts = curves(H_D, o, points)
     X_TS = inverse(X_ST)
-    on_model = ray_casting.cast_rays(
-        surface.scene, transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
-    )
+    on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
     hit = np.isfinite(on_model["t"])
     hit &= clear_of_edges(
         surface, X_TS, starts, on_model["t"], o, ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
@@ -229,7 +227,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     # The rays are parallel, the sensor's are not: keep those whose model point the sensor itself should see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
     origin_T = X_TS[:3, 3]
-    sight = ray_casting.cast_rays(surface.scene, origin_T, transform_points(X_TS, C_model) - origin_T)["t"]
+    sight = surface.scene.cast(origin_T, transform_points(X_TS, C_model) - origin_T)["t"]
     cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
     row, column, inside = scan.pixels(C_model)
     expected = (sight > 0.995) & (cosine > np.cos(np.deg2rad(65.0))) & inside
@@ -242,9 +240,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     vertices, triangles = triangulate(part, part.depth > 0.0)
     if not len(triangles):
         return "the scan has no surface"
-    t_scan = ray_casting.cast_rays(
-        ray_casting.ray_scene(vertices, triangles), starts, np.broadcast_to(o, starts.shape)
-    )["t"]
+    t_scan = RayScene(vertices, triangles).cast(starts, np.broadcast_to(o, starts.shape))["t"]
     met = np.isfinite(t_scan)
     E = np.where(met, t_scan - t_model, np.inf)
     z = C_model[:, 2]

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.point_files import picture_shape, read_cloud
+from perception.point_files import read_picture
+from perception.scan import row_hash
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, finite_number, readonly
@@ -13,7 +14,6 @@ from sim.interfaces.spatial import Array, finite_number, readonly
 FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
 _NO_POINT = 1e15  # in any unit, from where on a number is no place
 MOST = 20_000_000  # points: gigabytes
-_MIXED = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)  # large and odd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,7 +35,7 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     file = existing_file(file, "cloud")
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
-    points = read_cloud(file)
+    points, shape = read_picture(file)
     if len(points) > MOST:
         raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
     points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)
@@ -60,8 +60,7 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
                 f"cloud {file}: {far:.0%} of its points lie more than {FARTHEST:.0f} m from the sensor, median "
                 f"{middle:.4g} m: millimetres, or units mixed? One unit is allowed; give its scale (0.001 for mm)"
             )
-    shape = picture_shape(file)
-    if shape is not None and shape[0] * shape[1] == len(points):
+    if shape is not None:
         points[~kept] = np.nan
         return CloudFile(points=readonly(points.reshape(*shape, 3)), notes=tuple(notes))
     leave_out(_again(points), "there twice")
@@ -70,7 +69,7 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
 
 def _again(points: Array) -> np.ndarray:
     """Mask (N,) of the points (N, 3) that were there before."""
-    mixed = ((points + 0.0).view(np.uint64) * _MIXED).sum(axis=1)  # one number to sort by, of three; -0 is 0
+    mixed = row_hash((points + 0.0).view(np.int64))  # one number to sort by, of three; -0 is 0
     order = np.argsort(mixed, kind="stable")  # of equal ones the first stays first
     again = np.zeros(len(points), dtype=bool)
     again[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)

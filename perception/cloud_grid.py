@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array
 
@@ -29,9 +29,8 @@ _COMB = 0.4  # of the spectrum's height at zero, which a lattice's lines reach
 _OFF_LATTICE = (0.8, 0.25)  # share of the points that must lie nearer to a lattice than so many [px]
 _FILLED = 0.5  # share of the pixels around each that hold a point too, below which a lattice is full of holes
 _LONGEST_SIDE = 8192  # [px] of a recovered lattice
-_CUT = (
-    0.7  # share of the pixels further in that a picture's last row holds, where the picture ends and not what it shows
-)
+_CUT = 0.7  # share of the pixels further in that a picture's last row holds, where the picture itself ends
+_FULL_SIDE = 0.7  # share of the pixels of a picture's last row that hold a point, where something fills that side
 _OFF_CENTRE = 0.1  # share of a picture's width by which its middle may lie off the optical axis
 _MARGIN = 16  # [px] of emptiness around what a picture shows whole
 _UNEVEN = 4.0  # ratio of the pitches of columns and rows
@@ -51,10 +50,11 @@ def jump(z: ArrayLike) -> Array:
     return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
 
 
-def organised_grid(points: Array, usable: np.ndarray) -> DepthGrid | None:
+def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> DepthGrid | None:
     """The pixels of an organised cloud (H, W, 3) [m], where they are a pinhole's; None if not.
 
-    `usable`: mask (H, W) of the pixels that hold a point. Rows and columns may be exchanged or run backwards.
+    `usable`: mask (H, W) of the pixels that hold a point. Rows and columns may be exchanged or run backwards; with
+    `turned` they have been exchanged already, and stay.
     """
     if min(usable.shape) < 2:
         return None
@@ -65,8 +65,8 @@ def organised_grid(points: Array, usable: np.ndarray) -> DepthGrid | None:
     along = [
         abs(_slope(index, tangents[:, 0])) * size for index, size in zip((column, row), usable.shape[::-1], strict=True)
     ]
-    if along[0] < along[1]:
-        return organised_grid(points.swapaxes(0, 1), usable.T)
+    if along[0] < along[1] and not turned:  # of a picture in no order chance decides, each time anew
+        return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
     # A sensor's distortion bends the lines; what scatters about them is noise, which leaves the pixels where they are.
     u, v = (2.0 * index / (size - 1) - 1.0 for index, size in zip((column, row), usable.shape[::-1], strict=True))
     terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
@@ -152,7 +152,7 @@ def scatter_grid(points: Array) -> DepthGrid:
         raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
     rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
     vertices = few_z[:, None] * np.column_stack([few, np.ones(len(few))])
-    hit = ray_casting.cast_rays(ray_casting.ray_scene(vertices, triangles), np.zeros(3), rays)
+    hit = RayScene(vertices, triangles).cast(np.zeros(3), rays)
     return DepthGrid(np.where(np.isfinite(hit["t"]), hit["t"], np.nan), tangent_x, tangent_y)
 
 
@@ -181,9 +181,9 @@ def _framed(grid: DepthGrid) -> DepthGrid:
     """
     depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
-    cut = [[of[end] >= _CUT * of[max(1, len(of) // 20)] for end, of in ((0, n), (0, n[::-1]))] for n in count]
+    cut = [[of[0] >= _CUT * of[max(1, len(of) // 20)] for of in (n, n[::-1])] for n in count]
     filled = np.isfinite(depth).astype(np.float32)
-    dense = _CUT * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())  # pixels may be lost anywhere
+    dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())  # pixels may be lost anywhere
     alone = all(max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True))
     wider = []
     for line, ends in zip(lines, cut, strict=True):

@@ -114,7 +114,7 @@ def identify(
     """Find `target` in one look of a depth sensor.
 
     `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
-    `target`: a TargetModel, a mesh file (metres), or a mesh with `vertices` and `triangles` (as trimesh's).
+    `target`: a TargetModel, or a mesh [m]: a file, or an object with `vertices` and `faces` (trimesh's) or `triangles`.
     `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
     `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
     `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
@@ -331,9 +331,9 @@ def _surface(target: Any, seed: int) -> ModelSurface:
         return ModelSurface.of(target, seed)
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
-    if hasattr(target, "vertices") and hasattr(target, "triangles"):
-        model = TargetModel(name="mesh", vertices=target.vertices, triangles=target.triangles)
-        return ModelSurface.of(model, seed)
+    if hasattr(target, "vertices") and (hasattr(target, "faces") or hasattr(target, "triangles")):
+        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (T, 3, 3)
+        return ModelSurface.of(TargetModel(name="mesh", vertices=target.vertices, triangles=triangles), seed)
     raise ConfigurationError(
-        f"target: expected a TargetModel, a mesh file or a mesh (vertices, triangles), got {type(target).__name__}"
+        f"target: expected a TargetModel, a mesh file or a mesh (vertices, faces), got {type(target).__name__}"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.targets import ModelPath
 from perception.registration import Evidence, ModelSurface
 from perception.scan import jump, triangulate
@@ -155,7 +155,7 @@ def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Arra
     """Distances (N,) [m] along `o` from `starts` (N, 3) in S to the model's surface, inf if missed."""
     X_TS = inverse(X_ST)
     way = np.broadcast_to(X_TS[:3, :3] @ o, starts.shape)
-    return ray_casting.cast_rays(surface.scene, transform_points(X_TS, starts), way)["t"]
+    return surface.scene.cast(transform_points(X_TS, starts), way)["t"]
 
 
 def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -> np.ndarray:
@@ -166,15 +166,15 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
     vertices, triangles = triangulate(part, np.isfinite(part.depth))
     if not len(triangles):
         return np.full(len(starts), np.inf)
-    scene = ray_casting.ray_scene(vertices, triangles)
-    return ray_casting.cast_rays(scene, starts, np.broadcast_to(o, starts.shape))["t"]
+    scene = RayScene(vertices, triangles)
+    return scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
 
 
 def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray) -> np.ndarray:
     """Mask (N, L) of the points `rays` (N, L, 3) in S that the sensor should see well, the model being where it is."""
     flat = rays.reshape(-1, 3)
     X_TS = inverse(X_ST)
-    hit = ray_casting.cast_rays(surface.scene, X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
+    hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
     inside = evidence.scan.pixels(flat)[2] & (flat[:, 2] > 0.0)
     return face & (inside & (hit > 1.0 - _SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(face.shape)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import ndimage
 from scipy.interpolate import make_interp_spline
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
@@ -53,7 +53,7 @@ def circle(
     """
     c, p = _place(center, "circle: center"), _place(start, "circle: start")
     angle, rise = number(angle, "circle: angle [rad]"), number(rise, "circle: rise [m]")
-    w = _unit(axis, "circle: axis")
+    w = unit_vector(axis, "circle: axis")
     arm = (p - c) - w * (w @ (p - c))
     radius = float(np.linalg.norm(arm))
     if not radius > _NEAR:
@@ -113,11 +113,11 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
     if not np.all(length > _NEAR):
         raise ConfigurationError("direction: must not be zero")
     ways = np.broadcast_to(ways / length, points.shape)
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    scene = RayScene(target.vertices, target.triangles)
     b = _tangents(points)
     aside = np.cross(ways, b)
     starts = points - before * ways
-    hit = ray_casting.cast_rays(scene, starts, ways)
+    hit = scene.cast(starts, ways)
     missed = np.flatnonzero(~np.isfinite(hit["t"]))
     if len(missed):
         raise ConfigurationError(
@@ -134,7 +134,7 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
         )
     normals = np.zeros_like(p)
     for side in (-1.0, 0.0, 1.0):
-        near = ray_casting.cast_rays(scene, starts + side * _FOOTPRINT * aside, ways)
+        near = scene.cast(starts + side * _FOOTPRINT * aside, ways)
         same = np.isfinite(near["t"]) & (np.abs(near["t"] - hit["t"]) < _STEEPEST * _FOOTPRINT)
         facing = near["normal"] * -np.sign(np.einsum("ij,ij->i", near["normal"], ways))[:, None]
         normals[same] += facing[same]
@@ -148,7 +148,7 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     plane cuts the triangles between them (T_j). Raises ConfigurationError where they miss the mesh, or no unbroken
     profile joins them that faces against `direction`.
     """
-    way = _unit(direction, "direction")
+    way = unit_vector(direction, "direction")
     ends = laid_on(target, line(start, end), way).p[[0, -1]]  # raises where the profile is broken
     chord = ends[1] - ends[0]
     normal = np.cross(chord, way)
@@ -169,9 +169,9 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     reach = (crossings - ends[0]) @ along
     crossings = crossings[(reach > 0.0) & (reach < chord @ along)]
     # Of what lies in the plane, the part that a ray along the direction meets first.
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    scene = RayScene(target.vertices, target.triangles)
     ahead = float(np.ptp(corners.reshape(-1, 3) @ way)) + 0.1
-    first = ray_casting.cast_rays(scene, crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
+    first = scene.cast(crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
     crossings = crossings[np.abs(first - ahead) < 1e-4]
     points = np.vstack([ends[0], crossings[np.argsort((crossings - ends[0]) @ along)], ends[1]])
     return laid_on(target, _respaced(points), way, before=0.05)
@@ -218,10 +218,6 @@ def joined(paths: Sequence[ModelPath]) -> ModelPath:
 def _count(length: float) -> int:
     """Points of a curve of `length` [m]."""
     return max(4, 1 + round(abs(length) / PATH_STEP))
-
-
-def _unit(values: ArrayLike, name: str) -> Array:
-    return unit_vector(values, name)
 
 
 def _place(values: ArrayLike, name: str) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import Array
 
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
@@ -14,18 +15,18 @@ _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
 _LONGEST_HEADER = 100  # lines
 
 
-def read_pcd(file: Path) -> Array:
-    """Points (N, 3) of a PCD file, N > 0, in its own unit. NaN stays NaN, in its place.
+def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
+    """Points (N, 3) of a PCD file, N > 0, in its own unit, NaN in its place; rows and columns where it is a picture.
 
-    Raises ConfigurationError for a file that is not PCD, has no x, y, z, or is cut short.
+    Raises ConfigurationError for a file that cannot be read, is not PCD, has no x, y, z, or is cut short.
     """
-    content = file.read_bytes()
-    header, data = _header(content, file)
+    header, data = _header(bytes_of(file, "cloud"), file)
     try:
         names = header["FIELDS"]
         sizes, counts = ([int(word) for word in header.get(key, ["1"] * len(names))] for key in ("SIZE", "COUNT"))
         types = [_TYPES[kind.upper(), size] for kind, size in zip(header["TYPE"], sizes, strict=True)]
         count = int(header["POINTS"][0]) if "POINTS" in header else int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        height, width = (int(header.get(key, ["1"])[0]) for key in ("HEIGHT", "WIDTH"))
         columns = [names.index(axis) for axis in "xyz"]
         kind = header["DATA"][0].lower()
         if not len(names) == len(counts) == len(types) or count < 0 or min(counts) < 0:
@@ -38,9 +39,10 @@ def read_pcd(file: Path) -> Array:
         ) from error
     if not count:
         raise ConfigurationError(f"cloud {file}: no points can be read from this PCD file, it says that it has none")
+    shape = (height, width) if min(height, width) > 1 and height * width == count else None
     widths = [np.dtype(type_).itemsize * many for type_, many in zip(types, counts, strict=True)]
     if kind == "ascii":
-        return _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file)
+        return _from_text(data, count, [sum(counts[:k]) for k in columns], sum(counts), file), shape
     if kind == "binary":
         if len(data) < count * sum(widths):
             raise _cut_short(file, count)
@@ -59,8 +61,8 @@ def read_pcd(file: Path) -> Array:
     else:
         raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
     with np.errstate(invalid="ignore"):  # of a signalling NaN
-        axes = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
-    return np.column_stack(axes)
+        values = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
+    return np.column_stack(values), shape
 
 
 def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:

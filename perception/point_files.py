@@ -7,10 +7,9 @@ import numpy as np
 from models.ply_files import read_ply
 from perception.pcd_files import read_pcd
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.files import existing_file
+from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import Array
 
-_POINT_CLOUDS = (".ply", ".pcd")
 _UP = "z"  # first word of the line that gives the direction
 
 
@@ -20,32 +19,19 @@ def read_cloud(file: str | Path) -> Array:
     Columns are parted by blanks, commas or semicolons; `#` begins a comment. NaN stays NaN: the terrain says so.
     Raises ConfigurationError for a file that is missing, empty or has other columns, with the line.
     """
-    path = _existing(file, "cloud")
-    if path.suffix.lower() in _POINT_CLOUDS:
-        return read_pcd(path) if path.suffix.lower() == ".pcd" else _ply_points(path)
-    text = _text(path, "cloud")
-    try:
-        points = np.loadtxt(text.translate(_BLANKS).splitlines(), dtype=np.float64, comments="#", ndmin=2)
-    except ValueError:
-        points = None
-    if points is None or points.shape[1] != 3:
-        rows = [_numbers(line, 3, f"cloud {path}, line {i}") for i, line in _lines(text)]
-        points = np.array(rows)
-    return points
+    return read_picture(file)[0]
 
 
-def picture_shape(file: str | Path) -> tuple[int, int] | None:
-    """Rows and columns of a PCD file whose points are the pixels of a picture; None of any other file."""
-    path = _existing(file, "cloud")
-    said: dict[bytes, bytes] = {}
-    if path.suffix.lower() == ".pcd":
-        with path.open("rb") as lines:
-            while (words := lines.readline(200).split(maxsplit=1)) and words[0] != b"DATA":
-                said[words[0]] = words[-1].strip()
-    height, width = said.get(b"HEIGHT", b""), said.get(b"WIDTH", b"")
-    if not (height.isdigit() and width.isdigit()) or min(int(height), int(width)) < 2:
-        return None
-    return int(height), int(width)
+def read_picture(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
+    """As `read_cloud`, and rows and columns where the points are the pixels of a picture: only PCD files say so."""
+    path = existing_file(file, "cloud")
+    match path.suffix.lower():
+        case ".pcd":
+            return read_pcd(path)
+        case ".ply":
+            return _ply_points(path), None
+        case _:
+            return _text_points(path), None
 
 
 def read_targets(file: str | Path) -> tuple[Array, Array]:
@@ -54,7 +40,7 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
     Three numbers a line; the line of z begins with the letter z, without one it is (0, 0, 1). Raises
     ConfigurationError, with the line, for anything else.
     """
-    path = _existing(file, "targets")
+    path = existing_file(file, "targets")
     B, z = [], None
     for i, line in _lines(_text(path, "targets")):
         where = f"targets {path}, line {i}"
@@ -79,16 +65,10 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
 _BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
 
 
-def _existing(file: str | Path, what: str) -> Path:
-    path = existing_file(file, what)
-    if not path.stat().st_size:
-        raise ConfigurationError(f"{what} {path}: the file is empty")
-    return path
-
-
 def _ply_points(path: Path) -> Array:
+    content = bytes_of(path, "cloud")
     try:
-        points, _ = read_ply(path)
+        points, _ = read_ply(content)
     except ValueError as error:
         raise ConfigurationError(f"cloud {path}: no points can be read from this PLY file: {error}") from error
     if not len(points):
@@ -96,11 +76,20 @@ def _ply_points(path: Path) -> Array:
     return points
 
 
-def _text(path: Path, what: str) -> str:
+def _text_points(path: Path) -> Array:
+    text = _text(path, "cloud")
     try:
-        text = path.read_text("utf-8-sig")  # a byte order mark is no number
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{what} {path}: it cannot be read as text ({error})") from error
+        points = np.loadtxt(text.translate(_BLANKS).splitlines(), dtype=np.float64, comments="#", ndmin=2)
+    except ValueError:
+        points = None
+    if points is None or points.shape[1] != 3:
+        rows = [_numbers(line, 3, f"cloud {path}, line {i}") for i, line in _lines(text)]
+        points = np.array(rows)
+    return points
+
+
+def _text(path: Path, what: str) -> str:
+    text = text_of(path, what)
     if not any(True for _ in _lines(text)):
         raise ConfigurationError(f"{what} {path}: the file is empty")
     return text

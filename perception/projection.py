@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from perception.registration import Evidence, ModelSurface
 from perception.scan import jump, triangulate
 from sim.interfaces.errors import ConfigurationError
@@ -67,13 +67,13 @@ def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str =
     starts = _in_plane(H_D, o, points, flat)
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
-    C_model = ray_casting.cast_rays(surface.scene, transform_points(X_TS, starts), way)["t"]
+    C_model = surface.scene.cast(transform_points(X_TS, starts), way)["t"]
     part = evidence.scan.part(evidence.scan.window(points, 0.05, 10**6))
     vertices, triangles = triangulate(part, part.depth > 0.0)
     C_scan = np.full(n, np.inf)
     if len(triangles):
-        scene = ray_casting.ray_scene(vertices, triangles)
-        C_scan = ray_casting.cast_rays(scene, starts, np.broadcast_to(o, starts.shape))["t"]
+        scene = RayScene(vertices, triangles)
+        C_scan = scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
     return PaperQ(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))
@@ -88,7 +88,7 @@ def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, 
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     u, v = across(o)
     for aside in (u, -u, v, -v):
-        beside = ray_casting.cast_rays(surface.scene, transform_points(X_TS, starts + margin * aside), way)["t"]
+        beside = surface.scene.cast(transform_points(X_TS, starts + margin * aside), way)["t"]
         with np.errstate(invalid="ignore"):
             clear &= np.abs(beside - t) < jump(0.0) + 3.0 * margin
     return clear

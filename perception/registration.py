@@ -13,7 +13,6 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from models import ray_casting
 from models.ray_casting import RayScene
 from models.targets import TargetModel
 from perception.nearest_point import NearestPoint
@@ -68,7 +67,7 @@ class ModelSurface:
             spacing=spacing,
             center=target.center,
             radius=target.radius,
-            scene=ray_casting.ray_scene(target.vertices, target.triangles),
+            scene=RayScene(target.vertices, target.triangles),
         )
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
@@ -92,14 +91,14 @@ class ModelSurface:
         seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
         if among is not None:
             seen &= among
-        first = ray_casting.cast_rays(self.scene, origin, rays[seen])["t"] * distance[seen]
+        first = self.scene.cast(origin, rays[seen])["t"] * distance[seen]
         seen[seen] = first > distance[seen] - 0.002
         return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
         """Mask (N,) of the points (N, 3) [m] in S that lie in the picture of the model at `X_ST`."""
         X_TS = inverse(X_ST)
-        return np.isfinite(ray_casting.cast_rays(self.scene, X_TS[:3, 3], points @ X_TS[:3, :3].T)["t"])
+        return np.isfinite(self.scene.cast(X_TS[:3, 3], points @ X_TS[:3, :3].T)["t"])
 
     def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
         """The model as the sensor would see it at `X_ST` on the grid of `scan`, and cosines of incidence (H, W)."""
@@ -107,7 +106,7 @@ class ModelSurface:
         rays = np.stack([*np.meshgrid(scan.tangent_x, scan.tangent_y), np.ones((height, width))], axis=-1)
         X_TS = inverse(X_ST)
         rays_T = rays @ X_TS[:3, :3].T
-        hit = ray_casting.cast_rays(self.scene, X_TS[:3, 3], rays_T)
+        hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
         return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
@@ -426,6 +425,8 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     """Depth edges of scan and model around the model at `X_ST`; None if either has too few."""
     scan = evidence.scan
     rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
+    if rows.stop <= rows.start or columns.stop <= columns.start:
+        return None
     # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little;
     # and counted from the optical axis, which mostly lies midway between two pixels, so that the pixels are the same
     # however much of the picture is there.
@@ -469,7 +470,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
     for halving in range(_HALVINGS):
         rays = np.column_stack([middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))])
-        depth = ray_casting.cast_rays(surface.scene, X_TS[:3, 3], rays @ X_TS[:3, :3].T)["t"]
+        depth = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)["t"]
         at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
     return middle + part.pitches * at[:, None] * found.steps
 

@@ -25,7 +25,7 @@ _ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
 _SAMPLED = 20_000  # pixels, about, of which background planes are made
 _FACET = 0.056  # [rad] of surface, 31 px of the usual camera, that tells which way it faces
 _ALIGNED = np.cos(np.deg2rad(20.0))  # of a surface that lies as a plane does
-_MIXED = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large and odd: mix a cube's indices
+_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # of `row_hash`: large and odd
 _SEAM = 5  # [px] without depth between what hides and what is hidden
 _EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
 
@@ -322,8 +322,13 @@ def one_in(step: int, points: Array, size: float) -> np.ndarray:
 
     Which ones hangs on their place alone: a point more or less elsewhere changes nothing, as it would by counting.
     """
-    mixed = (np.floor(points / size).astype(np.int64) * _MIXED).sum(axis=1).astype(np.uint64)
+    mixed = row_hash(np.floor(points / size).astype(np.int64)).astype(np.uint64)
     return (mixed >> np.uint64(32)) % np.uint64(step) == 0
+
+
+def row_hash(rows: np.ndarray) -> np.ndarray:
+    """One number (N,) for each row of integers (N, 3), int64: the same for equal rows, nearly never for others."""
+    return (rows * _FACTORS).sum(axis=1)
 
 
 def facing_normals(points: Array, neighbours: int = 20) -> Array:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
-from models import ray_casting
 from models.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
@@ -65,7 +64,7 @@ class Terrain:
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
         """Distance (N,) [m] straight down from `points` (N, 3) to the surface, inf if there is none, and triangles."""
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
-        hit = ray_casting.cast_rays(self.scene, p - self.origin, np.broadcast_to(-self.up, p.shape))
+        hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
 
 
@@ -79,7 +78,7 @@ def build_terrain(
     numbers that are none, all in a line, two layers.
     """
     points = _as_cloud(cloud)
-    z = _unit(up, "up")
+    z = unit_vector(up, "up")
     if hole is not None:
         hole = finite_number(hole, "hole [m]", above=0.0)
     origin = points.mean(axis=0)
@@ -114,7 +113,7 @@ def build_terrain(
         hole=float(limit),
         points=len(points),
         outliers=int(count[~good].sum()) + len(points) - int(count.sum()),
-        scene=ray_casting.ray_scene(p_S, triangles),
+        scene=RayScene(p_S, triangles),
         origin=readonly(origin),
         layered=readonly(layered + (R @ origin)[:2]),
         looked_at=readonly(looked_at + (R @ origin)[:2]),
@@ -415,7 +414,7 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
     """Why a ray from `B` meets no surface."""
-    above = ray_casting.cast_rays(terrain.scene, (B - terrain.origin)[None], terrain.up[None])["t"][0]
+    above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
         raise PerceptionError(f"target {name} lies {above:.2f} m under the surface: the ray down from it meets nothing")
     place = terrain.ground(B[None])[0]
@@ -440,7 +439,3 @@ def _axes(up: Array) -> Array:
     x /= np.linalg.norm(x)
     y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
     return np.stack([x, y, up])
-
-
-def _unit(vector: ArrayLike, name: str) -> Array:
-    return unit_vector(vector, name)

@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from models import ray_casting
 from perception.registration import Evidence, ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -104,7 +103,7 @@ class _Pixels:
         """Depths (len(poses), P) [m] of the model; inf where it is not met."""
         found = np.empty((len(poses), len(self.rays)))
         for k, X_TS in enumerate(map(inverse, poses)):
-            found[k] = ray_casting.cast_rays(surface.scene, X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)["t"]
+            found[k] = surface.scene.cast(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)["t"]
         return found
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:

@@ -11,8 +11,9 @@ import mujoco
 import numpy as np
 from _object_scenes import ObjectScene, object_scene, target_of
 
-from models import ray_casting, targets
+from models import targets
 from models.closed_shells import split, vertex_normals, welded
+from models.ray_casting import RayScene
 from models.targets import Solid, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -143,8 +144,8 @@ def occluders(
     X_TC = inverse(X_CT)
     x, y = np.meshgrid((np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
-    t = ray_casting.cast_rays(scene, X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
+    scene = RayScene(target.vertices, target.triangles)
+    t = scene.cast(X_TC[:3, 3], rays @ X_TC[:3, :3].T)["t"]
     seen = rays[np.isfinite(t)] * t[np.isfinite(t), None]
     spread = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
     way = seen / np.linalg.norm(seen, axis=1, keepdims=True)

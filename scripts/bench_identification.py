@@ -1,7 +1,7 @@
 """Identification raced against what people use: the same scenes, the same points cut out, the same coarse start.
 
-    ./uvw run scripts/bench_identification.py                               # against Open3D
-    ./uvw run --with small_gicp scripts/bench_identification.py             # and small_gicp
+    ./uvw run --extra open3d scripts/bench_identification.py                      # against Open3D
+    ./uvw run --extra open3d --with small_gicp scripts/bench_identification.py    # and small_gicp
 
 All get the points that our segmentation leaves of the object and the model sampled evenly, and start from the coarse
 attitude with the middles of both clouds laid on each other; RANSAC on FPFH features needs no start. The peers match

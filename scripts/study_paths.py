@@ -20,10 +20,11 @@ from _contact_options import coarse_detection
 from rich.console import Console
 from rich.table import Table
 
-from models import deformed, ray_casting
+from models import deformed
 from models.closed_shells import vertex_normals
 from models.deformed import Deformed
 from models.nearest_surface import NearestSurface
+from models.ray_casting import RayScene
 from models.targets import ModelPath, TargetModel, barrel, longitudinal, pile, ring, transverse, vertical
 from perception.identification import Identification, identify
 from perception.looks import Look, on_all_looks
@@ -125,12 +126,12 @@ class TrueSurface:
     def __init__(self, target: TargetModel) -> None:
         self._triangles = target.triangles
         self._normals = vertex_normals(target.vertices, target.triangles)
-        self._scene = ray_casting.ray_scene(target.vertices, target.triangles)
+        self._scene = RayScene(target.vertices, target.triangles)
         self._nearest = NearestSurface.of(target.vertices, target.triangles)
 
     def distances(self, p_T: Array, z_T: Array) -> Array:
         """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an axis misses."""
-        along = ray_casting.cast_rays(self._scene, p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
+        along = self._scene.cast(p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
         return np.where(np.isfinite(along), along, self._nearest.query(p_T).distance)
 
     def normals(self, p_T: Array) -> Array:

@@ -27,7 +27,8 @@ from scipy.spatial import cKDTree
 from controllers.mkps import Chain
 from controllers.placement import tool_poses
 from controllers.seabed import WorkHeight, arm_gap, choose_height
-from models import open3d_loader, ray_casting, scenes
+from models import open3d_loader, scenes
+from models.ray_casting import RayScene
 from models.seabed import KINDS, Seabed, seabed
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from perception.seabed_finder import points_in_world
@@ -197,7 +198,7 @@ def speed(options: Options, console: Console) -> dict[str, Any]:
             shape = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud))
             for name, make in (("ball_pivoting", _pivot), ("poisson", _poisson)):
                 seconds, mesh = _timed(lambda make=make, shape=shape: make(o3d, shape))
-                scene = ray_casting.ray_scene(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+                scene = RayScene(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
                 row[f"{name}_s"] = seconds
                 row[f"{name}_mm"], row[f"{name}_missed"] = _off(scene, at, ground, at)
         rows.append(row)
@@ -226,7 +227,7 @@ def _timed(work: Any) -> tuple[float, Any]:
 
 def _off(scene: Any, starts: Array, ground: Seabed, at: Array) -> tuple[float, float]:
     """95 % of the vertical distances [mm] to the true surface at places `at`, and the share of rays that missed."""
-    t = ray_casting.cast_rays(scene, starts, np.broadcast_to([0.0, 0.0, -1.0], starts.shape))["t"]
+    t = scene.cast(starts, np.broadcast_to([0.0, 0.0, -1.0], starts.shape))["t"]
     hit = np.isfinite(t)
     off = np.abs(at[hit, 2] - t[hit] - ground.height(at[hit]))
     return 1e3 * float(np.quantile(off, 0.95)), float(1.0 - hit.mean())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
@@ -129,7 +129,7 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
     weight = rng.dirichlet(np.ones(3), _PIECES)
     pieces = np.einsum("ni,nij->nj", weight, corner[which])
     normal = normal[which] / (2.0 * area[which, None])
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    scene = RayScene(target.vertices, target.triangles)
     seen = np.zeros(_PIECES, dtype=bool)
     for X in X_WC:
         X_TC = inverse(truth.X_WT) @ X
@@ -144,6 +144,6 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
         )  # fmt: skip
         if len(asked):
             starts = np.broadcast_to(X_TC[:3, 3], (len(asked), 3))
-            hit = ray_casting.cast_rays(scene, starts, away[asked] / distance[asked, None])["t"]
+            hit = scene.cast(starts, away[asked] / distance[asked, None])["t"]
             seen[asked] = hit > distance[asked] - _SKIN
     return float(seen.mean())

@@ -1,11 +1,14 @@
 """Files that users have: each works, with what was left out said, or gets one clear error."""
 
 import struct
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from models import targets
+from models.mesh_files import read_mesh
 from models.ply_files import read_ply, write_ply
 from models.target_model import TargetModel
 from perception import cloud_files
@@ -130,7 +133,7 @@ def test_ply_of_many_kinds(tmp_path):
             data = text.encode()
         file = tmp_path / f"{form}.ply"
         file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data)
-        points, triangles = read_ply(file)
+        points, triangles = read_ply(file.read_bytes())
         assert points.tolist() == [list(corner) for corner in corners], form
         assert triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 1, 2], [1, 2, 3], [1, 3, 4]], form
         assert len(TargetModel.from_file(file).triangles) == 6
@@ -138,6 +141,49 @@ def test_ply_of_many_kinds(tmp_path):
             file.write_bytes(f"ply\nformat {form} 1.0\n{head}".encode() + data[:-left])
             with pytest.raises(ConfigurationError, match="cut short"):
                 TargetModel.from_file(file)
+
+
+HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+FACES = "element face {}\nproperty list {} int vertex_indices\nend_header\n"
+CORNERS = "0 0 0\n1 0 0\n0 1 0\n"
+
+
+def test_text_ply_of_elements_that_hold_nothing():
+    none = "element edge 0\nproperty int vertex1\nproperty int vertex2\n"
+    points, triangles = read_ply((HEAD + none + FACES.format(1, "uchar") + CORNERS + "3 0 1 2\n").encode())
+    assert points.shape == (3, 3)
+    assert triangles.tolist() == [[0, 1, 2]]
+    points, triangles = read_ply((HEAD.replace("vertex 3", "vertex 0") + FACES.format(0, "uchar")).encode())
+    assert points.shape == triangles.shape == (0, 3)
+
+
+@pytest.mark.parametrize("face", ["inf 0 1 2", "3 0 1 inf", "3 0 1 -inf"])
+def test_text_ply_with_a_count_or_an_index_that_is_infinite(tmp_path, face):
+    file = tmp_path / "a.ply"
+    file.write_text(HEAD + FACES.format(1, "uchar") + CORNERS + face + "\n")
+    with pytest.raises(ConfigurationError, match=r"a\.ply.*not finite"):
+        TargetModel.from_file(file)
+    with pytest.raises(ConfigurationError, match=r"a\.ply.*not finite"):
+        load_cloud(file)
+
+
+def test_binary_ply_with_an_index_that_is_not_finite():
+    head = (HEAD + FACES.format(1, "uchar")).replace("ascii", "binary_little_endian").replace("char int", "char float")
+    data = np.zeros(9, "<f4").tobytes() + struct.pack("<B3f", 3, 0.0, 1.0, np.nan)
+    with pytest.raises(ValueError, match="not finite"):
+        read_ply(head.encode() + data)
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.off", "a.stl"])
+def test_a_mesh_that_may_not_be_read_is_no_malformed_one(tmp_path, monkeypatch, name):
+    def refused(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    (tmp_path / name).write_text("0 0 0\n")
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(ImportError if name == "a.stl" else ConfigurationError, match=r"permission denied|trimesh"):
+        read_mesh(tmp_path / name)
 
 
 def test_off_and_what_is_none(tmp_path):

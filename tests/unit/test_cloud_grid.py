@@ -63,6 +63,15 @@ def test_an_organised_cloud_keeps_its_pixels(rng, within):
         within(f"{name}: tangents", found.tangent_x - scan.tangent_x, 1e-7)
 
 
+def test_a_picture_in_no_order_has_no_pixels():
+    """Of more points than are looked at, chance may ask for rows and columns to be exchanged, and back again."""
+    x, y = np.meshgrid((np.arange(640) - 319.5) / FOCAL, (np.arange(480) - 239.5) / FOCAL)
+    points = 1.5 * np.stack([x, y, np.ones_like(x)], axis=-1)
+    for seed in (0, 6):  # 6: both ways round chance asks for it
+        shuffled = np.random.default_rng(seed).permutation(points.reshape(-1, 3)).reshape(points.shape)
+        assert organised_grid(shuffled, np.ones(x.shape, dtype=bool)) is None
+
+
 def test_noise_across_the_ray_leaves_an_organised_cloud_its_pixels(rng, within):
     scan = frame(rng)
     grid = organised_grid(

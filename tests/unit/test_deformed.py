@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import ray_casting, targets
+from models import targets
 from models.closed_shells import box, open_edges, volume, welded
 from models.deformed import Patch, deformed, dented, fouled
 from models.nearest_surface import NearestSurface
+from models.ray_casting import RayScene
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import pose
@@ -56,16 +57,16 @@ def test_one_patch_on_a_plane_is_its_own_closed_form(within):
         )  # fmt: skip
         result = deformed(block(), [patch])
         mesh = result.target
-        scene = ray_casting.ray_scene(mesh.vertices, mesh.triangles)
+        scene = RayScene(mesh.vertices, mesh.triangles)
         down = np.array([0.0, 0.0, -1.0])
-        at = ray_casting.cast_rays(scene, patch.p_T + np.array([[0.0, 0.0, 0.2]]), down[None])["t"][0]
+        at = scene.cast(patch.p_T + np.array([[0.0, 0.0, 0.2]]), down[None])["t"][0]
         within("height in the middle [m]", 0.2 - at - sign * 0.03, 1e-4)
         # Without lobes the bump holds h r^2 (pi / 2 - 2 / pi); lobes change it by a few per cent.
         expected = 0.03 * 0.12**2 * (0.5 * np.pi - 2.0 / np.pi)
         change = volume(mesh.vertices, mesh.triangles) - 0.8 * 0.6 * 0.3
         within("volume, relative", sign * change / expected - 1.0, 0.1)
         points = np.column_stack([np.random.default_rng(1).uniform(-0.3, 0.3, (50, 2)), np.full(50, 0.4)])
-        hit = ray_casting.cast_rays(scene, points, np.broadcast_to(down, points.shape))["t"]
+        hit = scene.cast(points, np.broadcast_to(down, points.shape))["t"]
         surface = points + hit[:, None] * down
         within("truth against rays [m]", result.offset_at(surface) - (surface[:, 2] - 0.15), 1e-6)
 
@@ -97,8 +98,8 @@ def test_growth_is_felt_where_it_is(within):
     down, geom = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
     group = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8)
     felt = np.array([mujoco.mj_ray(model, data, s, down, group, 1, -1, geom) for s in start])
-    scene = ray_casting.ray_scene(result.target.vertices, result.target.triangles)
-    seen = ray_casting.cast_rays(scene, start, np.broadcast_to(down, start.shape))["t"]
+    scene = RayScene(result.target.vertices, result.target.triangles)
+    seen = scene.cast(start, np.broadcast_to(down, start.shape))["t"]
     within("felt against seen [m]", felt - seen, 1e-3)  # 0.5 mm
     assert np.ptp(seen) > 0.02
     picture = mujoco.MjSpec()
@@ -109,13 +110,15 @@ def test_growth_is_felt_where_it_is(within):
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: fouled(block(), np.random.default_rng(0), patches=0), "at least 1"),
+        (lambda: fouled(block(), np.random.default_rng(0), patches=0), r"1\.\.1000"),
         (lambda: fouled(block(), np.random.default_rng(0), height=(0.02, 0.01)), "least <= most"),
         (lambda: dented(block(), np.random.default_rng(0), height=(0.3, 0.4)), "too small"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros(3)), "near"),
         (lambda: dented(block(), np.random.default_rng(0), near=np.zeros((0, 3))), "N > 0"),
         (lambda: dented(block(), np.random.default_rng(0), near=[[9.0, 0.0, 0.0]]), "farther than its patches reach"),
         (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[np.nan, 0.0, 0.0]]), "finite"),
+        (lambda: fouled(block(), np.random.default_rng(0)).offset_at([[1e200, 0.0, 0.0]]), "within"),
+        (lambda: fouled(block(), np.random.default_rng(0)).offset_at(np.zeros(3)), "shape"),
         (
             lambda: Patch(kind="dent", p_T=np.zeros(3), n_T=np.ones(3), radius=0.05, height=0.03, lobes=np.zeros(2)),
             "2.5 times",

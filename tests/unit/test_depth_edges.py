@@ -82,3 +82,9 @@ def test_scan_and_model_edges_agree(seed: int, slab: ModelSurface, within):
         assert goes_on < 0.01
         pulls.append(offsets.mean() / (X_ST[2, 3] * PITCH))
     within("mean [px]", float(np.mean(pulls)), 0.06)
+
+
+def test_a_model_behind_the_sensor_has_no_edges(slab: ModelSurface, rng):
+    offsets, share, goes_on = edge_offsets(seen(placed(rng), None, rng), slab, pose(p=[0.0, 0.0, -1.0]))
+    assert not len(offsets)
+    assert np.isnan([share, goes_on]).all()

@@ -56,7 +56,7 @@ def test_leaf_imports_numpy_only():
 @pytest.mark.parametrize("room", ["perception", "calib"])
 def test_room_is_imported_lazily(room: str):
     loaded = modules_after(f"import {room}")
-    assert not {"open3d", "scipy", "numba", "mujoco"} & loaded
+    assert not {"embreex", "open3d", "scipy", "numba", "mujoco", "trimesh"} & loaded
 
 
 def test_environment_sees_the_plant_only_through_the_step():
@@ -84,7 +84,9 @@ def without_uv_options(words: list[str]) -> list[str]:
         elif option == "--group":
             assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
         elif option == "--extra":
-            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], value
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], (
+                value
+            )
         else:
             assert option == "--with", option
     return words

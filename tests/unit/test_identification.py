@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import cKDTree
 
 import perception
@@ -288,6 +289,13 @@ def test_arguments_of_a_wrong_kind_are_refused(arguments: tuple, words: str):
     for sigma in (1e300, np.inf, np.nan, 1e-300):
         with pytest.raises(ConfigurationError, match=r"1e-06 to 0\.01 m|must be positive"):
             SensorModel(disparity_sigma=sigma)
+
+
+def test_a_mesh_of_trimesh_is_a_target():
+    mesh = trimesh.creation.box([0.3, 0.2, 0.4])
+    surface = identify(np.zeros((0, 3)), mesh).surface
+    assert np.array_equal(surface.target.vertices, mesh.vertices)
+    assert np.array_equal(surface.target.triangles, mesh.faces)
 
 
 def test_what_lies_where_nothing_is_expected_is_told(frame: DepthImage):

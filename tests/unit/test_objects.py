@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import convex_parts, ray_casting, targets
+from models import convex_parts, targets
 from models.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
 from models.nearest_surface import NearestSurface
+from models.ray_casting import RayScene
 from models.rock import rock
 from models.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
@@ -34,7 +35,7 @@ def felt_and_seen(target: TargetModel, rng: np.random.Generator, rays: int) -> t
     start = (
         rng.uniform(target.vertices.min(axis=0), target.vertices.max(axis=0), (rays, 3)) - 2.5 * target.radius * ways
     )
-    seen = ray_casting.cast_rays(ray_casting.ray_scene(target.vertices, target.triangles), start, ways)
+    seen = RayScene(target.vertices, target.triangles).cast(start, ways)
     model.geom_group[:] = np.where(collides, 3, 0)
     group, geom = np.array([0, 0, 0, 1, 0, 0], dtype=np.uint8), np.zeros(1, dtype=np.int32)
     start_W, ways_W = transform_points(X_WT, start), ways @ X_WT[:3, :3].T
@@ -65,10 +66,10 @@ def test_declared_symmetry_is_one(name: str, within):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_paths_lie_on_the_object(name: str, within):
     target = OBJECTS[name]
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    scene = RayScene(target.vertices, target.triangles)
     assert len(target.paths) > 1
     for path in target.paths.values():
-        hit = ray_casting.cast_rays(scene, path.p - 0.05 * path.a, path.a)
+        hit = scene.cast(path.p - 0.05 * path.a, path.a)
         within("from the surface [m]", hit["t"] - 0.05, 1e-3)  # 0.2 mm on the rock: its facets
         within("a . b", np.einsum("ij,ij->i", path.a, path.b), 1e-9)
         lean = np.arccos(np.clip(-np.einsum("ij,ij->i", hit["normal"], path.a), -1.0, 1.0))
@@ -91,7 +92,7 @@ def test_object_is_felt_where_it_is_seen(name: str, within):
 
 def test_pad_rests_where_the_surface_is(within):
     """The pad's dome, lowered on a rock until it touches: its distance from the mesh is its radius."""
-    stone = OBJECTS["a fresh rock"]
+    stone = OBJECTS["another rock"]
     spec = mujoco.MjSpec()
     stone.add_to(spec, pose())
     dome = spec.worldbody.add_body(name="dome")

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
 from perception.identification import identify
 from perception.registration import ModelSurface
@@ -40,8 +40,8 @@ def test_picture_and_contact_agree(within):
     azimuth, height = rng.uniform(-np.pi, np.pi, 300), rng.uniform(-1.45, 1.45, 300)
     outward = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(300)])
     start = outward + height[:, None] * [0.0, 0.0, 1.0]
-    scene = ray_casting.ray_scene(PILE.vertices, PILE.triangles)
-    seen = ray_casting.cast_rays(scene, start, -outward)["t"]
+    scene = RayScene(PILE.vertices, PILE.triangles)
+    seen = scene.cast(start, -outward)["t"]
     hit = np.zeros(1, dtype=np.int32)
     felt = [mujoco.mj_ray(model, data, start[i], -outward[i], None, 1, -1, hit) for i in range(300)]
     within("distance [m]", seen - felt, 1e-3)

@@ -1,5 +1,7 @@
 """Clouds and targets from files: what is written is read, what cannot be is said with its line."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -68,6 +70,17 @@ def test_files_of_open3d_hold_the_same_points(tmp_path, open3d, within):
             within(f"{name} {options}", read_cloud(tmp_path / name) - points, allowed)
 
 
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.xyz"])
+def test_a_file_that_may_not_be_read_is_one_clear_error(tmp_path, monkeypatch, name):
+    def refused(path: Path) -> bytes:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    (tmp_path / name).write_text("0 0 0\n")
+    monkeypatch.setattr(Path, "read_bytes", refused)
+    with pytest.raises(ConfigurationError, match="permission denied"):
+        read_cloud(tmp_path / name)
+
+
 def test_targets_and_direction(tmp_path):
     file = tmp_path / "targets.txt"
     file.write_text("# two points\n0.1 0.2 -0.5\nz 0 0 2\n0.3, 0.2, -0.5  # the end\n", "utf-8")
@@ -84,7 +97,7 @@ def test_targets_and_direction(tmp_path):
         ("columns.txt", b"0 0 0\n1 2\n", "line 2: expected 3 columns"),
         ("wide.txt", b"0 0 0 1\n1 2 3 1\n", "line 1: expected 3 columns"),
         ("words.txt", b"0 0 0\n\n1 two 3\n", "line 3: expected 3 numbers"),
-        ("binary.txt", bytes(range(128, 256)), "cannot be read as text"),
+        ("binary.txt", bytes(range(128, 256)), "not text"),
         ("bad.ply", b"ply\nnonsense\n", "no points"),
         ("bad.pcd", b"hello", "no points"),
     ],

@@ -6,10 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from models import targets
+from models import open3d_loader, targets
 from models.closed_shells import box, sphere
 from models.nearest_surface import NearestSurface
 from models.ray_casting import RayScene
+from sim.interfaces.errors import MissingLibraryError
 from sim.interfaces.spatial import exp_so3
 
 
@@ -120,3 +121,9 @@ def test_rays_need_no_open3d():
         "import sim.depth_camera, sim.sonar, perception.identification; assert 'open3d' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_the_package_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "libusb_package", None)
+    with pytest.raises(MissingLibraryError, match="libusb_package is not installed"):
+        open3d_loader.load.__wrapped__()

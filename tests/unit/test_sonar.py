@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.targets import TargetModel, barrel
 from perception.identification import identify
 from perception.sonar_cloud import sonar_model, without_lone_echoes
@@ -105,8 +105,8 @@ def test_tiles_and_clusters_leave_nothing_out(seed: int):
         vertices.append(p @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom])
         faces.append(f + first)
         first += len(p)
-    scene = ray_casting.ray_scene(np.concatenate(vertices), np.concatenate(faces))
-    hit = ray_casting.cast_rays(scene, start @ X_WS[:3, :3].T + X_WS[:3, 3], way @ X_WS[:3, :3].T)
+    scene = RayScene(np.concatenate(vertices), np.concatenate(faces))
+    hit = scene.cast(start @ X_WS[:3, :3].T + X_WS[:3, 3], way @ X_WS[:3, :3].T)
     seen = np.isfinite(hit["t"])
     assert (np.isfinite(distance) != seen).sum() <= 7  # of 3500: a ray along a silhouette may go either way
     both = seen & np.isfinite(distance)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from models import ray_casting
+from models.ray_casting import RayScene
 from models.targets import ModelPath, Symmetry, TargetModel, barrel, longitudinal, revolve, transverse
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, rotation_angle, transform_points
@@ -37,7 +37,7 @@ def test_picture_and_contact_agree(within):
     start_T *= 1.5 / np.linalg.norm(start_T, axis=1, keepdims=True)
     way_T = rng.uniform([-0.4, -0.15, -0.15], [0.4, 0.15, 0.15], (400, 3)) - start_T
     way_T /= np.linalg.norm(way_T, axis=1, keepdims=True)
-    mesh = ray_casting.cast_rays(ray_casting.ray_scene(BARREL.vertices, BARREL.triangles), start_T, way_T)["t"]
+    mesh = RayScene(BARREL.vertices, BARREL.triangles).cast(start_T, way_T)["t"]
     geom = np.zeros(1, dtype=np.int32)
     solid = [
         mujoco.mj_ray(model, data, start, way, None, 1, -1, geom)

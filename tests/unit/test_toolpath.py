@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import ray_casting
 from models.nearest_surface import NearestSurface
+from models.ray_casting import RayScene
 from models.targets import ModelPath, barrel, longitudinal, transverse
 from perception.identification import Identification, identify
 from perception.registration import ModelSurface
@@ -71,14 +71,14 @@ def moller_trumbore(start: Array, way: Array, corners: Array) -> float:
 
 
 def test_ray_caster_is_moller_trumbore_and_equation_2(within):
-    """Open3D's rays, Moller and Trumbore, and the paper's eq. (2) give the same C_i."""
+    """Embree's rays, Moller and Trumbore, and the paper's eq. (2) give the same C_i."""
     corners = BARREL.vertices[BARREL.triangles]
     rng = np.random.default_rng(0)
     starts = rng.uniform([-0.4, -0.25, 0.8], [0.4, 0.25, 1.0], (40, 3))
     o = np.array([0.1, -0.05, -1.0])
     o /= np.linalg.norm(o)
-    scene = ray_casting.ray_scene(BARREL.vertices, BARREL.triangles)
-    hit = ray_casting.cast_rays(scene, starts, np.tile(o, (40, 1)))
+    scene = RayScene(BARREL.vertices, BARREL.triangles)
+    hit = scene.cast(starts, np.tile(o, (40, 1)))
     own = np.array([moller_trumbore(start, o, corners) for start in starts])
     within("Moller-Trumbore [m]", hit["t"] - own, 1e-5)
     V0, V1, V2 = corners[hit["triangle"]].transpose(1, 0, 2)
@@ -123,8 +123,8 @@ def test_path_follows_a_dent_and_a_bulge(depth: float, within):
     p_T = transform_points(inverse(VIEW), path.p)
     z_T = path.z @ VIEW[:3, :3]
     target = dented_barrel(depth, azimuth=AZIMUTH)
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
-    hit = ray_casting.cast_rays(scene, p_T - 0.05 * z_T, z_T)
+    scene = RayScene(target.vertices, target.triangles)
+    hit = scene.cast(p_T - 0.05 * z_T, z_T)
     gap = hit["t"] - 0.05
     within("median distance to the true surface [m]", np.median(np.abs(gap)), 2e-3)
     within("worst distance to the true surface [m]", gap, 6e-3)
@@ -183,9 +183,9 @@ def test_short_hole_in_the_scan_is_bridged(within):
     path = plan_path(found, over_dent(found))
     p_T = transform_points(inverse(VIEW), path.p)
     target = dented_barrel(0.03, azimuth=AZIMUTH)
-    scene = ray_casting.ray_scene(target.vertices, target.triangles)
+    scene = RayScene(target.vertices, target.triangles)
     z_T = path.z @ VIEW[:3, :3]
-    gap = ray_casting.cast_rays(scene, p_T - 0.05 * z_T, z_T)["t"] - 0.05
+    gap = scene.cast(p_T - 0.05 * z_T, z_T)["t"] - 0.05
     within("worst distance to the true surface [m]", gap, 9e-3)
     assert path.on_scan[np.abs(p_T[:, 0] - 0.05) < 0.02].all()
 

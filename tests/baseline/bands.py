@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t
 
-FALSE_ALARMS = 1e-5  # of one figure of one clean run: some 400 runs of all cases, 250 figures each, are judged before one is expected
+FALSE_ALARMS = 1e-5  # of one figure of one clean run: one in some 400 runs of all cases, of 250 figures each
 LEAST_SEEDS = 8
 ROUNDING = 1e-9  # relative, and absolute in the figure's unit, of what no seed changes
 _LEAST_SPREAD = 1e-3  # of a logarithm, or relative to the mean: other BLAS kernels and platforms move figures by less

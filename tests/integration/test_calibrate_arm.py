@@ -80,7 +80,7 @@ def rows(*values: str) -> str:
 
 GOOD = "0.1,-1.2,1.3,-0.4,0.5,0.6"
 BAD = {
-    "empty": ("", "holds no touches"),
+    "empty": ("", "the file is empty"),
     "nan": (rows(GOOD, "0.1,nan,1,1,1,1"), "must be finite"),
     "width": (rows("0.1,0.2,0.3"), "the arm has 6 joints"),
     "seven": (rows("4.19e-01,1.2,-0.2,-0.9,0.7,1.5,0.8"), "7 joint values, the arm has 6 joints"),

@@ -157,7 +157,7 @@ def initial_poses(
             )  # fmt: skip
             score += _confirmed(
                 X, views.points, views.ways, views.shown, views.center, scan.depth, scan.tangent_x[0],
-                scan.tangent_y[0], *scan.pitches, 2.0 * views.spacing + 3.0 * sigma,
+                scan.tangent_y[0], scan.pitches[0], scan.pitches[1], 2.0 * views.spacing + 3.0 * sigma,
             )  # fmt: skip
         admitted = expected.admits(X, surface)
         of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])

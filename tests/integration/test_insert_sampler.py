@@ -48,9 +48,9 @@ def test_figures_of_a_trial_that_broke_down_fit_the_schema():
         pytest.param(["--error", "nan", "0"], "--error", id="error is no number"),
         pytest.param(["--clearance", "40"], "radius", id="hole too wide"),
         pytest.param(["--depth", "-5", "--no-quick"], "depth", id="negative depth"),
-        pytest.param(["--vehicle", "bluerov2_heavy"], "no geom named 'pad'", id="no tool"),
+        pytest.param(["--vehicle", "bluerov2_heavy"], "geom 'pad' (may touch)", id="no tool"),
         pytest.param(["--trials", "-1"], "--trials", id="negative trials"),
-        pytest.param(["--range", "40"], "not identified", id="camera sees nothing"),
+        pytest.param(["--range", "12"], "not identified", id="camera sees nothing"),
     ],
 )
 def test_bad_input_is_one_line_and_code_2(script, tmp_path, options, said):

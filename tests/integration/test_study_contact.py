@@ -21,6 +21,7 @@ def rows(out: Path) -> dict[int, dict]:
     return {row["run"]: {key: value for key, value in row.items() if key != "timing"} for row in lines}
 
 
+@pytest.mark.long
 def test_two_runs_are_the_same_whoever_does_them(root, tmp_path):
     done = study(root, tmp_path / "two", "--runs", "2", "--workers", "2")
     assert done.returncode in (0, 1), done.stdout + done.stderr

@@ -80,7 +80,7 @@ def test_missing_parts_of_a_vehicle_are_named_all_at_once_with_their_use() -> No
     for key in list(spec.keys):
         spec.delete(key)
     spec.site("camera").name = "eye"
-    said = r"lacks .*: site 'camera' \(looks .*keyframe 'home' \(arm folded.*keyframe 'ready' \(arm bent, where"
+    said = r"lacks .*: site 'camera' \(sees .*keyframe 'home' \(arm folded.*keyframe 'ready' \(arm bent, IK"
     with pytest.raises(ConfigurationError, match=said):
         check_parts(spec.compile())
     bare = mujoco.MjSpec.from_string(

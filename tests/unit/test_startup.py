@@ -121,9 +121,13 @@ def test_an_error_in_a_users_module_names_it(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_a_scenario_with_the_code_of_a_shell(number: signal.Signals, capsys: pytest.CaptureFixture[str]):
-    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
-    assert ended(lambda: signal.raise_signal(number), capsys) == (128 + number, "interrupted\n")
-    assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+    ignored = signal.signal(number, signal.default_int_handler)  # as it is where the tests run in the background
+    try:
+        before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)
+        assert ended(lambda: signal.raise_signal(number), capsys) == (128 + number, "interrupted\n")
+        assert (signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)) == before
+    finally:
+        signal.signal(number, ignored)
 
 
 @pytest.mark.parametrize("outcome", [ConfigurationError("no"), KeyboardInterrupt(), ZeroDivisionError()])

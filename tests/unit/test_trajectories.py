@@ -10,11 +10,6 @@ from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 H = 1e-5  # [s] of the differences
 
 
-@pytest.fixture(params=range(8))
-def rng(request):
-    return np.random.default_rng(request.param)
-
-
 def random_move(rng: np.random.Generator) -> tuple[PoseMove, Array, Array]:
     X_from, X_to = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
     move = PoseMove.between(3.0, X_from, X_to, speed=0.25, acceleration=0.08, turn_rate=rng.uniform(0.1, 1.0))

@@ -117,7 +117,8 @@ def main() -> int:
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
         [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,
-         "-p", "no:cacheprovider", "--tb=short"],
+         "-p", "no:cacheprovider", "--tb=short",
+         "-W", "ignore::pytest.PytestAssertRewriteWarning"],  # tyro has loaded typeguard, which is a plugin too
         plugins=[page],
     )  # fmt: skip
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked

@@ -35,12 +35,12 @@ def test_a_bung_in_view_tells_the_turn_and_nothing_else_does(azimuth: float | No
         within("turn [deg]", np.rad2deg(np.arccos(0.5 * (np.trace(R_error) - 1.0))), 2.0)  # 0.4
 
 
-def test_half_a_bung_is_none():
-    """Where every other column shows a bare body, the bung explains the scan better than that, and yet is not there."""
+def test_two_thirds_of_a_bung_are_none():
+    """Where every third column shows a bare body, the bung explains the scan better than that, and yet is not there."""
     target, rng = barrel(bung_azimuth=SEEN), np.random.default_rng(3)
     whole, bare = (look(each, VIEW, rng, noise=None, floor=False) for each in (target, barrel()))
     depth = np.array(whole.depth)
-    depth[:, ::2] = bare.depth[:, ::2]
+    depth[:, ::3] = bare.depth[:, ::3]
     surface = ModelSurface.of(target)
     told = []
     for image in (whole, replace(whole, depth=depth)):

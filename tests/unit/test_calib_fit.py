@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calib import Arm, Loads, identify
+from calib import Arm, Loads, identify, kernels
+from calib.kernels import BETA, ROW
 from calib.planner import plan
 from calib.simulation import touch, wrong_arm
 from calib.touches import first_tcp
@@ -287,3 +288,20 @@ def test_planner_takes_what_tells_most():
         series = [q[[j for s, j in picked if s == i]] for i, q in enumerate(candidates)]
         assert chosen.merit[-1] > plan(UR10E, series, 20, tcp=OFF_AXIS).merit[-1]
         assert relative.merit[-1] < plan(UR10E, series, 20, tcp=OFF_AXIS, criterion="V", targets=targets).merit[-1]
+
+
+def test_the_size_of_an_arm_has_its_derivative(rng, within):
+    """By every number of the table and the tool point, against central differences."""
+    table, tcp = rng.normal(size=(5, ROW)), rng.normal(size=3)
+    X_flange = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3))
+    values = np.concatenate([table.ravel(), tcp])
+
+    def size(numbers: np.ndarray) -> float:
+        return kernels.arm_size(np.ascontiguousarray(numbers[:-3].reshape(5, ROW)), X_flange, numbers[-3:].copy())[0]
+
+    _, gradient = kernels.arm_size(table, X_flange, tcp)
+    steps = 1e-6 * np.eye(len(values))
+    differences = np.array([(size(values + step) - size(values - step)) / 2e-6 for step in steps])
+    used = np.ones(len(values), dtype=bool)
+    used[np.arange(5) * ROW + BETA] = False  # beta is small, and its derivative not asked for
+    within("derivative", (gradient - differences)[used], 1e-8)  # measured 5e-10

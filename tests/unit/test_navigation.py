@@ -20,7 +20,7 @@ from sim.interfaces.messages import (
     VisionMeasurement,
     VisionNoise,
 )
-from sim.interfaces.spatial import GRAVITY, Array, exp_so3
+from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 
 STEP, LATE = 0.002, 0.1  # [s]
 UP = np.array([0.0, 0.0, GRAVITY])
@@ -424,3 +424,18 @@ def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(
         kernel.propagate(row, np.array([9, -1, -1]), np.zeros(3), x, P)
     within("place [m]", x[:3] - (5.0 * v + 12.5 * a), 1e-10)
     within("velocity [m/s]", x[3:6] - (v + 5.0 * a), 1e-11)
+
+
+def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng, within):
+    """A tilted hull, corrections held back: place, attitude, velocity, rates and acceleration by their definitions."""
+    lag, w_B, bias, f_B = 0.03, rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=3)
+    R, x, held, P = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3)), np.eye(9)
+    release, none = (1.0, 0.1, 10.0, 0.01), np.zeros(3)
+    X, v_B, w, _, _ = kernel.hand_on(0.0, lag, 0.02, release, f_B, w_B, R, bias, x, P, held.copy(), none.copy())
+    v_W = x[3:6] - held[1]
+    within("place [m]", X[:3, 3] - (x[:3] - held[0] + lag * v_W), 1e-14)
+    within("attitude [rad]", log_so3(X[:3, :3].T @ R @ exp_so3(lag * (w_B - bias))), 1e-7)  # measured 1e-9
+    within("velocity [m/s]", v_B - R.T @ v_W, 1e-14)
+    within("rates [rad/s]", w - (w_B - bias), 1e-14)
+    a_B = kernel.hand_on(0.01, lag, 0.01, release, f_B, w_B, R, bias, x, P, np.zeros((2, 3)), none.copy())[3]
+    within("acceleration [m/s^2]", a_B - (f_B - x[6:] - R.T @ [0.0, 0.0, GRAVITY]), 1e-13)

@@ -85,18 +85,17 @@ def rewrite(reason: str, only: list[str], workers: int) -> None:
 
 
 def judge(first: int, last: int, only: list[str], workers: int) -> int:
-    """Say every figure of seeds `first` to `last` - 1 that lies outside its band; the exit code."""
+    """Say every figure of seeds `first` to `last` - 1 that lies outside its band, as runs end; the exit code."""
     held = store.read()
     names = [name for name in CASES if name in held and (not only or name in only)]
-    found = all_figures([(name, seed) for seed in range(first, last) for name in names], workers)
+    tasks = [(name, seed) for seed in range(first, last) for name in names]
     alarms = judged = 0
-    for name, runs in found.items():
-        for seed, figures in runs.items():
-            judged += len(held[name])
-            for line in faults(figures, held[name]):
-                alarms += 1
-                print(f"{name}, seed {seed}: {line}")
-    print(f"{sum(map(len, found.values()))} runs, {judged} figures, {alarms} outside their bands")
+    for (name, seed), figures in run_all(tasks, workers, figures_of, died):
+        judged += len(held[name])
+        said = faults(figures, held[name])
+        alarms += len(said)
+        print(f"{name}, seed {seed}: {'; '.join(said) or 'within'}", flush=True)
+    print(f"{len(tasks)} runs, {judged} figures, {alarms} outside their bands")
     return 1 if alarms else 0
 
 

@@ -2,7 +2,8 @@
 
 A band is a prediction interval of Student's t for one more run, at a false-alarm rate of FALSE_ALARMS a figure. Figures
 that are positive in every run spread by factors (errors, peaks, times) and are taken as logarithms. A figure that is
-the same in every run is held to ROUNDING.
+the same in every run is held to ROUNDING. A truth value, such as a verdict, that is the same in every run is held on
+the seeds that it was seen on: what share of other seeds it holds on, a dozen runs cannot tell.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,17 +31,20 @@ class Band:
     spread: float  # standard deviation over seeds, of the logarithm where `factor`
     factor: bool
     seeds: int
+    truth: bool = False  # a truth value: held on those seeds alone
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Band":
         """Band of a figure that took `values` over as many seeds. Raises ValueError for fewer than LEAST_SEEDS."""
+        truth = isinstance(values[0], bool)
         v = np.asarray(values, dtype=np.float64)
         n = len(v)
         if n < LEAST_SEEDS:
             raise ValueError(f"{n} seeds; a spread needs at least {LEAST_SEEDS}")
         if np.ptp(v) <= ROUNDING * np.abs(v).max():
             margin = ROUNDING * (1.0 + abs(v[0]))
-            return cls(low=v[0] - margin, high=v[0] + margin, middle=float(v[0]), spread=0.0, factor=False, seeds=n)
+            low, middle, high = float(v[0] - margin), float(v[0]), float(v[0] + margin)
+            return cls(low=low, high=high, middle=middle, spread=0.0, factor=False, seeds=n, truth=truth)
         factor = bool(v.min() > 0.0)
         x = np.log(v) if factor else v
         spread = float(x.std(ddof=1))
@@ -62,24 +66,29 @@ class Band:
 def bands_of(runs: Sequence[Figures]) -> dict[str, Band | None]:
     """Bands of all figures that every run has; None for those that no run lived to produce.
 
-    A figure that only some runs have is left out: it says nothing that could be held.
+    A figure that only some runs have, and a truth value that differs, are left out: nothing of them could be held.
     """
     names = dict.fromkeys(name for run in runs for name in run)
     found: dict[str, Band | None] = {}
     for name in names:
         values = [run.get(name) for run in runs]
         known = [value for value in values if value is not None]
-        if len(known) == len(values):
+        if len(known) == len(values) and not (isinstance(known[0], bool) and len(set(known)) > 1):
             found[name] = Band.of(known)
         elif not known:
             found[name] = None
     return found
 
 
-def faults(figures: Figures, bands: Mapping[str, Band | None]) -> list[str]:
-    """A line for each figure that lies outside its band, is missing, or should not be there."""
+def faults(figures: Figures, bands: Mapping[str, Band | None], *, fresh: bool = False) -> list[str]:
+    """A line for each figure that lies outside its band, is missing, or should not be there.
+
+    `fresh`: of a seed that the bands were not derived from, on which truth values are not held.
+    """
     lines = []
     for name, band in bands.items():
+        if fresh and band is not None and band.truth:
+            continue
         value = figures.get(name)
         if band is None:
             said = "" if value is None else f"{value:.4g}, where no run gave a figure"
@@ -91,7 +100,7 @@ def faults(figures: Figures, bands: Mapping[str, Band | None]) -> list[str]:
 
 
 def numbers_of(metrics: Mapping[str, Any], without: Sequence[str] = ()) -> dict[str, float | None]:
-    """All numbers of nested `metrics` by dotted name, truth values as 0 and 1; sentences are left out.
+    """All numbers and truth values of nested `metrics` by dotted name; sentences are left out.
 
     `without`: dotted beginnings of what is left out.
     """
@@ -107,7 +116,7 @@ def numbers_of(metrics: Mapping[str, Any], without: Sequence[str] = ()) -> dict[
             for i, inner in enumerate(value):
                 walk(inner, f"{name}.{i}")
         elif value is None or isinstance(value, (bool, int, float, np.number)):
-            found[name] = None if value is None else float(value)
+            found[name] = value if value is None or isinstance(value, bool) else float(value)
 
     walk(metrics, "")
     return found

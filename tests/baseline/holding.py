@@ -13,6 +13,8 @@ def check(name: str, fresh_seeds: Sequence[int]) -> None:
     """Fail with a line for each figure outside its band; at `fresh_seeds` where there are any."""
     said = []
     for seed in fresh_seeds or (SEED,):
-        said += [f"{name}, seed {seed}: {line}" for line in faults(CASES[name](seed), store.read()[name])]
+        said += [
+            f"{name}, seed {seed}: {line}" for line in faults(CASES[name](seed), store.read()[name], fresh=seed != SEED)
+        ]
     advice = "outside the band, better or worse; if meant: ./uvw run tests/baseline/record.py --reason ..."
     assert not said, "\n".join([advice, *said])

@@ -92,7 +92,7 @@ def judge(first: int, last: int, only: list[str], workers: int) -> int:
     alarms = judged = 0
     for (name, seed), figures in run_all(tasks, workers, figures_of, died):
         judged += len(held[name])
-        said = faults(figures, held[name])
+        said = faults(figures, held[name], fresh=True)
         alarms += len(said)
         print(f"{name}, seed {seed}: {'; '.join(said) or 'within'}", flush=True)
     print(f"{len(tasks)} runs, {judged} figures, {alarms} outside their bands")

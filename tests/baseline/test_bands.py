@@ -39,9 +39,16 @@ def test_what_is_missing_and_what_should_not_be_there_is_said():
         Band.of([1.0] * 7)
 
 
+def test_a_verdict_is_held_on_the_seeds_that_it_was_seen_on():
+    bands = bands_of([{"accepted": True, "varies": k > 3} for k in range(8)])
+    assert list(bands) == ["accepted"]
+    assert len(faults({"accepted": False}, bands)) == 1
+    assert faults({"accepted": False}, bands, fresh=True) == []
+
+
 def test_numbers_of_nested_metrics_have_dotted_names():
     metrics = {"run": {"state": "done", "wall_s": 3.0, "ok": True}, "parts": [{"n": 60.0}], "gap": None}
-    assert numbers_of(metrics, without=["run.wall_s"]) == {"run.ok": 1.0, "parts.0.n": 60.0, "gap": None}
+    assert numbers_of(metrics, without=["run.wall_s"]) == {"run.ok": True, "parts.0.n": 60.0, "gap": None}
 
 
 def test_every_case_is_held_and_tested():

@@ -8,6 +8,7 @@ where it stopped. Only tests of figures and properties count: traces and digests
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import os
@@ -138,7 +139,7 @@ def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> d
         fate = "unseen"  # within the budget; more tests are left
     elif status == 0:
         fate = "survived"
-    elif status < 0 or status in (1, 2, 3):  # failed, or did not even collect, or crashed
+    elif status < 0 or status in (1, 2):  # failed, or did not even collect, or crashed
         fate, found["by"] = "killed", found["by"] or f"exit {status}"
     else:
         fate = f"pytest's exit code {status}"
@@ -179,7 +180,20 @@ def work(entries: list[dict[str, Any]], tasks: Any, results: Any, folder: Path, 
     """One worker: a copy of its own, mutants until there are none."""
     tree = Copy(folder)
     while (index := tasks.get()) >= 0:
-        results.put((index, tree.judge(entries[index], budget, *options)))
+        try:
+            result = tree.judge(entries[index], budget, *options)
+        except Exception as error:  # one mutant that the runner cannot judge does not hold up the others
+            result = {"fate": f"not judged: {error!r}", "by": "", "seconds": 0.0, "tests_run": 0}
+        results.put((index, result))
+
+
+def state_of(*options: object) -> str:
+    """A digest of all sources and tests and of the options: results kept in a file hold for it alone."""
+    digest = hashlib.sha256(repr(options).encode())
+    for path in sorted(ROOT.rglob("*")):
+        if path.suffix in (".py", ".toml", ".xml", ".json") and not {*path.relative_to(ROOT).parts} & {*LEFT_OUT}:
+            digest.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def main() -> None:
@@ -195,9 +209,12 @@ def main() -> None:
     entries = chosen(options.drawn, options.seed) if options.drawn else listed()
     entries = [e for e in entries if re.search(options.only, f"{e['file']}:{e['line']} {e['old']}")]
     given = [] if options.test_seed is None else ["--seed", str(options.test_seed)]
-    known = {}
+    known, state = {}, state_of(options.budget, options.test_seed)
     if options.out and options.out.exists():
-        known = {tuple(r["key"]): r for r in map(json.loads, options.out.read_text().splitlines())}
+        kept = [json.loads(line) for line in options.out.read_text().splitlines()]
+        if any(result.pop("state") != state for result in kept):
+            parser.error(f"--out {options.out}: holds results of other code, tests or options: give a new file")
+        known = {tuple(result["key"]): result for result in kept}
     rows: list[dict[str, Any]] = []
 
     import matplotlib.pyplot  # noqa: F401  what nearly all tests load: once, not for every mutant
@@ -243,7 +260,7 @@ def main() -> None:
             if options.out:
                 key = (entry["file"], entry["old"], entry["new"], entry["line"])
                 with options.out.open("a") as file:
-                    file.write(json.dumps({"key": key, **result}) + "\n")
+                    file.write(json.dumps({"key": key, "state": state, **result}) + "\n")
         for worker in workers:
             worker.join()
         by = sorted({r["by"] for r in rows if "::" in r["by"]})

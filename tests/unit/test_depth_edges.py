@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models.target_model import TargetModel
-from perception.registration import Evidence, ModelSurface, edge_offsets
+from perception.registration import Evidence, ModelSurface, edge_offsets, fine_fit
 from perception.scan import Scan, SensorModel, contour, without_flying_pixels
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.stereo_noise import StereoNoise, add_noise
@@ -31,12 +31,20 @@ def placed(rng: np.random.Generator) -> Array:
     return pose(exp_so3([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), [*rng.uniform(-0.02, 0.02, 2), rng.uniform(0.9, 1.1)])
 
 
-def seen(X_ST: Array, noise: StereoNoise | None, rng: np.random.Generator) -> Evidence:
-    """The slab at `X_ST` before the wall; points beyond the slab are not the object's."""
+def seen(X_ST: Array, noise: StereoNoise | None, rng: np.random.Generator, bar: float | None = None) -> Evidence:
+    """The slab at `X_ST` before the wall; points beyond the slab are not the object's.
+
+    With `bar` a bar hides one of its ends: `bar` metres nearer, and in the image 3 px wider than what it hides.
+    """
     rays = np.stack(np.meshgrid(TANGENT_X, TANGENT_Y), axis=-1)
     z = X_ST[2, 3]
     on_face = (np.abs((z * rays - X_ST[:2, 3]) @ X_ST[:2, :2]) < HALF).all(axis=-1)
     depth = np.where(on_face, z, WALL).astype(np.float32)
+    if bar is not None:
+        p = (z * rays - X_ST[:2, 3]) @ X_ST[:2, :2]
+        hides = (p[..., 0] > 0.5 * HALF[0]) & (np.abs(p - [HALF[0], 0.0]) < [HALF[0], 2.0 * HALF[1]]).all(axis=-1)
+        hides &= p[..., 0] < HALF[0] + 3.0 * PITCH * z
+        depth[hides] = z - bar
     if noise is not None:
         depth = add_noise(depth, np.ones_like(depth), FOCAL, noise, rng)
     points = np.concatenate([rays, np.ones((*depth.shape, 1))], axis=-1) * depth[..., None]
@@ -88,3 +96,13 @@ def test_a_model_behind_the_sensor_has_no_edges(slab: ModelSurface, rng):
     offsets, share, goes_on = edge_offsets(seen(placed(rng), None, rng), slab, pose(p=[0.0, 0.0, -1.0]))
     assert not len(offsets)
     assert np.isnan([share, goes_on]).all()
+
+
+@pytest.mark.parametrize("bar", [0.15, -0.15], ids=["nearer", "farther"])
+def test_an_edge_at_another_depth_is_not_the_models(bar: float, slab: ModelSurface, rng, within):
+    """A bar hides an end of the slab, and its rim lies 3 px beyond that of the slab: it moves the fit by nothing."""
+    for _ in range(4):
+        X_ST = placed(rng)
+        found = fine_fit(seen(X_ST, None, rng, bar), slab, X_ST).X_ST
+        off = (X_ST[:3, :3].T @ (found[:3, 3] - X_ST[:3, 3]))[:2] / (X_ST[2, 3] * PITCH)
+        within("moved [px]", off, 0.3)

@@ -40,8 +40,17 @@ from sim.interfaces.spatial import (
 
 Kind = Literal["dh", "yaml", "urdf", "mjcf"]
 _DH_NAMES = {
-    "theta": 0, "theta0": 0, "theta_offset": 0, "offset": 0, "q": 0, "d": 1, "a": 2, "r": 2, "alpha": 3, "beta": 4,
-}  # fmt: skip
+    "theta": 0,
+    "theta0": 0,
+    "theta_offset": 0,
+    "offset": 0,
+    "q": 0,
+    "d": 1,
+    "a": 2,
+    "r": 2,
+    "alpha": 3,
+    "beta": 4,
+}
 _UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
 _LONGEST = 1e4  # [m] or [rad] in a URDF or calibration: more is a slip, or millimetres
 _LONGEST_KEY = 60  # characters of a column's name
@@ -76,9 +85,13 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     if suffix == ".xml" and b"<robot" in raw[:4000]:
         suffix = ".urdf"
     readers = {
-        ".csv": _from_csv, ".txt": _from_csv, ".yaml": _from_yaml, ".yml": _from_yaml, ".xml": _from_mjcf,
+        ".csv": _from_csv,
+        ".txt": _from_csv,
+        ".yaml": _from_yaml,
+        ".yml": _from_yaml,
+        ".xml": _from_mjcf,
         ".mjcf": _from_mjcf,
-    }  # fmt: skip
+    }
     if suffix not in (*readers, ".urdf"):
         raise ConfigurationError(f"arm {file}: allowed {', '.join((*readers, '.urdf'))}, got {suffix!r}")
     if suffix == ".urdf":
@@ -162,9 +175,14 @@ def _from_yaml(file: Path, text: str, digest: str, base: str | None, tip: str | 
 
 
 def _of_rows(
-    file: Path, kind: Kind, rows: list[dict[str, Any]], digest: str, about: Mapping[str, Any], base: str | None,
+    file: Path,
+    kind: Kind,
+    rows: list[dict[str, Any]],
+    digest: str,
+    about: Mapping[str, Any],
+    base: str | None,
     tip: str | None,
-) -> ArmSource:  # fmt: skip
+) -> ArmSource:
     """An arm of rows given by name; units from the names ("alpha_deg", "d [mm]"), from `about`, or from the size."""
     notes: list[str] = []
     table = np.zeros((len(rows), ROW))
@@ -286,10 +304,16 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
         raise ConfigurationError(f"arm {file}: kinematics holds no joints")
     n = len(axes)
     return ArmSource(
-        path=file, kind="yaml", arm=Arm.from_axes(axes, points, X), joint_names=tuple(names), base=base or "base",
-        tip=tip or "flange", tcp=readonly(np.zeros(3)), limits=readonly(np.tile([-np.inf, np.inf], (n, 1))),
+        path=file,
+        kind="yaml",
+        arm=Arm.from_axes(axes, points, X),
+        joint_names=tuple(names),
+        base=base or "base",
+        tip=tip or "flange",
+        tcp=readonly(np.zeros(3)),
+        limits=readonly(np.tile([-np.inf, np.inf], (n, 1))),
         sha256=digest,
-    )  # fmt: skip
+    )
 
 
 # URDF
@@ -442,8 +466,11 @@ def mjcf_geometry(file: Path, base: str | None, tip: str | None) -> tuple[mujoco
 
 
 def _passive(model: mujoco.MjModel) -> list[str]:
-    joints = {int(j) for j, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
-              if int(kind) == mujoco.mjtTrn.mjTRN_JOINT}  # fmt: skip
+    joints = {
+        int(j)
+        for j, kind in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
+        if int(kind) == mujoco.mjtTrn.mjTRN_JOINT
+    }
     if not joints:
         return []
     free = mujoco.mjtJoint.mjJNT_FREE

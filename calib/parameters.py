@@ -14,17 +14,20 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
 
 GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
-UNITS = {
-    "theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)",
-}  # fmt: skip
+UNITS = {"theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)"}
 
 # Standard deviations about the nominal arm where the caller states none: a machined arm of about a metre (UR10e as
 # delivered, tables of paper 000: 0.5 mm, 0.2 deg; Panda: 1 mm, 0.3 deg); the tool point is as good as unknown;
 # 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
 DEFAULT_PRIOR = {
-    "theta": np.deg2rad(0.2), "d": 1e-3, "a": 1e-3, "alpha": np.deg2rad(0.2), "beta": np.deg2rad(0.2), "tcp": 0.1,
+    "theta": np.deg2rad(0.2),
+    "d": 1e-3,
+    "a": 1e-3,
+    "alpha": np.deg2rad(0.2),
+    "beta": np.deg2rad(0.2),
+    "tcp": 0.1,
     "compliance": 1e-4,
-}  # fmt: skip
+}
 _NARROWEST, _WIDEST = 1e-12, 1e6  # deviations whose squares can be added up
 DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
 

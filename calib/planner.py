@@ -114,9 +114,15 @@ def plan(
 
 
 def _rows(
-    arm: Arm, tcp: Array, poses: list[Array], index: np.ndarray, deviations: Array, noise: float,
-    points: int | None = None, first: int = 0,
-) -> Array:  # fmt: skip
+    arm: Arm,
+    tcp: Array,
+    poses: list[Array],
+    index: np.ndarray,
+    deviations: Array,
+    noise: float,
+    points: int | None = None,
+    first: int = 0,
+) -> Array:
     """(K, 3, P + 3 S) derivatives of each touch by parameters and points, over noise, in units of their priors."""
     points = len(poses) if points is None else points
     blocks = []

@@ -181,10 +181,12 @@ def _reasons(arm: Arm, hidden: Array, parameters: Parameters) -> tuple[HiddenGro
         inside = [parameters.names[j] for j in np.argsort(-np.abs(new).max(axis=0)) if np.abs(new[:, j]).max() > 0.2]
         groups.append(
             HiddenGroup(
-                names=tuple(inside), count=len(new), reason="these poses do not tell them apart",
+                names=tuple(inside),
+                count=len(new),
+                reason="these poses do not tell them apart",
                 handle="touch in more varied poses or at more points",
             )
-        )  # fmt: skip
+        )
     return tuple(groups)
 
 
@@ -196,13 +198,22 @@ def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, st
         name for name, group in zip(parameters.names, parameters.groups, strict=True) if group in {"d", "a", "tcp"}
     ]
     suspects = [
-        (["theta1", "d1"], "base gauge: turns about and shifts along the first axis move all points alike",
-         "touching is blind to where the base frame is; nothing is lost"),
-        ([f"c{k + 1}" for k in range(n)], "no load moment that changes on these joints",
-         "load them otherwise: pull sideways, tilt the base, or hold the load off the axis"),
-        (last, "last frame against tool point: both describe the same tip",
-         "nothing is lost for this tool; the flange itself needs a tool of known length"),
-    ]  # fmt: skip
+        (
+            ["theta1", "d1"],
+            "base gauge: turns about and shifts along the first axis move all points alike",
+            "touching is blind to where the base frame is; nothing is lost",
+        ),
+        (
+            [f"c{k + 1}" for k in range(n)],
+            "no load moment that changes on these joints",
+            "load them otherwise: pull sideways, tilt the base, or hold the load off the axis",
+        ),
+        (
+            last,
+            "last frame against tool point: both describe the same tip",
+            "nothing is lost for this tool; the flange itself needs a tool of known length",
+        ),
+    ]
     for run in _parallel_runs(arm):
         names = [f"d{k + 1}" for k in run]
         suspects.append(
@@ -210,9 +221,12 @@ def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, st
         )
     suspects += [
         (lengths, "scale: coincidence is the same in an arm of any size", "one known distance between points tells it"),
-        ([*before, *last], f"straight pin: the tip lies on axis {n}, whose direction is then not seen",
-         "use a tip 50 to 100 mm off the last axis"),
-    ]  # fmt: skip
+        (
+            [*before, *last],
+            f"straight pin: the tip lies on axis {n}, whose direction is then not seen",
+            "use a tip 50 to 100 mm off the last axis",
+        ),
+    ]
     if any(group == "compliance" for group in parameters.groups):
         compliant = [name for name in parameters.names if name.startswith("c")]
         suspects.append(

@@ -92,9 +92,14 @@ def _clouds(clouds: Mapping[str, Array]) -> Figure:
         for name, points in clouds.items():
             color, marker = _LOOKS.get(name, (GREEN, "s"))
             axes.plot(
-                points[:, i], points[:, j], marker, color=color, label=name, markersize=8 if marker == "o" else 6,
+                points[:, i],
+                points[:, j],
+                marker,
+                color=color,
+                label=name,
+                markersize=8 if marker == "o" else 6,
                 fillstyle="none",
-            )  # fmt: skip
+            )
         axes.set_xlabel(f"{'xyz'[i]} [m]")
         axes.set_ylabel(f"{'xyz'[j]} [m]")
         axes.set_aspect("equal", adjustable="datalim")
@@ -112,9 +117,8 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
         color, marker = _LOOKS.get(name, (GREEN, "s"))
         numbers = np.arange(1, len(cloud.deviations) + 1)
         axes.plot(
-            numbers, 1e3 * cloud.deviations, marker=marker, color=color,
-            label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm",
-        )  # fmt: skip
+            numbers, 1e3 * cloud.deviations, marker=marker, color=color, label=f"{name}, RMS {1e3 * cloud.rms:.3f} mm"
+        )
     axes.set_xlabel("flange point")
     axes.set_ylabel("deviation [mm]")
     axes.set_ylim(bottom=0.0)
@@ -154,9 +158,14 @@ def _changes(calibration: Calibration) -> Figure:
     places, scale = np.arange(len(own)), calibration.prior[own]
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
     axes.errorbar(
-        calibration.changes[own] / scale, places, fmt="o", markersize=3, color=BLUE, linewidth=1.4,
+        calibration.changes[own] / scale,
+        places,
+        fmt="o",
+        markersize=3,
+        color=BLUE,
+        linewidth=1.4,
         xerr=calibration.quantile() * calibration.sigma[own] / scale,
-    )  # fmt: skip
+    )
     axes.set_yticks(places, [calibration.names[i] for i in own], fontsize=7)
     axes.invert_yaxis()
     axes.set_xlabel("change over the prior's deviation")

@@ -21,9 +21,15 @@ CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(
 
 
 def write_results(
-    folder: Path, calibration: Calibration, source: ArmSource, *, sha256: str, date: str, arm: Arm | None = None,
+    folder: Path,
+    calibration: Calibration,
+    source: ArmSource,
+    *,
+    sha256: str,
+    date: str,
+    arm: Arm | None = None,
     tcp: Array | None = None,
-) -> list[Path]:  # fmt: skip
+) -> list[Path]:
     """Write the identified arm into `folder` in every format; the files written.
 
     `sha256` is of the touches, `date` in ISO 8601. A URDF or MJCF that the arm came from is corrected: `arm.urdf` is
@@ -83,9 +89,7 @@ def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSourc
         "joint_types": arm.joint_types,
         "X_base_0": _rounded(arm.X_base_0),
         "X_n_flange": _rounded(arm.X_n_flange),
-        "dh": [
-            dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True)) for row in _rounded(arm.table)
-        ],
+        "dh": [dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True)) for row in _rounded(arm.table)],
         "tcp": _rounded(calibration.tcp),
         "limits": [[None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in source.limits],
         "identified": {
@@ -97,11 +101,15 @@ def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSourc
                 "touching": status.get(name, "known"),
             }
             for name, value, change, width, unit in zip(
-                calibration.names, calibration.values, calibration.changes, half, calibration.parameters.units,
+                calibration.names,
+                calibration.values,
+                calibration.changes,
+                half,
+                calibration.parameters.units,
                 strict=True,
             )
         },
-    }  # fmt: skip
+    }
     if np.any(calibration.compliance):
         document["compliance"] = _rounded(calibration.compliance, 14)
     return _write(

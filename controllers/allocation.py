@@ -48,9 +48,13 @@ class Allocation:
     """Thrusters of one vehicle, seen from its controller."""
 
     def __init__(
-        self, vehicle: Vehicle, *, priorities: Sequence[Sequence[str]] = PRIORITIES, effort: ArrayLike | None = None,
+        self,
+        vehicle: Vehicle,
+        *,
+        priorities: Sequence[Sequence[str]] = PRIORITIES,
+        effort: ArrayLike | None = None,
         headroom: float = HEADROOM,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the thrusters of `vehicle`.
 
         `priorities` are levels of `AXES`, the first to be kept first once thrusters saturate; within a level newtons

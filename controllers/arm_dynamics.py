@@ -24,9 +24,19 @@ from sim.interfaces.spatial import Array, exp_so3
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2
 _OF_BODIES = {
-    "axis": 3, "R0": 9, "p0": 3, "mass": 1, "com": 3, "inertia": 9, "added": 36, "linear": 36, "quadratic": 6,
-    "buoyancy": 1, "cob": 3, "origin": 3,
-}  # how many numbers of each kind a body has, in the order in which the kernels take them apart  # fmt: skip
+    "axis": 3,
+    "R0": 9,
+    "p0": 3,
+    "mass": 1,
+    "com": 3,
+    "inertia": 9,
+    "added": 36,
+    "linear": 36,
+    "quadratic": 6,
+    "buoyancy": 1,
+    "cob": 3,
+    "origin": 3,
+}  # how many numbers of each kind a body has, in the order in which the kernels take them apart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -436,12 +446,23 @@ def _read_tree(
     rows = {body: row for row, body in enumerate(bodies)}
     nb = len(bodies)
     tree = _Tree(
-        parent=np.full(nb, -1, dtype=np.int64), kind=np.zeros(nb, dtype=np.int64),
-        column=np.full(nb, -1, dtype=np.int64), axis=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), p0=np.zeros((nb, 3)),
-        mass=np.zeros(nb), com=np.zeros((nb, 3)), inertia=np.zeros((nb, 3, 3)), added=np.zeros((nb, 6, 6)),
-        linear=np.zeros((nb, 6, 6)), quadratic=np.zeros((nb, 6)), buoyancy=np.zeros(nb), cob=np.zeros((nb, 3)),
-        origin=np.zeros((nb, 3)), stations=_stations(model, rows, water_scale),
-    )  # fmt: skip
+        parent=np.full(nb, -1, dtype=np.int64),
+        kind=np.zeros(nb, dtype=np.int64),
+        column=np.full(nb, -1, dtype=np.int64),
+        axis=np.zeros((nb, 3)),
+        R0=np.zeros((nb, 3, 3)),
+        p0=np.zeros((nb, 3)),
+        mass=np.zeros(nb),
+        com=np.zeros((nb, 3)),
+        inertia=np.zeros((nb, 3, 3)),
+        added=np.zeros((nb, 6, 6)),
+        linear=np.zeros((nb, 6, 6)),
+        quadratic=np.zeros((nb, 6)),
+        buoyancy=np.zeros(nb),
+        cob=np.zeros((nb, 3)),
+        origin=np.zeros((nb, 3)),
+        stations=_stations(model, rows, water_scale),
+    )
     names: list[str] = []
     driven = set(vehicle.joints.tolist())
     R = np.empty(9)

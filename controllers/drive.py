@@ -14,9 +14,35 @@ from sim.interfaces.kernels import keyed_by_imports
 @numba.njit(cache=True)
 @keyed_by_imports
 def feel(
-    layout, numbers, stations, work, hull, X_WB, v_B, w_B, a_B, current_W, q, qd, tau_measured, bias, noise, floor, dt,
-    filters, qd_slow, w_slow_B, qdd, tau_e, wrench_B, X_BG, J_B, f_tip_B, f_tip_G, f_tip_W,
-):  # fmt: skip
+    layout,
+    numbers,
+    stations,
+    work,
+    hull,
+    X_WB,
+    v_B,
+    w_B,
+    a_B,
+    current_W,
+    q,
+    qd,
+    tau_measured,
+    bias,
+    noise,
+    floor,
+    dt,
+    filters,
+    qd_slow,
+    w_slow_B,
+    qdd,
+    tau_e,
+    wrench_B,
+    X_BG,
+    J_B,
+    f_tip_B,
+    f_tip_G,
+    f_tip_W,
+):
     """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
 
     `bias` (n,) [N m] is not the contact's; `noise`, a share of the reading, and `floor` (n,) [N m] say how far each
@@ -39,9 +65,8 @@ def feel(
         qdd[j] = (qd[j] - qd_slow[j]) / filters[0]
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
     f_B = tip_force(
-        layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B,
-        X_BG, J_B,
-    )  # fmt: skip
+        layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
+    )
     lag = min(1.0, dt / filters[1])
     for i in range(3):
         f_tip_B[i] += lag * (f_B[i] - f_tip_B[i])
@@ -75,7 +100,7 @@ def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
 @keyed_by_imports
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
-):  # fmt: skip
+):
     """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind."""
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
@@ -135,9 +160,31 @@ def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, sha
 @numba.njit(cache=True)
 @keyed_by_imports
 def drive(
-    layout, numbers, stations, work, hull, q, qd, q_wanted, qd_wanted, qdd_wanted, since, integral, dt, gains, armature,
-    damping, friction, limits, borne_G, yielding, softness, qdd, tau, wrench_B,
-):  # fmt: skip
+    layout,
+    numbers,
+    stations,
+    work,
+    hull,
+    q,
+    qd,
+    q_wanted,
+    qd_wanted,
+    qdd_wanted,
+    since,
+    integral,
+    dt,
+    gains,
+    armature,
+    damping,
+    friction,
+    limits,
+    borne_G,
+    yielding,
+    softness,
+    qdd,
+    tau,
+    wrench_B,
+):
     """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
 
     `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`, whose rate should be `qdd_wanted`. `gains`:

@@ -71,13 +71,14 @@ def identify(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature:
     return IdentifiedFriction(
         viscous=readonly(best[:, 1]),
         dry=DryFriction(
-            coulomb=readonly(coulomb), stiction=readonly(np.maximum(best[:, 3], coulomb)),
+            coulomb=readonly(coulomb),
+            stiction=readonly(np.maximum(best[:, 3], coulomb)),
             stribeck_speed=readonly(best[:, 4]),
         ),
         bias=readonly(best[:, 0]),
         covariance=readonly(np.stack([fit[1] for fit in fits])),
         residual=readonly(np.array([fit[2] for fit in fits])),
-    )  # fmt: skip
+    )
 
 
 def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
@@ -120,9 +121,15 @@ class FrictionMotion:
     """Planner (`sim.interfaces.protocols.Planner`): joints swing together, slowly and then fast, the hull hovers."""
 
     def __init__(
-        self, vehicle: Vehicle, X_WB: Array, *, swing: float = 0.25, slow: float = 20.0, fast: float = 5.0,
+        self,
+        vehicle: Vehicle,
+        X_WB: Array,
+        *,
+        swing: float = 0.25,
+        slow: float = 20.0,
+        fast: float = 5.0,
         period: float = 0.01,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Swing each joint by `swing` [rad] about the ready posture, or less between its limits, one slow and two fast
         turns of `slow` and `fast` [s], at rates a little different, so that no two move alike. `X_WB` (4, 4) is held.
 
@@ -173,7 +180,18 @@ class FrictionMotion:
             phase = 2.0 * np.pi * 3.0 * self._rate
             q, work = self._middle + self._swing * np.sin(phase), WorkState.DONE
         return state, Reference(
-            time=estimate.time, state=work, X_WB=self._X_WB, v_WB_W=np.zeros(3), X_WG=None, v_WG_W=np.zeros(3),
-            w_WG_W=np.zeros(3), q=q, qd=np.array(qd, dtype=np.float64), force=0.0, force_control=False, tare=False,
-            scan=False, path_s=0.0,
-        )  # fmt: skip
+            time=estimate.time,
+            state=work,
+            X_WB=self._X_WB,
+            v_WB_W=np.zeros(3),
+            X_WG=None,
+            v_WG_W=np.zeros(3),
+            w_WG_W=np.zeros(3),
+            q=q,
+            qd=np.array(qd, dtype=np.float64),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )

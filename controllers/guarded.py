@@ -65,9 +65,12 @@ class Guarded:
     def init(self, estimate: StateEstimate) -> GuardedState:
         n = len(self._limits)
         still = Command(
-            time=estimate.time, joint_torque=np.zeros(n), thrusters=np.zeros(self._thrusters), scan=False,
+            time=estimate.time,
+            joint_torque=np.zeros(n),
+            thrusters=np.zeros(self._thrusters),
+            scan=False,
             felt_normal=0.0,
-        )  # fmt: skip
+        )
         return GuardedState(
             inner=self._controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
         )
@@ -137,9 +140,13 @@ class Guarded:
         if state.stopped is None:
             return replace(state.command, faults=faults)
         return replace(
-            state.command, joint_torque=self._brake(state, estimate), thrusters=np.zeros(self._thrusters), scan=False,
-            felt_normal=0.0, faults=(*faults, state.stopped),
-        )  # fmt: skip
+            state.command,
+            joint_torque=self._brake(state, estimate),
+            thrusters=np.zeros(self._thrusters),
+            scan=False,
+            felt_normal=0.0,
+            faults=(*faults, state.stopped),
+        )
 
     def _brake(self, state: GuardedState, estimate: StateEstimate) -> Array:
         """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake it where it moves."""
@@ -156,9 +163,15 @@ class Guarded:
             return np.zeros(0)
         rest = np.zeros(len(q))
         return self._arm.inverse(
-            q, rest, rest, R_WB=R_WB, nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+            q,
+            rest,
+            rest,
+            R_WB=R_WB,
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
-        )[0]  # fmt: skip
+        )[0]
 
 
 def _numbers(values: Array) -> bool:

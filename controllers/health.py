@@ -131,13 +131,32 @@ class Health:
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
         joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
         return HealthState(
-            time=estimate.time, began=estimate.time, q=np.array(estimate.q), qd=np.array(estimate.qd),
-            tau=np.array(estimate.tau), same=np.zeros((2, n), dtype=np.int64), longest=np.zeros((2, n), dtype=np.int64),
-            qd_slow=np.array(estimate.qd), gear=joint(), excess=joint(), usual=joint(), beyond=joint(), slip=joint(),
-            tau_motor=joint(), hull_time=estimate.time, speed=thruster(), passed=thruster(), thrusters=thruster(),
-            nu_slow=six(), rest=six(), missing=six(), missing_usual=six(), thrust=thruster(),
-            thrust_usual=thruster(), lost_for=thruster(),
-        )  # fmt: skip
+            time=estimate.time,
+            began=estimate.time,
+            q=np.array(estimate.q),
+            qd=np.array(estimate.qd),
+            tau=np.array(estimate.tau),
+            same=np.zeros((2, n), dtype=np.int64),
+            longest=np.zeros((2, n), dtype=np.int64),
+            qd_slow=np.array(estimate.qd),
+            gear=joint(),
+            excess=joint(),
+            usual=joint(),
+            beyond=joint(),
+            slip=joint(),
+            tau_motor=joint(),
+            hull_time=estimate.time,
+            speed=thruster(),
+            passed=thruster(),
+            thrusters=thruster(),
+            nu_slow=six(),
+            rest=six(),
+            missing=six(),
+            missing_usual=six(),
+            thrust=thruster(),
+            thrust_usual=thruster(),
+            lost_for=thruster(),
+        )
 
     def step(self, state: HealthState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
         """Look at a finite `estimate`, with the `command` that followed from it; all faults found so far.
@@ -148,11 +167,29 @@ class Health:
         limits, time = self.limits, estimate.time
         warm = time - state.began > limits.warm_up
         found = _joints(
-            estimate.q, estimate.qd, estimate.tau, state.tau_motor, self._armature, self._damping, self._period,
+            estimate.q,
+            estimate.qd,
+            estimate.tau,
+            state.tau_motor,
+            self._armature,
+            self._damping,
+            self._period,
             (limits.torque_time, limits.encoder_time, limits.learning_time, limits.torque_share),
-            self._floor, time - state.began, warm, state.q, state.qd, state.tau, state.same, state.longest,
-            state.qd_slow, state.gear, state.excess, state.usual, state.beyond, state.slip,
-        )  # fmt: skip
+            self._floor,
+            time - state.began,
+            warm,
+            state.q,
+            state.qd,
+            state.tau,
+            state.same,
+            state.longest,
+            state.qd_slow,
+            state.gear,
+            state.excess,
+            state.usual,
+            state.beyond,
+            state.slip,
+        )
         if warm and found:
             self._judge_joints(state, time)
         if not estimate.vision_age > limits.vision_age:  # unknown too
@@ -183,9 +220,10 @@ class Health:
                 self._add(state, FaultKind.TORQUE_SENSOR, name, j, time, said)
             if encoder[j]:
                 said = (
-                    f"stood still for {still[1]:.0f} ms" if frozen[1, j]
+                    f"stood still for {still[1]:.0f} ms"
+                    if frozen[1, j]
                     else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed"
-                )  # fmt: skip
+                )
                 self._add(state, FaultKind.ENCODER, name, j, time, said)
 
     def blame_torque_sensors(self, state: HealthState, wrong: np.ndarray, time: float) -> None:
@@ -207,19 +245,43 @@ class Health:
             return
         current_W = command.believed.get("current_W", np.zeros(3))
         _hull(
-            estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, current_W, wrench, self._inertia, self._added,
-            self._linear, self._quadratic, self._curves, self._lags, self._B, state.thrusters, dt,
-            limits.hull_time, state.speed, state.passed, state.nu_slow, state.rest, state.missing,
-        )  # fmt: skip
+            estimate.X_WB[:3, :3],
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            current_W,
+            wrench,
+            self._inertia,
+            self._added,
+            self._linear,
+            self._quadratic,
+            self._curves,
+            self._lags,
+            self._B,
+            state.thrusters,
+            dt,
+            limits.hull_time,
+            state.speed,
+            state.passed,
+            state.nu_slow,
+            state.rest,
+            state.missing,
+        )
         state.thrusters[:] = command.thrusters
         self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
 
     def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits = self.limits
         size, asked, changed, best, share = _explain(
-            state.missing, state.missing_usual, self._scale, self._B, self._curves, state.speed, state.thrust,
-            state.thrust_usual, limits.thruster_leftover,
-        )  # fmt: skip
+            state.missing,
+            state.missing_usual,
+            self._scale,
+            self._B,
+            self._curves,
+            state.speed,
+            state.thrust,
+            state.thrust_usual,
+            limits.thruster_leftover,
+        )
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
         suspect = best >= 0 and low < share < high
@@ -253,9 +315,29 @@ def finite(X_WB, v_B, w_B, a_B, q, qd, time):
 @numba.njit(cache=True)
 @keyed_by_imports
 def _joints(
-    q, qd, tau, tau_motor, armature, damping, dt, numbers, floor, age, warm, q_last, qd_last, tau_last, same, longest,
-    qd_slow, gear, excess, usual, beyond, slip,
-):  # fmt: skip
+    q,
+    qd,
+    tau,
+    tau_motor,
+    armature,
+    damping,
+    dt,
+    numbers,
+    floor,
+    age,
+    warm,
+    q_last,
+    qd_last,
+    tau_last,
+    same,
+    longest,
+    qd_slow,
+    gear,
+    excess,
+    usual,
+    beyond,
+    slip,
+):
     """Advance the memory of torque sensors and encoders by one sample; True if anything is worth a look."""
     torque_time, encoder_time, learning_time, share = numbers
     lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
@@ -288,9 +370,27 @@ def _joints(
 @numba.njit(cache=True)
 @keyed_by_imports
 def _hull(
-    R_WB, v_B, w_B, current_W, arm_wrench_B, inertia, added, linear, quadratic, curve, lags, B, command, dt, time,
-    speed, passed, nu_slow, rest, missing,
-):  # fmt: skip
+    R_WB,
+    v_B,
+    w_B,
+    current_W,
+    arm_wrench_B,
+    inertia,
+    added,
+    linear,
+    quadratic,
+    curve,
+    lags,
+    B,
+    command,
+    dt,
+    time,
+    speed,
+    passed,
+    nu_slow,
+    rest,
+    missing,
+):
     """What the hull's momentum lacks, `missing` (6,), after thrusts that have been commanded for `dt` [s].
 
     Weight and righting moment of the hull, slow beside all else, are left to the average.

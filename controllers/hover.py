@@ -68,9 +68,11 @@ class Hover:
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
         self._observer = HullObserver(
-            own, (1.0 + water_error) * water.linear_damping.diagonal(),
-            (1.0 + water_error) * water.quadratic_damping, beliefs,
-        )  # fmt: skip
+            own,
+            (1.0 + water_error) * water.linear_damping.diagonal(),
+            (1.0 + water_error) * water.quadratic_damping,
+            beliefs,
+        )
         net = gravity * (density * water.volume - mass)  # [N] up
         # Moment of weight and buoyancy is this vector x (up, in hull axes).
         righting = gravity * (
@@ -99,9 +101,15 @@ class Hover:
         return np.concatenate([through, estimate.w_WB_B])
 
     def step(
-        self, state: HoverState, estimate: StateEstimate, X_WB_wanted: Array, v_WB_W_wanted: Array, arm_wrench_B: Array,
-        dt: float, w_WB_W_wanted: Array = _STILL,
-    ) -> Array:  # fmt: skip
+        self,
+        state: HoverState,
+        estimate: StateEstimate,
+        X_WB_wanted: Array,
+        v_WB_W_wanted: Array,
+        arm_wrench_B: Array,
+        dt: float,
+        w_WB_W_wanted: Array = _STILL,
+    ) -> Array:
         """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
 
         `v_WB_W_wanted` (3,) [m/s] and `w_WB_W_wanted` (3,) [rad/s] are the motion of the pose wanted.

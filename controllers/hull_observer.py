@@ -79,9 +79,16 @@ class HullObserver:
         )
 
     def step(
-        self, state: HullObserverState, R_WB: Array, v_WB_B: Array, w_WB_B: Array, given_B: Array, arm_B: Array,
-        static_B: Array, dt: float,
-    ) -> None:  # fmt: skip
+        self,
+        state: HullObserverState,
+        R_WB: Array,
+        v_WB_B: Array,
+        w_WB_B: Array,
+        given_B: Array,
+        arm_B: Array,
+        static_B: Array,
+        dt: float,
+    ) -> None:
         """Take the hull's velocity now [m/s, rad/s], and what acted on it for `dt` [s] before: the thrusters' mean
         wrench `given_B` (6,), the arm's now `arm_B` (6,), weight and buoyancy `static_B` (6,) [N, N m], hull axes."""
         if not state.begun:
@@ -90,14 +97,37 @@ class HullObserver:
             return
         other_B = 0.5 * (arm_B + state.arm_B) + static_B
         _observe(
-            self._numbers, self._mass, self._inverse_mass, self._lever, self._linear, self._quadratic, R_WB,
-            v_WB_B, given_B, other_B, dt, state.v_W, state.current_W, state.gain,
-            state.offset_W, state.P, w_WB_B - state.w_B,
-        )  # fmt: skip
+            self._numbers,
+            self._mass,
+            self._inverse_mass,
+            self._lever,
+            self._linear,
+            self._quadratic,
+            R_WB,
+            v_WB_B,
+            given_B,
+            other_B,
+            dt,
+            state.v_W,
+            state.current_W,
+            state.gain,
+            state.offset_W,
+            state.P,
+            w_WB_B - state.w_B,
+        )
         _observe_turning(
-            self._turning, self._inverse_turning, self._linear[3:], self._quadratic[3:], w_WB_B, given_B, other_B, dt,
-            self._beliefs.moment_bandwidth * dt, state.w_B, state.moment_B,
-        )  # fmt: skip
+            self._turning,
+            self._inverse_turning,
+            self._linear[3:],
+            self._quadratic[3:],
+            w_WB_B,
+            given_B,
+            other_B,
+            dt,
+            self._beliefs.moment_bandwidth * dt,
+            state.w_B,
+            state.moment_B,
+        )
         state.arm_B[:] = arm_B
 
     def unknown(self, state: HullObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
@@ -115,9 +145,24 @@ class HullObserver:
 
 @numba.njit(cache=True)
 def _observe(
-    numbers, mass, inverse_mass, lever, linear, quadratic, R_WB, v_B, given_B, other_B, dt, v_W, current_W,
-    gain, offset_W, P, turned
-):  # fmt: skip
+    numbers,
+    mass,
+    inverse_mass,
+    lever,
+    linear,
+    quadratic,
+    R_WB,
+    v_B,
+    given_B,
+    other_B,
+    dt,
+    v_W,
+    current_W,
+    gain,
+    offset_W,
+    P,
+    turned,
+):
     """One step of the four-state filters; `turned` (3,) is the change of the angular velocity over it [rad/s]."""
     R_WB = R_WB.copy()
     R_BW = R_WB.T.copy()
@@ -156,9 +201,7 @@ def _observe(
 
 
 @numba.njit(cache=True)
-def _observe_turning(
-    turning, inverse_turning, linear, quadratic, w_WB_B, given_B, other_B, dt, pace, w_B, moment_B
-):  # fmt: skip
+def _observe_turning(turning, inverse_turning, linear, quadratic, w_WB_B, given_B, other_B, dt, pace, w_B, moment_B):
     """One step of the observer of the moments: `w_B` follows the rate measured, `moment_B` is what that takes."""
     spin, net, error = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):

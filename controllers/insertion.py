@@ -103,9 +103,12 @@ def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
     flags = np.zeros(len(s), dtype=bool)
     flags.setflags(write=False)
     return ToolPath(
-        s=readonly(s), p=readonly(X_WH[:3, 3] + s[:, None] * X_WH[:3, 2]), z=readonly(ones * X_WH[:3, 2]),
-        x=readonly(ones * X_WH[:3, 0]), on_scan=flags,
-    )  # fmt: skip
+        s=readonly(s),
+        p=readonly(X_WH[:3, 3] + s[:, None] * X_WH[:3, 2]),
+        z=readonly(ones * X_WH[:3, 2]),
+        x=readonly(ones * X_WH[:3, 0]),
+        on_scan=flags,
+    )
 
 
 class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
@@ -132,9 +135,15 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             raise ConfigurationError(f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}")
         self._hole = hole
         arrival = SurfaceWork(
-            vehicle, chain, target, Job(forces=(job.force,), standoff=job.standoff), X_WB_scan=X_WB_scan,
-            hull_box=hull_box, period=period, search=search,
-        )  # fmt: skip
+            vehicle,
+            chain,
+            target,
+            Job(forces=(job.force,), standoff=job.standoff),
+            X_WB_scan=X_WB_scan,
+            hull_box=hull_box,
+            period=period,
+            search=search,
+        )
         super().__init__(job, arrival, too_long="the depth was not reached")
 
     def init(self, estimate: StateEstimate) -> InsertionState:
@@ -259,9 +268,20 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         touching = not at_rest and state.depth > -self._job.early
         entering = state.state in (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
         return Reference(
-            time=time, state=state.state, X_WB=state.arrival.X_WB, v_WB_W=_ZERO, X_WG=X_WG,
-            v_WG_W=_ZERO if at_rest else state.speed * X_WG[:3, 2], w_WG_W=_ZERO, q=state.arrival.q,
-            qd=np.zeros(len(state.arrival.q)), force=self._job.force if touching else 0.0, force_control=False,
-            tare=False, scan=False, path_s=max(0.0, state.depth), note=state.reason or state.arrival.note,
+            time=time,
+            state=state.state,
+            X_WB=state.arrival.X_WB,
+            v_WB_W=_ZERO,
+            X_WG=X_WG,
+            v_WG_W=_ZERO if at_rest else state.speed * X_WG[:3, 2],
+            w_WG_W=_ZERO,
+            q=state.arrival.q,
+            qd=np.zeros(len(state.arrival.q)),
+            force=self._job.force if touching else 0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=max(0.0, state.depth),
+            note=state.reason or state.arrival.note,
             compliant=self._job.compliance and entering and state.depth > -self._job.entry,
-        )  # fmt: skip
+        )

@@ -136,9 +136,12 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
     yaw = np.unwrap(np.arctan2(inward_W[:, 1], inward_W[:, 0]) - np.arctan2(view[1], view[0]))
     lever = X_BC[:3, 3]
     turned = np.column_stack(
-        [np.cos(yaw) * lever[0] - np.sin(yaw) * lever[1], np.sin(yaw) * lever[0] + np.cos(yaw) * lever[1],
-         np.full(len(yaw), lever[2])]
-    )  # fmt: skip
+        [
+            np.cos(yaw) * lever[0] - np.sin(yaw) * lever[1],
+            np.sin(yaw) * lever[0] + np.cos(yaw) * lever[1],
+            np.full(len(yaw), lever[2]),
+        ]
+    )
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p_WC, axis=0), axis=1))])
     return Orbit(s=readonly(s), p_WC=readonly(p_WC), p_WB=readonly(p_WC - turned), yaw=readonly(yaw))
 
@@ -165,9 +168,18 @@ class Inspection:
     """Planner (`sim.interfaces.protocols.Planner`) that looks at one known object from all around, its arm folded."""
 
     def __init__(
-        self, vehicle: Vehicle, chain: Chain, target: TargetModel, job: InspectionJob, *, X_WB_scan: Array,
-        hull_box: Array, X_BC: Array, floor: float = -np.inf, period: float = 0.01,
-    ) -> None:  # fmt: skip
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        target: TargetModel,
+        job: InspectionJob,
+        *,
+        X_WB_scan: Array,
+        hull_box: Array,
+        X_BC: Array,
+        floor: float = -np.inf,
+        period: float = 0.01,
+    ) -> None:
         """Take the vehicle and its arm, the object's model, the job, and where to scan from, (4, 4) in W.
 
         `hull_box` (2, 3) [m] are the corners of the hull in B, `X_BC` (4, 4) is the camera in it, `floor` [m] the
@@ -235,9 +247,13 @@ class Inspection:
         found = orbit(self._target, target.X_WT, self._job, X_BC=self._X_BC, near_W=near_W)
         X_WB = found.at(0.0)[0]
         move = PoseMove.between(
-            time, state.X_WB, X_WB, speed=self._job.speed, acceleration=self._job.acceleration,
+            time,
+            state.X_WB,
+            X_WB,
+            speed=self._job.speed,
+            acceleration=self._job.acceleration,
             turn_rate=self._job.turn_rate,
-        )  # fmt: skip
+        )
         try:
             self._check_clear(found, move, target.X_WT)
         except ReachError as error:
@@ -290,7 +306,20 @@ class Inspection:
     def _reference(self, state: InspectionState, time: float) -> Reference:
         n = len(self._vehicle.q_home)
         return Reference(
-            time=time, state=state.state, X_WB=state.X_WB, v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W, X_WG=None,
-            v_WG_W=_ZERO, w_WG_W=_ZERO, q=np.array(self._vehicle.q_home), qd=np.zeros(n), force=0.0,
-            force_control=False, tare=False, scan=state.state is WorkState.SCAN, path_s=state.path_s, note=state.reason,
-        )  # fmt: skip
+            time=time,
+            state=state.state,
+            X_WB=state.X_WB,
+            v_WB_W=state.v_WB_W,
+            w_WB_W=state.w_WB_W,
+            X_WG=None,
+            v_WG_W=_ZERO,
+            w_WG_W=_ZERO,
+            q=np.array(self._vehicle.q_home),
+            qd=np.zeros(n),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=state.state is WorkState.SCAN,
+            path_s=state.path_s,
+            note=state.reason,
+        )

@@ -46,9 +46,14 @@ class LoadObserver:
     """External torque on every joint of a vehicle's arm from motor torques, joint and hull velocities."""
 
     def __init__(
-        self, model: mujoco.MjModel, *, period: float, time_constant: float = 0.012, water_error: float = 0.0,
+        self,
+        model: mujoco.MjModel,
+        *,
+        period: float,
+        time_constant: float = 0.012,
+        water_error: float = 0.0,
         friction: DryFriction | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the arm of the vehicle in `model`, the `period` [s] of its steps, and the lag [s] of what it shows.
 
         `water_error` makes the hydrodynamic coefficients wrong by that share; `friction` is that of the gears as it is
@@ -76,9 +81,16 @@ class LoadObserver:
         return LoadObserverState(np.zeros(n), np.zeros(n), np.zeros(n))
 
     def step(
-        self, state: LoadObserverState, q: Array, qd: Array, tau_motor: Array, *, R_WB: Array, nu_B: Array,
+        self,
+        state: LoadObserverState,
+        q: Array,
+        qd: Array,
+        tau_motor: Array,
+        *,
+        R_WB: Array,
+        nu_B: Array,
         v_current_W: Array,
-    ) -> Array:  # fmt: skip
+    ) -> Array:
         """External torques (n,) [N m], J^T f of what the world does to the arm; `state` moves on by one period.
 
         Args:
@@ -103,10 +115,27 @@ class LoadObserver:
         hull[9:12] -= R_WB.T @ v_current_W
         dry = self._dry
         _observe(
-            arm.layout, arm.numbers, self._bare, arm.stations, arm.work, hull, q, qd, tau_motor, self._armature,
-            self._friction, dry.coulomb, dry.stiction, dry.stribeck_speed, self._period, self._gain, not state.started,
-            state.integral, state.known, state.tau_e,
-        )  # fmt: skip
+            arm.layout,
+            arm.numbers,
+            self._bare,
+            arm.stations,
+            arm.work,
+            hull,
+            q,
+            qd,
+            tau_motor,
+            self._armature,
+            self._friction,
+            dry.coulomb,
+            dry.stiction,
+            dry.stribeck_speed,
+            self._period,
+            self._gain,
+            not state.started,
+            state.integral,
+            state.known,
+            state.tau_e,
+        )
         state.started = True
         return state.tau_e.copy()
 
@@ -114,9 +143,27 @@ class LoadObserver:
 @numba.njit(cache=True)
 @keyed_by_imports
 def _observe(
-    layout, numbers, bare, stations, work, hull, q, qd, tau_motor, armature, viscous, coulomb, stiction, stribeck_speed,
-    dt, gain, first, integral, known, tau_e,
-):  # fmt: skip
+    layout,
+    numbers,
+    bare,
+    stations,
+    work,
+    hull,
+    q,
+    qd,
+    tau_motor,
+    armature,
+    viscous,
+    coulomb,
+    stiction,
+    stribeck_speed,
+    dt,
+    gain,
+    first,
+    integral,
+    known,
+    tau_e,
+):
     """One step of the observer; with `first` it only begins: nothing is known of the past."""
     n = q.shape[0]
     still, no_contact, wrench_B = np.zeros(n), np.zeros(6), np.empty(6)

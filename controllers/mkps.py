@@ -35,9 +35,20 @@ from sim.interfaces.spatial import (
 )
 
 __all__ = [
-    "Branch", "Chain", "IkBatch", "IkResult", "Method", "Precision", "Track", "TrackState", "TrackStep", "Tracker",
-    "solve", "solve_many", "track",
-]  # fmt: skip
+    "Branch",
+    "Chain",
+    "IkBatch",
+    "IkResult",
+    "Method",
+    "Precision",
+    "Track",
+    "TrackState",
+    "TrackStep",
+    "Tracker",
+    "solve",
+    "solve_many",
+    "track",
+]
 
 Method = Literal["hybrid", "jacobian_free", "plain"]
 Branch = Literal["free", "keep"]
@@ -137,11 +148,22 @@ def solve(
             done = code == kernels.CONVERGED
             return tuple.__new__(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None))
     return _solve(
-        chain, _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0"),
-        _Options(position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts, precision,
-                 axis_tolerances, stage_axes),
+        chain,
+        _as_array(X_base_tip, (4, 4), "X_base_tip"),
+        _as_array(q0, (chain.n,), "q0"),
+        _Options(
+            position_tolerance,
+            orientation_tolerance,
+            method,
+            branch,
+            max_iterations,
+            max_restarts,
+            precision,
+            axis_tolerances,
+            stage_axes,
+        ),
         history,
-    )  # fmt: skip
+    )
 
 
 def _tolerance(value: Any, name: str) -> float:
@@ -168,9 +190,11 @@ class _Options:
         stage_axes: str,
     ) -> None:
         for name, value, kinds in (
-            ("method", method, Method), ("branch", branch, Branch),
-            ("precision", precision, Precision), ("stage_axes", stage_axes, StageAxes),
-        ):  # fmt: skip
+            ("method", method, Method),
+            ("branch", branch, Branch),
+            ("precision", precision, Precision),
+            ("stage_axes", stage_axes, StageAxes),
+        ):
             one_of(value, get_args(kinds), name)
         self.tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
         self.tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
@@ -291,9 +315,16 @@ def solve_many(
         raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
     options = _Options(
-        position_tolerance, orientation_tolerance, method, branch, max_iterations, max_restarts, "double",
-        axis_tolerances, stage_axes,
-    )  # fmt: skip
+        position_tolerance,
+        orientation_tolerance,
+        method,
+        branch,
+        max_iterations,
+        max_restarts,
+        "double",
+        axis_tolerances,
+        stage_axes,
+    )
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     threads = whole_number(threads, "threads", least=1, most=_MOST_THREADS)
@@ -302,10 +333,22 @@ def solve_many(
 
     def work(first: int) -> None:
         many(
-            chain._memory.copy(), _METHODS.index(method), targets, starts, *options.tolerances(),
-            *options.axis_tolerances(), options.max_iterations, options.max_restarts, options.keep, options.tip_axes,
-            first, min(first + _CHUNK, count), chain._no_trail, q, out,
-        )  # fmt: skip
+            chain._memory.copy(),
+            _METHODS.index(method),
+            targets,
+            starts,
+            *options.tolerances(),
+            *options.axis_tolerances(),
+            options.max_iterations,
+            options.max_restarts,
+            options.keep,
+            options.tip_axes,
+            first,
+            min(first + _CHUNK, count),
+            chain._no_trail,
+            q,
+            out,
+        )
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(0, count, _CHUNK)))

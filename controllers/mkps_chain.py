@@ -260,8 +260,10 @@ class Chain:
         """Kernel memory in single precision, its limits rounded inwards."""
         if not self._single:
             memory = self._memory.astype(np.float32)
-            for column, bounds, inwards in ((kernels.LOWER, self.limits[:, 0], np.inf),
-                                            (kernels.UPPER, self.limits[:, 1], -np.inf)):  # fmt: skip
+            for column, bounds, inwards in (
+                (kernels.LOWER, self.limits[:, 0], np.inf),
+                (kernels.UPPER, self.limits[:, 1], -np.inf),
+            ):
                 rounded = bounds.astype(np.float32)
                 beyond = rounded < bounds if inwards > 0 else rounded > bounds
                 rounded[beyond] = np.nextafter(rounded[beyond], np.float32(inwards))

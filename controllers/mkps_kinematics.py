@@ -20,8 +20,18 @@ from numba import njit, types
 from numba.extending import overload
 
 KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, AFTER, COLUMNS = (
-    0, 1, 2, 3, 4, 7, 8, 9, 10, 11, 14,
-)  # fmt: skip
+    0,
+    1,
+    2,
+    3,
+    4,
+    7,
+    8,
+    9,
+    10,
+    11,
+    14,
+)
 HEAD = 2
 SCALE, REACH = 12, 13  # in row 0; REACH: the farthest that the tip can get from the first joint
 SWEEPS = 9  # in row 1: 1 where a far start deserves a sweep

@@ -99,9 +99,11 @@ class Tracker:
         for an unknown passing or method.
         """
         given = {
-            "period": period, "near": near,
-            "position_tolerance": position_tolerance, "orientation_tolerance": orientation_tolerance,
-        }  # fmt: skip
+            "period": period,
+            "near": near,
+            "position_tolerance": position_tolerance,
+            "orientation_tolerance": orientation_tolerance,
+        }
         for name, value in ((name, number(value, name)) for name, value in given.items()):
             if not (value > 0.0 and (np.isfinite(value) or name == "near")):
                 raise ConfigurationError(f"{name}: must be positive and finite, got {value}")

@@ -124,9 +124,19 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
 
 
 def place(
-    vehicle: Vehicle, chain: Chain, path: ToolPath, *, obstacle: Array, hull_box: Array, force: float, standoff: float,
-    floor: float = -np.inf, travel: float = 0.0, search: Search | None = None, holding: Holding | None = None,
-) -> Placement:  # fmt: skip
+    vehicle: Vehicle,
+    chain: Chain,
+    path: ToolPath,
+    *,
+    obstacle: Array,
+    hull_box: Array,
+    force: float,
+    standoff: float,
+    floor: float = -np.inf,
+    travel: float = 0.0,
+    search: Search | None = None,
+    holding: Holding | None = None,
+) -> Placement:
     """The best hull pose for `path`.
 
     Args:
@@ -171,9 +181,18 @@ def place(
         better = False
         for roll, tool, load in zip(rolls, poses, loads, strict=True):
             margin, reached, q_start = try_poses(
-                vehicle, chain, X_WB, tool, planes, gone, force, search.arm_clearance, best.margin if best else 0.0,
-                holding, load,
-            )  # fmt: skip
+                vehicle,
+                chain,
+                X_WB,
+                tool,
+                planes,
+                gone,
+                force,
+                search.arm_clearance,
+                best.margin if best else 0.0,
+                holding,
+                load,
+            )
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
                 best = Placement(
@@ -266,9 +285,18 @@ def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
 
 
 def try_poses(
-    vehicle: Vehicle, chain: Chain, X_WB: Array, poses: list[Array], planes: Array, gone: Array, force: float,
-    clearance: float, to_beat: float, holding: Holding | None = None, loads: Array | None = None,
-) -> tuple[float, float, Array | None]:  # fmt: skip
+    vehicle: Vehicle,
+    chain: Chain,
+    X_WB: Array,
+    poses: list[Array],
+    planes: Array,
+    gone: Array,
+    force: float,
+    clearance: float,
+    to_beat: float,
+    holding: Holding | None = None,
+    loads: Array | None = None,
+) -> tuple[float, float, Array | None]:
     """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good).
 
     `loads` (k, 3) [N] on the tip, tool axes, is what `holding` asks the thrusters to bear at each of them.

@@ -72,9 +72,17 @@ class WorkHeight:
 
 
 def choose_height(
-    vehicle: Vehicle, chain: Chain, path: ToolPath, *, ground: Array, hull_box: Array, X_WB: Array, force: float,
-    standoff: float, search: HeightSearch | None = None,
-) -> WorkHeight:  # fmt: skip
+    vehicle: Vehicle,
+    chain: Chain,
+    path: ToolPath,
+    *,
+    ground: Array,
+    hull_box: Array,
+    X_WB: Array,
+    force: float,
+    standoff: float,
+    search: HeightSearch | None = None,
+) -> WorkHeight:
     """The highest place over `path` from which the arm takes all of it with room, or the roomiest there is.
 
     Args:
@@ -121,9 +129,16 @@ def choose_height(
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
                     margin, reached, q_start = try_poses(
-                        vehicle, chain, X, tool, nowhere, still, force, search.arm_clearance,
+                        vehicle,
+                        chain,
+                        X,
+                        tool,
+                        nowhere,
+                        still,
+                        force,
+                        search.arm_clearance,
                         best.placement.margin if best else search.margin,
-                    )  # fmt: skip
+                    )
                     furthest = max(furthest, reached)
                     if q_start is None or margin < search.margin:
                         continue
@@ -131,9 +146,13 @@ def choose_height(
                         hit = True
                         continue
                     found = Placement(
-                        X_WB=readonly(X), travel_W=readonly(np.zeros(3)), roll=roll, q_start=q_start, margin=margin,
+                        X_WB=readonly(X),
+                        travel_W=readonly(np.zeros(3)),
+                        roll=roll,
+                        q_start=q_start,
+                        margin=margin,
                         reached=reached,
-                    )  # fmt: skip
+                    )
                     best = WorkHeight(
                         placement=found, aside=aside, hull_gap=gap, jet_height=over, shear=jet_shear(search.jet, over)
                     )

@@ -101,9 +101,15 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         self._vehicle, self._chain = vehicle, chain
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
         arrival = SurfaceWork(
-            vehicle, chain, self._stand, Job(forces=(job.push,), standoff=job.standoff, scans=job.scans),
-            X_WB_scan=X_WB_scan, hull_box=hull_box, period=period, come_near=None if coarse is None else coarse.pose,
-        )  # fmt: skip
+            vehicle,
+            chain,
+            self._stand,
+            Job(forces=(job.push,), standoff=job.standoff, scans=job.scans),
+            X_WB_scan=X_WB_scan,
+            hull_box=hull_box,
+            period=period,
+            come_near=None if coarse is None else coarse.pose,
+        )
         super().__init__(job, arrival, too_long="it was not in the soil")
 
     def _stand(self, target: Target, path: ToolPath) -> tuple[Placement, ToolPath, float]:
@@ -113,9 +119,16 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         job = self._job
         sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
         found = choose_height(
-            self._vehicle, self._chain, sunk, ground=target.ground, hull_box=self._hull_box, X_WB=self._X_WB_scan,
-            force=job.push, standoff=job.standoff + (job.depth if job.drag else 0.0), search=self._search,
-        )  # fmt: skip
+            self._vehicle,
+            self._chain,
+            sunk,
+            ground=target.ground,
+            hull_box=self._hull_box,
+            X_WB=self._X_WB_scan,
+            force=job.push,
+            standoff=job.standoff + (job.depth if job.drag else 0.0),
+            search=self._search,
+        )
         return found.placement, path, 1.0
 
     def init(self, estimate: StateEstimate) -> SeabedWorkState:
@@ -216,9 +229,19 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         in_soil = not over and state.depth > -self._job.guard
         pressing = not self._job.drag and state.state in (WorkState.PRESS, WorkState.WORK)
         return Reference(
-            time=time, state=state.state, X_WB=state.arrival.X_WB, v_WB_W=_ZERO, X_WG=X_WG,
-            v_WG_W=_ZERO if over else state.rate * tangent + state.speed * X_WG[:3, 2], w_WG_W=state.rate * turn,
-            q=state.arrival.q, qd=np.zeros(len(state.arrival.q)), force=self._job.push if in_soil else 0.0,
-            force_control=pressing, tare=False, scan=False, path_s=state.path_s,
+            time=time,
+            state=state.state,
+            X_WB=state.arrival.X_WB,
+            v_WB_W=_ZERO,
+            X_WG=X_WG,
+            v_WG_W=_ZERO if over else state.rate * tangent + state.speed * X_WG[:3, 2],
+            w_WG_W=state.rate * turn,
+            q=state.arrival.q,
+            qd=np.zeros(len(state.arrival.q)),
+            force=self._job.push if in_soil else 0.0,
+            force_control=pressing,
+            tare=False,
+            scan=False,
+            path_s=state.path_s,
             note=state.reason or state.arrival.note,
-        )  # fmt: skip
+        )

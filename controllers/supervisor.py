@@ -233,10 +233,18 @@ class SurfaceWork:
             shorter = middle_part(whole, share)
             try:
                 found = place(
-                    self._vehicle, self._chain, shorter, obstacle=obstacle, hull_box=self._hull_box,
-                    force=max(job.forces), standoff=job.standoff, floor=self._floor, travel=travel,
-                    search=self._search, holding=holding,
-                )  # fmt: skip
+                    self._vehicle,
+                    self._chain,
+                    shorter,
+                    obstacle=obstacle,
+                    hull_box=self._hull_box,
+                    force=max(job.forces),
+                    standoff=job.standoff,
+                    floor=self._floor,
+                    travel=travel,
+                    search=self._search,
+                    holding=holding,
+                )
             except ReachError as error:
                 failure = failure or error
                 continue
@@ -259,9 +267,13 @@ class SurfaceWork:
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
         job, state.hull_waited = self._job, 0.0
         state.hull_move = PoseMove.between(
-            time, state.X_WB, X_WB, speed=job.hull_speed, acceleration=job.hull_acceleration,
+            time,
+            state.X_WB,
+            X_WB,
+            speed=job.hull_speed,
+            acceleration=job.hull_acceleration,
             turn_rate=job.hull_turn_rate,
-        )  # fmt: skip
+        )
 
     @staticmethod
     def _end_hull_move(state: SupervisorState, move: PoseMove) -> None:
@@ -505,11 +517,23 @@ class SurfaceWork:
             elif state.state is WorkState.RETREAT:
                 v_tool = -job.approach_speed * X_WG[:3, 2]
         return Reference(
-            time=time, state=state.state, X_WB=state.X_WB, v_WB_W=v_hull, X_WG=X_WG, v_WG_W=v_tool, w_WG_W=w_tool,
-            q=q, qd=qd, force=force, force_control=force_control, tare=tare,
-            scan=state.state is WorkState.SCAN and time >= state.look_from, path_s=state.path_s,
-            note=state.reason or state.note, lost_thrusters=state.lost_thrusters,
-        )  # fmt: skip
+            time=time,
+            state=state.state,
+            X_WB=state.X_WB,
+            v_WB_W=v_hull,
+            X_WG=X_WG,
+            v_WG_W=v_tool,
+            w_WG_W=w_tool,
+            q=q,
+            qd=qd,
+            force=force,
+            force_control=force_control,
+            tare=tare,
+            scan=state.state is WorkState.SCAN and time >= state.look_from,
+            path_s=state.path_s,
+            note=state.reason or state.note,
+            lost_thrusters=state.lost_thrusters,
+        )
 
 
 def off_and_up(normal_W: Array) -> Array:

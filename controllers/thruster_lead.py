@@ -72,9 +72,19 @@ class ThrusterLead:
         nu_r_B = fitting(nu_r_B, (6,), "motion through the water")
         command = np.empty_like(wanted)
         _lead(
-            self._curves, self._figures, self._B, self._advance, self._response, wanted, nu_r_B, dt, state.passed,
-            state.speed, state.given_B, command,
-        )  # fmt: skip
+            self._curves,
+            self._figures,
+            self._B,
+            self._advance,
+            self._response,
+            wanted,
+            nu_r_B,
+            dt,
+            state.passed,
+            state.speed,
+            state.given_B,
+            command,
+        )
         return command
 
 

@@ -69,9 +69,17 @@ class Touch:
 
 
 def draw_touches(
-    chain: Chain, X_AW: Array, nests: Sequence[Nest], count: int, rng: np.random.Generator, q_start: Array, *,
-    cone: float = np.deg2rad(65.0), lift: float = LIFT, tries: int = 4000,
-) -> list[Touch]:  # fmt: skip
+    chain: Chain,
+    X_AW: Array,
+    nests: Sequence[Nest],
+    count: int,
+    rng: np.random.Generator,
+    q_start: Array,
+    *,
+    cone: float = np.deg2rad(65.0),
+    lift: float = LIFT,
+    tries: int = 4000,
+) -> list[Touch]:
     """`count` touches a nest in random directions within `cone` [rad] of its axis, reachable at the nest and above it.
 
     Raises ReachError if a nest cannot be touched so often.
@@ -130,9 +138,14 @@ class TouchSequence:
     period = 0.004
 
     def __init__(
-        self, vehicle: Vehicle, chain: Chain, nests: Sequence[Nest], touches: Sequence[Touch], X_WB: Array,
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        nests: Sequence[Nest],
+        touches: Sequence[Touch],
+        X_WB: Array,
         tuning: TouchTuning | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._vehicle, self._chain, self._nests, self._touches = vehicle, chain, tuple(nests), tuple(touches)
         self._X_WB = X_WB
         self._X_WA = X_WB @ np.array(vehicle.X_BA)
@@ -178,11 +191,7 @@ class TouchSequence:
         return nest if not found else nest + np.mean(found[-5:], axis=0)
 
     def step(
-        self,
-        state: TouchState,
-        estimate: StateEstimate,
-        target: Target | None,
-        last: Command | None,
+        self, state: TouchState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[TouchState, Reference]:
         tuning, t = self.tuning, estimate.time - state.since
         if state.at >= len(self._touches):
@@ -210,9 +219,13 @@ class TouchSequence:
                 p = aim - tuning.beyond * nest.z_WN
                 reading = t >= tuning.settle
                 return state, self._reference(
-                    estimate, WorkState.PRESS, X_WG=pose(touch.R_WG, p), force=tuning.push, tare=reading,
+                    estimate,
+                    WorkState.PRESS,
+                    X_WG=pose(touch.R_WG, p),
+                    force=tuning.push,
+                    tare=reading,
                     path_s=float(state.at),
-                )  # fmt: skip
+                )
             X_WG = estimate.X_WB @ self._vehicle.X_BA @ self._chain.forward(estimate.q)
             offset = X_WG[:3, 3] - nest.p_WN
             if float(np.linalg.norm(offset)) < tuning.believable:
@@ -233,15 +246,34 @@ class TouchSequence:
         return self._reference(estimate, WorkState.CLOSE_IN, q=state.q_from + blend * way, qd=rate * way)
 
     def _reference(
-        self, estimate: StateEstimate, work: WorkState, *, q: Array | None = None, qd: Array | None = None,
-        X_WG: Array | None = None, force: float = 0.0, tare: bool = False, path_s: float = 0.0,
-    ) -> Reference:  # fmt: skip
+        self,
+        estimate: StateEstimate,
+        work: WorkState,
+        *,
+        q: Array | None = None,
+        qd: Array | None = None,
+        X_WG: Array | None = None,
+        force: float = 0.0,
+        tare: bool = False,
+        path_s: float = 0.0,
+    ) -> Reference:
         rest = np.zeros(len(estimate.q))
         return Reference(
-            time=estimate.time, state=work, X_WB=self._X_WB, v_WB_W=np.zeros(3), X_WG=X_WG, v_WG_W=np.zeros(3),
-            w_WG_W=np.zeros(3), q=rest if q is None else q, qd=rest if qd is None else qd, force=force,
-            force_control=False, tare=tare, scan=False, path_s=path_s,
-        )  # fmt: skip
+            time=estimate.time,
+            state=work,
+            X_WB=self._X_WB,
+            v_WB_W=np.zeros(3),
+            X_WG=X_WG,
+            v_WG_W=np.zeros(3),
+            w_WG_W=np.zeros(3),
+            q=rest if q is None else q,
+            qd=rest if qd is None else qd,
+            force=force,
+            force_control=False,
+            tare=tare,
+            scan=False,
+            path_s=path_s,
+        )
 
 
 @dataclass(slots=True, eq=False)
@@ -266,9 +298,15 @@ class CompliantTouch:
     """Joint torques and thrusters for `TouchSequence` (`sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, model: mujoco.MjModel, *, clamped: bool, push_W: Array | None = None, period: float = 0.002,
-        tuning: TouchTuning | None = None, water_error: float = 0.0,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        *,
+        clamped: bool,
+        push_W: Array | None = None,
+        period: float = 0.002,
+        tuning: TouchTuning | None = None,
+        water_error: float = 0.0,
+    ) -> None:
         """Take the controller's own model; `clamped` leaves the thrusters still; `push_W` (3,) is the way into a nest
         (default: down)."""
         self.period, self._clamped = period, clamped
@@ -292,35 +330,93 @@ class CompliantTouch:
     def init(self, estimate: StateEstimate) -> CompliantState:
         n = len(estimate.q)
         return CompliantState(
-            hover=self._hover.init(), propellers=self._lead.init(), tick=0, integral=np.zeros(n),
-            qd_slow=np.array(estimate.qd), w_slow_B=np.array(estimate.w_WB_B), f_tip_B=np.zeros(3), p_WG_held=None,
+            hover=self._hover.init(),
+            propellers=self._lead.init(),
+            tick=0,
+            integral=np.zeros(n),
+            qd_slow=np.array(estimate.qd),
+            w_slow_B=np.array(estimate.w_WB_B),
+            f_tip_B=np.zeros(3),
+            p_WG_held=None,
             push=0.0,
             thrusters=np.zeros(self._vehicle.thruster_actuators.size),
-            tau=np.zeros(n), friction=np.zeros(n),
-        )  # fmt: skip
+            tau=np.zeros(n),
+            friction=np.zeros(n),
+        )
 
     def step(
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> tuple[CompliantState, Command]:
         arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
         felt = feel(
-            arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.X_WB, estimate.v_WB_B,
-            estimate.w_WB_B, estimate.a_WB_B, _STILL_WATER, estimate.q, estimate.qd, estimate.tau, self._zeros,
-            drives.torque_noise, self._floor, dt, drives.motion_filters, state.qd_slow, state.w_slow_B, self._qdd,
-            self._tau_e, self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, np.empty(3),
-        )  # fmt: skip
+            arm.layout,
+            arm.numbers,
+            arm.stations,
+            arm.work,
+            self._hull,
+            estimate.X_WB,
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            estimate.a_WB_B,
+            _STILL_WATER,
+            estimate.q,
+            estimate.qd,
+            estimate.tau,
+            self._zeros,
+            drives.torque_noise,
+            self._floor,
+            dt,
+            drives.motion_filters,
+            state.qd_slow,
+            state.w_slow_B,
+            self._qdd,
+            self._tau_e,
+            self._wrench_free_B,
+            self._X_BG,
+            self._J_B,
+            state.f_tip_B,
+            self._f_tip_G,
+            np.empty(3),
+        )
         lost_in_gears(
-            state.tau, estimate.tau, estimate.qd, self._qdd, vehicle.armature, vehicle.joint_damping,
-            self._most_friction, min(1.0, dt / drives.friction_filter), state.friction,
-        )  # fmt: skip
+            state.tau,
+            estimate.tau,
+            estimate.qd,
+            self._qdd,
+            vehicle.armature,
+            vehicle.joint_damping,
+            self._most_friction,
+            min(1.0, dt / drives.friction_filter),
+            state.friction,
+        )
         if reference.X_WG is None:
             tau = np.empty(len(estimate.q))
             drive(
-                arm.layout, arm.numbers, arm.stations, arm.work, self._hull, estimate.q, estimate.qd, reference.q,
-                reference.qd, self._zeros, estimate.time - reference.time, state.integral, dt, self._gains,
-                vehicle.armature, vehicle.joint_damping, state.friction, vehicle.torque_limits, self._none_G,
-                self._unyielding, 0.0, self._qdd, tau, self._wrench_B,
-            )  # fmt: skip
+                arm.layout,
+                arm.numbers,
+                arm.stations,
+                arm.work,
+                self._hull,
+                estimate.q,
+                estimate.qd,
+                reference.q,
+                reference.qd,
+                self._zeros,
+                estimate.time - reference.time,
+                state.integral,
+                dt,
+                self._gains,
+                vehicle.armature,
+                vehicle.joint_damping,
+                state.friction,
+                vehicle.torque_limits,
+                self._none_G,
+                self._unyielding,
+                0.0,
+                self._qdd,
+                tau,
+                self._wrench_B,
+            )
             state.p_WG_held, state.push = None, 0.0
         else:
             tau = self._give_way(state, estimate, reference)
@@ -362,9 +458,15 @@ class CompliantTouch:
         m_W = _at_most(tuning.turn_stiffness * (X_WG[:3, :3] @ turn_G), tuning.turn_most)
         R_BW = estimate.X_WB[:3, :3].T
         weight, _ = self._arm.inverse(
-            estimate.q, np.zeros(len(estimate.q)), np.zeros(len(estimate.q)), R_WB=estimate.X_WB[:3, :3],
-            nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3), wrench_tip_G=self._none_G,
-        )  # fmt: skip
+            estimate.q,
+            np.zeros(len(estimate.q)),
+            np.zeros(len(estimate.q)),
+            R_WB=estimate.X_WB[:3, :3],
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
+            wrench_tip_G=self._none_G,
+        )
         tau = weight + self._J_B.T @ np.concatenate([R_BW @ f_W, R_BW @ m_W])
         tau += state.friction - tuning.damping * vehicle.joint_damping * estimate.qd
         return np.clip(tau, -vehicle.torque_limits, vehicle.torque_limits)

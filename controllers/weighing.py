@@ -35,9 +35,15 @@ class Weighing:
     """Least squares over the postures that an arm passes on its way to work."""
 
     def __init__(
-        self, arm: ArmDynamics, *, spread: float = 0.06, bias: float = 0.5, doubt: float = 0.4, water: float = 0.2,
+        self,
+        arm: ArmDynamics,
+        *,
+        spread: float = 0.06,
+        bias: float = 0.5,
+        doubt: float = 0.4,
+        water: float = 0.2,
         step: float = 0.05,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the arm as it is believed to be.
 
         `spread` of a part's mass as a share of it and `bias` [N m] of a torque sensor are believed beforehand

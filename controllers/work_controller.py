@@ -219,29 +219,74 @@ class WorkController:
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         floor = state.floor if estimate.tau_doubt is None else np.hypot(state.floor, estimate.tau_doubt)
         felt = feel(
-            arm.layout, state.numbers, arm.stations, arm.work, hull, estimate.X_WB, estimate.v_WB_B, estimate.w_WB_B,
-            estimate.a_WB_B, state.current_W, estimate.q, estimate.qd, estimate.tau, state.bias, tuning.torque_noise,
-            floor, dt, self._filters, state.qd_slow, state.w_slow_B, self._qdd, self._tau_e,
-            self._wrench_free_B, self._X_BG, self._J_B, state.f_tip_B, self._f_tip_G, f_tip_W,
-        )  # fmt: skip
+            arm.layout,
+            state.numbers,
+            arm.stations,
+            arm.work,
+            hull,
+            estimate.X_WB,
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            estimate.a_WB_B,
+            state.current_W,
+            estimate.q,
+            estimate.qd,
+            estimate.tau,
+            state.bias,
+            tuning.torque_noise,
+            floor,
+            dt,
+            self._filters,
+            state.qd_slow,
+            state.w_slow_B,
+            self._qdd,
+            self._tau_e,
+            self._wrench_free_B,
+            self._X_BG,
+            self._J_B,
+            state.f_tip_B,
+            self._f_tip_G,
+            f_tip_W,
+        )
         if tuning.torque_source == "observer":
             self._tau_e[:] = self._observer.step(
-                state.load, estimate.q, estimate.qd, state.tau, R_WB=estimate.X_WB[:3, :3], nu_B=hull[9:15],
+                state.load,
+                estimate.q,
+                estimate.qd,
+                state.tau,
+                R_WB=estimate.X_WB[:3, :3],
+                nu_B=hull[9:15],
                 v_current_W=state.current_W,
-            )  # fmt: skip
+            )
             felt = resolve(
-                estimate.X_WB, self._X_BG, self._J_B, self._tau_e, state.bias, state.tau, 0.0, state.floor,
-                state.f_tip_B, self._f_tip_G, f_tip_W,
-            )  # fmt: skip
+                estimate.X_WB,
+                self._X_BG,
+                self._J_B,
+                self._tau_e,
+                state.bias,
+                state.tau,
+                0.0,
+                state.floor,
+                state.f_tip_B,
+                self._f_tip_G,
+                f_tip_W,
+            )
             dry = self._dry
             dry_friction(
                 dry.coulomb, dry.stiction, dry.stribeck_speed, tuning.friction_reversal, state.qd_wanted, state.friction
             )
         else:
             lost_in_gears(
-                state.tau, estimate.tau, estimate.qd, self._qdd, self._armature, self._joint_damping,
-                self._most_friction, self._friction_share, state.friction,
-            )  # fmt: skip
+                state.tau,
+                estimate.tau,
+                estimate.qd,
+                self._qdd,
+                self._armature,
+                self._joint_damping,
+                self._most_friction,
+                self._friction_share,
+                state.friction,
+            )
         if state.weighing is not None and state.tick % self._hover_ticks == 0:
             self._weigh(state, state.weighing, estimate, reference)
         if reference.tare:
@@ -265,11 +310,31 @@ class WorkController:
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
         tau = np.empty(len(vehicle.joints))
         drive(
-            arm.layout, state.numbers, arm.stations, arm.work, hull, estimate.q, estimate.qd, state.q_wanted,
-            state.qd_wanted, state.qdd_wanted, since * dt, state.integral, dt, self._gains, self._armature,
-            self._joint_damping, state.friction, self._torque_limits, self._borne_G, state.yielding, state.softness,
-            self._qdd, tau, self._wrench_borne_B,
-        )  # fmt: skip
+            arm.layout,
+            state.numbers,
+            arm.stations,
+            arm.work,
+            hull,
+            estimate.q,
+            estimate.qd,
+            state.q_wanted,
+            state.qd_wanted,
+            state.qdd_wanted,
+            since * dt,
+            state.integral,
+            dt,
+            self._gains,
+            self._armature,
+            self._joint_damping,
+            state.friction,
+            self._torque_limits,
+            self._borne_G,
+            state.yielding,
+            state.softness,
+            self._qdd,
+            tau,
+            self._wrench_borne_B,
+        )
 
         state.tau = tau
 
@@ -348,16 +413,33 @@ class WorkController:
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
         aim(
-            self._X_AB, X_WB, X_WG, reference.v_WG_W, reference.w_WG_W, self._hull, self._J_B, correct_drift,
-            tuning.joint_speed_limit, X_AG, qd, state.qdd_wanted, state.yielding,
-        )  # fmt: skip
+            self._X_AB,
+            X_WB,
+            X_WG,
+            reference.v_WG_W,
+            reference.w_WG_W,
+            self._hull,
+            self._J_B,
+            correct_drift,
+            tuning.joint_speed_limit,
+            X_AG,
+            qd,
+            state.qdd_wanted,
+            state.yielding,
+        )
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for
             state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - qd, False
         state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = blended(
-            result.q, qd, state.q_wanted, state.offset, state.offset_rate, tuning.blend_time,
-            tuning.joint_speed_limit * dt, dt,
-        )  # fmt: skip
+            result.q,
+            qd,
+            state.q_wanted,
+            state.offset,
+            state.offset_rate,
+            tuning.blend_time,
+            tuning.joint_speed_limit * dt,
+            dt,
+        )
         state.believed["ik_error"] = np.array([result.position_error, result.orientation_error])
 
     def _presses(self, reference: Reference) -> bool:
@@ -420,6 +502,12 @@ class WorkController:
         """Wrench (6,) of the arm on the hull, both still and level."""
         rest = np.zeros(q.size)
         return self._arm.inverse(
-            q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+            q,
+            rest,
+            rest,
+            R_WB=np.eye(3),
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
-        )[1]  # fmt: skip
+        )[1]

@@ -66,10 +66,14 @@ def anode() -> TargetModel:
         solids=(
             Solid(name="target_core", kind=cylinder, size=(r, half), X_TS=pose(R_pipe)),
             *(
-                Solid(name=f"target_leg_{end}", kind=cylinder, size=(r, 0.5 * LEG),
-                      X_TS=pose(p=[s * LEG_X, 0.0, -0.5 * LEG]))
+                Solid(
+                    name=f"target_leg_{end}",
+                    kind=cylinder,
+                    size=(r, 0.5 * LEG),
+                    X_TS=pose(p=[s * LEG_X, 0.0, -0.5 * LEG]),
+                )
                 for end, s in (("aft", -1.0), ("fore", 1.0))
             ),
         ),
         hulls=(np.vstack([low, high]),),
-    )  # fmt: skip
+    )

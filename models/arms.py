@@ -90,22 +90,34 @@ def _arm(
 ) -> Arm:
     """An arm of hinges, its limits in degrees."""
     return Arm(
-        title=title, dh=readonly(rows), joint_types="r" * len(rows), limits=readonly(np.radians(degrees)),
-        tool=readonly(pose(p=p_tool)), source=source,
-    )  # fmt: skip
+        title=title,
+        dh=readonly(rows),
+        joint_types="r" * len(rows),
+        limits=readonly(np.radians(degrees)),
+        tool=readonly(pose(p=p_tool)),
+        source=source,
+    )
 
 
 _CORKE = "P. Corke, Robotics Toolbox for Python, models.DH"
 _PUMA: _Rows = [
-    (0, 0.67183, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0),
-]  # fmt: skip
+    (0, 0.67183, 0, H),
+    (0, 0, 0.4318, 0),
+    (0, 0.15005, 0.0203, -H),
+    (0, 0.4318, 0, H),
+    (0, 0, 0, -H),
+    (0, 0, 0, 0),
+]
 _PUMA_LIMITS = [(-160.0, 160.0), (-45.0, 225.0), (-225.0, 45.0), (-110.0, 170.0), (-100.0, 100.0), (-266.0, 266.0)]
 _FREE = (-math.inf, math.inf)
 
 _ARMS = {
     "puma560": _arm("PUMA 560", _PUMA, _PUMA_LIMITS, f"{_CORKE}.Puma560"),
     "puma560_tool": _arm(
-        "PUMA 560, tool", _PUMA, _PUMA_LIMITS, f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
+        "PUMA 560, tool",
+        _PUMA,
+        _PUMA_LIMITS,
+        f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
         p_tool=(0.05, 0.03, 0.2),
     ),
     "stanford": Arm(
@@ -122,8 +134,12 @@ _ARMS = {
     "ur5": _arm(
         "UR5",
         [
-            (0, 0.089159, 0, H), (0, 0, -0.425, 0), (0, 0, -0.39225, 0),
-            (0, 0.10915, 0, H), (0, 0.09465, 0, -H), (0, 0.0823, 0, 0),
+            (0, 0.089159, 0, H),
+            (0, 0, -0.425, 0),
+            (0, 0, -0.39225, 0),
+            (0, 0.10915, 0, H),
+            (0, 0.09465, 0, -H),
+            (0, 0.0823, 0, 0),
         ],
         [(-360.0, 360.0)] * 6,
         "Universal Robots, DH parameters for calculations of kinematics and dynamics",
@@ -131,8 +147,12 @@ _ARMS = {
     "ur10e": _arm(
         "UR10e",
         [
-            (0, 0.1807, 0, H), (0, 0, -0.6127, 0), (0, 0, -0.57155, 0),
-            (0, 0.17415, 0, H), (0, 0.11985, 0, -H), (0, 0.11655, 0, 0),
+            (0, 0.1807, 0, H),
+            (0, 0, -0.6127, 0),
+            (0, 0, -0.57155, 0),
+            (0, 0.17415, 0, H),
+            (0, 0.11985, 0, -H),
+            (0, 0.11655, 0, 0),
         ],
         [(-360.0, 360.0)] * 6,
         "Universal Robots, DH parameters for calculations of kinematics and dynamics",
@@ -146,8 +166,12 @@ _ARMS = {
     "general6r": _arm(
         "general 6R",
         [
-            (0.1, 0.3, 0.1, 1.2), (0.2, 0.1, 0.4, -0.4), (0.3, 0.15, 0.35, 1.0),
-            (-0.2, 0.2, 0.1, -1.3), (0.4, 0.1, 0.15, 1.1), (0.1, 0.12, 0.05, 0),
+            (0.1, 0.3, 0.1, 1.2),
+            (0.2, 0.1, 0.4, -0.4),
+            (0.3, 0.15, 0.35, 1.0),
+            (-0.2, 0.2, 0.1, -1.3),
+            (0.4, 0.1, 0.15, 1.1),
+            (0.1, 0.12, 0.05, 0),
         ],
         [(-180.0, 180.0)] * 6,
         "made up: no two axes meet or are parallel, so that no closed form exists",
@@ -155,32 +179,57 @@ _ARMS = {
     "panda": _arm(
         "Panda",
         [
-            (0, 0.333, 0, -H), (0, 0, 0, H), (0, 0.316, 0.0825, H), (0, 0, -0.0825, -H),
-            (0, 0.384, 0, H), (0, 0, 0.088, H), (0, 0.107, 0, 0),
+            (0, 0.333, 0, -H),
+            (0, 0, 0, H),
+            (0, 0.316, 0.0825, H),
+            (0, 0, -0.0825, -H),
+            (0, 0.384, 0, H),
+            (0, 0, 0.088, H),
+            (0, 0.107, 0, 0),
         ],
         [
-            (-166.0, 166.0), (-101.0, 101.0), (-166.0, 166.0), (-176.0, -4.0),
-            (-166.0, 166.0), (-1.0, 215.0), (-166.0, 166.0),
+            (-166.0, 166.0),
+            (-101.0, 101.0),
+            (-166.0, 166.0),
+            (-176.0, -4.0),
+            (-166.0, 166.0),
+            (-1.0, 215.0),
+            (-166.0, 166.0),
         ],
         "Franka Emika, Franka Control Interface, Denavit-Hartenberg parameters (Craig's there)",
     ),
     "iiwa7": _arm(
         "LBR iiwa 7",
         [
-            (0, 0.34, 0, -H), (0, 0, 0, H), (0, 0.4, 0, H), (0, 0, 0, -H),
-            (0, 0.4, 0, -H), (0, 0, 0, H), (0, 0.126, 0, 0),
+            (0, 0.34, 0, -H),
+            (0, 0, 0, H),
+            (0, 0.4, 0, H),
+            (0, 0, 0, -H),
+            (0, 0.4, 0, -H),
+            (0, 0, 0, H),
+            (0, 0.126, 0, 0),
         ],
         [
-            (-170.0, 170.0), (-120.0, 120.0), (-170.0, 170.0), (-120.0, 120.0),
-            (-170.0, 170.0), (-120.0, 120.0), (-175.0, 175.0),
+            (-170.0, 170.0),
+            (-120.0, 120.0),
+            (-170.0, 170.0),
+            (-120.0, 120.0),
+            (-170.0, 170.0),
+            (-120.0, 120.0),
+            (-175.0, 175.0),
         ],
         "KUKA, LBR iiwa 7 R800, technical data",
     ),
     "gen3": _arm(
         "Kinova Gen3",
         [
-            (0, -0.2848, 0, H), (math.pi, -0.0118, 0, H), (math.pi, -0.4208, 0, H), (math.pi, -0.0128, 0, H),
-            (math.pi, -0.3143, 0, H), (math.pi, 0, 0, H), (math.pi, -0.1674, 0, math.pi),
+            (0, -0.2848, 0, H),
+            (math.pi, -0.0118, 0, H),
+            (math.pi, -0.4208, 0, H),
+            (math.pi, -0.0128, 0, H),
+            (math.pi, -0.3143, 0, H),
+            (math.pi, 0, 0, H),
+            (math.pi, -0.1674, 0, math.pi),
         ],
         [_FREE, (-128.9, 128.9), _FREE, (-147.8, 147.8), _FREE, (-120.3, 120.3), _FREE],
         "Kinova, Gen3 user guide, classical DH parameters of the 7 DOF spherical arm, after the fixed first row",
@@ -188,38 +237,63 @@ _ARMS = {
     "xarm7": _arm(
         "xArm 7",
         [
-            (0, 0.267, 0, -H), (0, 0, 0, H), (0, 0.293, 0.0525, H), (0, 0, 0.0775, H),
-            (0, 0.3425, 0, H), (0, 0, 0.076, -H), (0, 0.097, 0, 0),
+            (0, 0.267, 0, -H),
+            (0, 0, 0, H),
+            (0, 0.293, 0.0525, H),
+            (0, 0, 0.0775, H),
+            (0, 0.3425, 0, H),
+            (0, 0, 0.076, -H),
+            (0, 0.097, 0, 0),
         ],
         [
-            (-360.0, 360.0), (-118.0, 120.0), (-360.0, 360.0), (-11.0, 225.0),
-            (-360.0, 360.0), (-97.0, 180.0), (-360.0, 360.0),
+            (-360.0, 360.0),
+            (-118.0, 120.0),
+            (-360.0, 360.0),
+            (-11.0, 225.0),
+            (-360.0, 360.0),
+            (-97.0, 180.0),
+            (-360.0, 360.0),
         ],
         "UFACTORY, xArm user manual, DH parameters",
     ),
     "baxter": _arm(
         "Baxter",
         [
-            (0, 0.27, 0.069, -H), (H, 0, 0, H), (0, 0.364, 0.069, -H), (0, 0, 0, H),
-            (0, 0.374, 0.01, -H), (0, 0, 0, H), (0, 0.28, 0, 0),
+            (0, 0.27, 0.069, -H),
+            (H, 0, 0, H),
+            (0, 0.364, 0.069, -H),
+            (0, 0, 0, H),
+            (0, 0.374, 0.01, -H),
+            (0, 0, 0, H),
+            (0, 0.28, 0, 0),
         ],
         [
-            (-97.5, 97.5), (-123.0, 60.0), (-175.0, 175.0), (-2.9, 150.0),
-            (-175.3, 175.3), (-90.0, 120.0), (-175.3, 175.3),
+            (-97.5, 97.5),
+            (-123.0, 60.0),
+            (-175.0, 175.0),
+            (-2.9, 150.0),
+            (-175.3, 175.3),
+            (-90.0, 120.0),
+            (-175.3, 175.3),
         ],
         f"{_CORKE}.Baxter; limits by Rethink Robotics, Baxter hardware specifications",
     ),
     "era": _arm(
         "European Robotic Arm",
         [
-            (0, 1.228, 0, H), (H, 0, 0.34, H), (0, 0, 4.072, 0), (0, 0, 4.072, 0),
-            (0, 0, 0.34, -H), (H, 0, 0, H), (0, 1.228, 0, 0),
+            (0, 1.228, 0, H),
+            (H, 0, 0.34, H),
+            (0, 0, 4.072, 0),
+            (0, 0, 4.072, 0),
+            (0, 0, 0.34, -H),
+            (H, 0, 0, H),
+            (0, 1.228, 0, 0),
         ],
         [(-180.0, 180.0), *[(-135.0, 135.0)] * 5, (-180.0, 180.0)],
         "link lengths and limits: S. M. Persson, ReaK, manip_ERA_arm.hpp; joints as ESA tells: roll, yaw, pitch at the"
         " shoulder, pitch at the elbow, pitch, yaw, roll at the wrist; straight at zero, 11.28 m (ESA: 11.3 m)",
     ),
-}  # fmt: skip
+}
 
 # The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
 _JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
@@ -228,7 +302,9 @@ _ARMS["jaco"] = Arm(
     title="Kinova Jaco",
     dh=readonly(
         [
-            (0, _JACO_D[0], 0, H), (-H, 0, _JACO_D[1], math.pi), (H, -0.0098, 0, H),
+            (0, _JACO_D[0], 0, H),
+            (-H, 0, _JACO_D[1], math.pi),
+            (H, -0.0098, 0, H),
             (0, -_JACO_D[2] - _JACO_BEND * _JACO_D[3], 0, 2.0 * H / 3.0),
             (-math.pi, -_JACO_BEND * (_JACO_D[3] + _JACO_D[4]), 0, 2.0 * H / 3.0),
             (math.radians(100.0), -_JACO_BEND * _JACO_D[4] - _JACO_D[5], 0, math.pi),
@@ -238,7 +314,7 @@ _ARMS["jaco"] = Arm(
     limits=readonly([_FREE, *np.radians([(47.0, 313.0), (19.0, 341.0)]), *[_FREE] * 3]),
     source="P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user"
     " guide, far from even about zero",
-)  # fmt: skip
+)
 
 _TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 SERVO_ARM = VectorArm(

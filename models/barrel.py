@@ -51,9 +51,7 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
     zero = np.zeros_like(angle)
     outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
     return ModelPath(
-        p=radius * outward + [x, 0.0, 0.0],
-        a=-outward,
-        b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)]),
+        p=radius * outward + [x, 0.0, 0.0], a=-outward, b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)])
     )
 
 
@@ -95,9 +93,13 @@ def barrel(
         disc = transform_points(X_bung, disc[:, [1, 2, 0]])
         vertices, triangles = joined([(vertices, triangles), (disc, faces)])
         solids += (
-            Solid(name="target_bung", kind=cylinder, size=(radius, 0.5 * (height - inside)),
-                  X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)])),
-        )  # fmt: skip
+            Solid(
+                name="target_bung",
+                kind=cylinder,
+                size=(radius, 0.5 * (height - inside)),
+                X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)]),
+            ),
+        )
     half_width = 0.18
     top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
     if not stand_height > r + RIM_HEIGHT:
@@ -117,10 +119,7 @@ def barrel(
         vertices=vertices,
         triangles=triangles,
         symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]), rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
-        paths={
-            "longitudinal": longitudinal(line_length, line_azimuth),
-            "transverse": transverse(arc, arc_azimuth),
-        },
+        paths={"longitudinal": longitudinal(line_length, line_azimuth), "transverse": transverse(arc, arc_azimuth)},
         solids=solids,
         stand=stand,
     )

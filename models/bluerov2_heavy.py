@@ -100,18 +100,36 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
     # Looks and contact only: the frame as a box, the foam above it.
     frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
-        name="frame", type=frame, size=[LENGTH / 2, WIDTH / 2, HEIGHT / 2], mass=0.0, contype=1, conaffinity=2,
-        rgba=[0.2, 0.22, 0.26, 0.0], group=3,
-    )  # fmt: skip
+        name="frame",
+        type=frame,
+        size=[LENGTH / 2, WIDTH / 2, HEIGHT / 2],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.2, 0.22, 0.26, 0.0],
+        group=3,
+    )
     for side, y in (("port", 0.17), ("starboard", -0.17)):
         hull.add_geom(
-            name=f"foam_{side}", type=frame, size=[0.2, 0.1, 0.04], pos=[0.0, y, 0.085], mass=0.0, contype=0,
-            conaffinity=0, rgba=foam,
-        )  # fmt: skip
+            name=f"foam_{side}",
+            type=frame,
+            size=[0.2, 0.1, 0.04],
+            pos=[0.0, y, 0.085],
+            mass=0.0,
+            contype=0,
+            conaffinity=0,
+            rgba=foam,
+        )
     hull.add_geom(
-        name="housing", type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.057, 0.12, 0.0], quat=[_D, 0.0, _D, 0.0], mass=0.0,
-        contype=0, conaffinity=0, rgba=[0.85, 0.87, 0.9, 1.0],
-    )  # fmt: skip
+        name="housing",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[0.057, 0.12, 0.0],
+        quat=[_D, 0.0, _D, 0.0],
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        rgba=[0.85, 0.87, 0.9, 1.0],
+    )
     # OpenCV axes, level: z forward, x to starboard.
     hull.add_site(name="camera", pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
     names = [

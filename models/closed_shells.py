@@ -26,11 +26,7 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     ring_x, ring_r = x[1:-1], radius[1:-1]
     rings = np.stack(
-        [
-            np.repeat(ring_x[:, None], sides, axis=1),
-            -ring_r[:, None] * np.sin(angle),
-            ring_r[:, None] * np.cos(angle),
-        ],
+        [np.repeat(ring_x[:, None], sides, axis=1), -ring_r[:, None] * np.sin(angle), ring_r[:, None] * np.cos(angle)],
         axis=-1,
     ).reshape(-1, 3)
     vertices = np.vstack([[x[0], 0.0, 0.0], rings, [x[-1], 0.0, 0.0]])

@@ -217,10 +217,7 @@ def world_row(model: mujoco.MjModel) -> Array:
 
 
 def set_current(
-    spec: mujoco.MjSpec,
-    velocity: ArrayLike = ORIGIN,
-    acceleration: ArrayLike = ORIGIN,
-    shear: ArrayLike = ORIGIN,
+    spec: mujoco.MjSpec, velocity: ArrayLike = ORIGIN, acceleration: ArrayLike = ORIGIN, shear: ArrayLike = ORIGIN
 ) -> None:
     """Set the current: its velocity (3,) [m/s] at z = 0, acceleration (3,) [m/s^2] and shear dv/dz (3,) [1/s].
 
@@ -414,11 +411,7 @@ def ellipsoid(
 
 
 def box(
-    size: ArrayLike,
-    *,
-    center: ArrayLike = ORIGIN,
-    drag_coefficient: float = 1.05,
-    water_density: float = SEA_WATER,
+    size: ArrayLike, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 1.05, water_density: float = SEA_WATER
 ) -> BodyHydrodynamics:
     """A rectangular prism with edges `size` (3,) [m] along the body axes, at `center` (3,) [m]. An estimate.
 

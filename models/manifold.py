@@ -150,8 +150,11 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
             found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
             # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the rest lies behind it.
             s = 0.25 * c
-            found.append(part("chamfer", r + 0.5 * c + s, -0.5 * c - s, [2.0 * np.sqrt(2) * s, wide, c * np.sqrt(2)],
-                              0.25 * np.pi))  # fmt: skip
+            found.append(
+                part(
+                    "chamfer", r + 0.5 * c + s, -0.5 * c - s, [2.0 * np.sqrt(2) * s, wide, c * np.sqrt(2)], 0.25 * np.pi
+                )
+            )
     return found
 
 

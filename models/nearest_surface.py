@@ -86,9 +86,7 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
 
 
 @njit(cache=True)
-def _search(
-    asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array
-) -> None:  # fmt: skip
+def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array) -> None:
     """Write the triangle `at` (N,) which is nearest to each point, and the weights (N, 3) there."""
     waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
     for n in range(len(asked)):

@@ -76,8 +76,13 @@ SIZE = ((0.2, 0.85), (0.1, 1.0), (0.15, 0.2), (0.1, 0.8), (0.15, 0.2), (0.1, 0.3
 AXIS = (1, 0, 1, 1, 1, 2)  # which axis of frame i lies along the link
 # [m] centre of mass, and of buoyancy, from the origin of frame i - 1, along the axes of frame i.
 CENTER = (
-    (0.0, 0.425, 0.0), (0.11, 0.0, 0.0), (0.055, 0.0, 0.0), (0.0, 0.21, 0.0), (0.0, 0.055, 0.0), (0.0, 0.0, -0.05),
-)  # fmt: skip
+    (0.0, 0.425, 0.0),
+    (0.11, 0.0, 0.0),
+    (0.055, 0.0, 0.0),
+    (0.0, 0.21, 0.0),
+    (0.0, 0.055, 0.0),
+    (0.0, 0.0, -0.05),
+)
 INERTIA = 20.0 * np.array(
     [[5.0, 1.5, 5.0], [1.0, 4.0, 4.0], [0.1, 0.025, 0.1], [2.5, 0.45, 2.5], [0.25, 0.2, 0.25], [0.25, 0.25, 0.17]]
 )  # [kg m^2] diagonal, about the centre of mass
@@ -93,9 +98,14 @@ def build() -> mujoco.MjSpec:
     spec = published.new_spec("phoenix_smart3s")
     hull = published.add_hull(spec, HULL)
     hull.add_geom(
-        name="hull", type=mujoco.mjtGeom.mjGEOM_ELLIPSOID, size=[LENGTH / 2.0, 0.7, 0.5], mass=0.0, contype=1,
-        conaffinity=2, rgba=[0.93, 0.72, 0.13, 1.0],
-    )  # fmt: skip
+        name="hull",
+        type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        size=[LENGTH / 2.0, 0.7, 0.5],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.93, 0.72, 0.13, 1.0],
+    )
     published.add_wrench(spec, hull)
     # A half turn about x: the base's axes are the hull's in the source.
     base = hull.add_body(name=ARM_BASE_BODY, pos=published.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0])
@@ -120,17 +130,27 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
     published.set_inertial(body, MASS[i], _center(i), np.diag(INERTIA[i]))
     name = f"joint{i + 1}"
     body.add_joint(
-        name=name, pos=-_offset(i), axis=[0.0, np.sin(alpha), np.cos(alpha)], range=_RANGE,
+        name=name,
+        pos=-_offset(i),
+        axis=[0.0, np.sin(alpha), np.cos(alpha)],
+        range=_RANGE,
         damping=[FRICTION[i], 0.0, 0.0],
-    )  # fmt: skip
+    )
     motor = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
     motor.ctrlrange = [-_TORQUE[i], _TORQUE[i]]
     radius, length = SIZE[i]
     R = rotation_from_z(np.eye(3)[AXIS[i]], np.eye(3)[AXIS[i] - 1])
     body.add_geom(
-        name=body.name, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[radius, length / 2.0, 0.0], pos=_center(i),
-        quat=quat_wxyz_from_rotation(R), mass=0.0, contype=1, conaffinity=2, rgba=[0.85, 0.87, 0.9, 1.0],
-    )  # fmt: skip
+        name=body.name,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[radius, length / 2.0, 0.0],
+        pos=_center(i),
+        quat=quat_wxyz_from_rotation(R),
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.85, 0.87, 0.9, 1.0],
+    )
     return body
 
 

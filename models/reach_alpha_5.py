@@ -53,30 +53,78 @@ _QUARTER = np.pi / 2
 
 LINKS = (
     _Link(
-        name="shoulder", p=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), limits=(-3.054, 3.054), torque=10.0, friction=2.396,
-        mass=0.194, center=(0.005, -0.001, 0.016), inertia=(139.1, 158.49, 61.96, -5.97, -38.48, -6.1),
-        volume=0.018, buoyancy=(-0.001, -0.003, 0.032), added=0.032, across=0.26, along=0.3,
-        start=(0.0, 0.0, -0.023), end=(0.0, 0.0, 0.043),
+        name="shoulder",
+        p=(0.0, 0.0, 0.0),
+        rpy=(0.0, 0.0, 0.0),
+        limits=(-3.054, 3.054),
+        torque=10.0,
+        friction=2.396,
+        mass=0.194,
+        center=(0.005, -0.001, 0.016),
+        inertia=(139.1, 158.49, 61.96, -5.97, -38.48, -6.1),
+        volume=0.018,
+        buoyancy=(-0.001, -0.003, 0.032),
+        added=0.032,
+        across=0.26,
+        along=0.3,
+        start=(0.0, 0.0, -0.023),
+        end=(0.0, 0.0, 0.043),
     ),
     _Link(
-        name="upper_arm", p=(0.020, 0.0, 0.046), rpy=(_QUARTER, 1.3, 0.0), limits=(0.0, 3.491), torque=10.0,
-        friction=2.236, mass=0.429, center=(0.073563, -0.000091, -0.000734),
-        inertia=(86.77, 868.23, 891.46, 73.13, -13.16, 0.03), volume=0.203, buoyancy=(0.073, 0.0, -0.002), added=0.201,
-        across=1.6, along=0.3, start=(0.0025, 0.0, 0.0), end=(0.1475, 0.0, 0.0),
+        name="upper_arm",
+        p=(0.020, 0.0, 0.046),
+        rpy=(_QUARTER, 1.3, 0.0),
+        limits=(0.0, 3.491),
+        torque=10.0,
+        friction=2.236,
+        mass=0.429,
+        center=(0.073563, -0.000091, -0.000734),
+        inertia=(86.77, 868.23, 891.46, 73.13, -13.16, 0.03),
+        volume=0.203,
+        buoyancy=(0.073, 0.0, -0.002),
+        added=0.201,
+        across=1.6,
+        along=0.3,
+        start=(0.0025, 0.0, 0.0),
+        end=(0.1475, 0.0, 0.0),
     ),
     _Link(
-        name="elbow", p=(0.15, 0.0, 0.0), rpy=(np.pi, 0.0, 1.3), limits=(0.0, 3.491), torque=10.0, friction=0.820,
-        mass=0.115, center=(0.017, -0.026, 0.002), inertia=(41.8, 28.3, 45.02, 10.17, 4.91, -5.98), volume=0.025,
-        buoyancy=(0.003, 0.001, -0.017), added=0.032, across=0.26, along=0.3, start=(0.017, -0.006, 0.0),
+        name="elbow",
+        p=(0.15, 0.0, 0.0),
+        rpy=(np.pi, 0.0, 1.3),
+        limits=(0.0, 3.491),
+        torque=10.0,
+        friction=0.820,
+        mass=0.115,
+        center=(0.017, -0.026, 0.002),
+        inertia=(41.8, 28.3, 45.02, 10.17, 4.91, -5.98),
+        volume=0.025,
+        buoyancy=(0.003, 0.001, -0.017),
+        added=0.032,
+        across=0.26,
+        along=0.3,
+        start=(0.017, -0.006, 0.0),
         end=(0.017, -0.046, 0.0),
     ),
     _Link(
-        name="wrist", p=(0.020, 0.0, 0.0), rpy=(-_QUARTER, 0.0, 0.0), limits=(-2.880, 2.880), torque=0.6,
-        friction=0.357, mass=0.333, center=(-0.00003, -0.003, -0.098),
-        inertia=(507.87, 535.87, 76.0, -1.97, 4.98, 97.9), volume=0.155,
-        buoyancy=(0.0, 0.0, -0.098), added=0.226, across=1.8, along=0.3, start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -0.14),
+        name="wrist",
+        p=(0.020, 0.0, 0.0),
+        rpy=(-_QUARTER, 0.0, 0.0),
+        limits=(-2.880, 2.880),
+        torque=0.6,
+        friction=0.357,
+        mass=0.333,
+        center=(-0.00003, -0.003, -0.098),
+        inertia=(507.87, 535.87, 76.0, -1.97, 4.98, 97.9),
+        volume=0.155,
+        buoyancy=(0.0, 0.0, -0.098),
+        added=0.226,
+        across=1.8,
+        along=0.3,
+        start=(0.0, 0.0, 0.0),
+        end=(0.0, 0.0, -0.14),
     ),
-)  # fmt: skip
+)
 BASE_MASS, BASE_CENTER, BASE_VOLUME = 0.341, (-0.075, -0.006, -0.003), 0.202e-3  # [kg], [m], [m^3]
 BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)  # [1e-6 kg m^2] as above
 _TIP = (0.0, 0.0, -0.190)  # [m] between the jaws, in the wrist
@@ -122,10 +170,12 @@ def _water(link: _Link) -> BodyHydrodynamics:
         volume=1e-3 * link.volume,
         center_of_buoyancy=link.buoyancy,
         strips=StripDrag(
-            start=np.array(link.start), end=np.array(link.end), normal=link.across / length,
+            start=np.array(link.start),
+            end=np.array(link.end),
+            normal=link.across / length,
             tangential=link.along / length,
         ),
-    )  # fmt: skip
+    )
 
 
 def _inertia(figures: tuple[float, ...]) -> Array:
@@ -141,6 +191,12 @@ def _rotation(rpy: tuple[float, float, float]) -> Array:
 
 def _add_capsule(body: mujoco.MjsBody, name: str, start: tuple, end: tuple) -> None:
     body.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[RADIUS, 0.0, 0.0], fromto=[*start, *end], mass=0.0,
-        contype=1, conaffinity=2, rgba=[0.3, 0.3, 0.33, 1.0],
-    )  # fmt: skip
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[RADIUS, 0.0, 0.0],
+        fromto=[*start, *end],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.3, 0.3, 0.33, 1.0],
+    )

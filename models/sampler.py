@@ -78,14 +78,24 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
             parent.pos, parent.quat = place, turn
         _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
     held = parent.add_body(
-        name=_TOOL, mass=tool.mass, ipos=0.5 * tool.length * along, inertia=[tool.mass * tool.length**2 / 12.0] * 3,
+        name=_TOOL,
+        mass=tool.mass,
+        ipos=0.5 * tool.length * along,
+        inertia=[tool.mass * tool.length**2 / 12.0] * 3,
         explicitinertial=True,
-    )  # fmt: skip
+    )
     _slide(held, _TOOL, along, (-GIVE, 0.25 * GIVE))
     geom = held.add_geom(
-        name=_TOOL, mass=0.0, contype=1, conaffinity=2, priority=1, friction=[FRICTION, 0.005, 0.0001],
-        solref=[0.006, 1.0], solimp=[0.95, 0.99, 0.0005, 0.5, 2.0], rgba=[0.75, 0.78, 0.82, 1.0],
-    )  # fmt: skip
+        name=_TOOL,
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        priority=1,
+        friction=[FRICTION, 0.005, 0.0001],
+        solref=[0.006, 1.0],
+        solimp=[0.95, 0.99, 0.0005, 0.5, 2.0],
+        rgba=[0.75, 0.78, 0.82, 1.0],
+    )
     if isinstance(tool, Box):
         geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [0.5 * tool.breadth, 0.5 * tool.width, 0.5 * tool.length]
         geom.pos, geom.quat = 0.5 * tool.length * along, tip.quat
@@ -105,6 +115,11 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
 
 def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:
     body.add_joint(
-        name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=STIFFNESS, damping=DAMPING, range=limits,
+        name=name,
+        type=mujoco.mjtJoint.mjJNT_SLIDE,
+        axis=axis,
+        stiffness=STIFFNESS,
+        damping=DAMPING,
+        range=limits,
         limited=True,
-    )  # fmt: skip
+    )

@@ -89,17 +89,25 @@ class Seabed:
         n = len(self.heights)
         top = max(high - low, 1e-3)  # MuJoCo wants some
         spec.add_hfield(
-            name=SEABED_GEOM, nrow=n, ncol=n, size=[self.half, self.half, top, _BASE],
+            name=SEABED_GEOM,
+            nrow=n,
+            ncol=n,
+            size=[self.half, self.half, top, _BASE],
             userdata=((self.heights - low) / top).ravel(),
-        )  # fmt: skip
+        )
         geom.type, geom.hfieldname = mujoco.mjtGeom.mjGEOM_HFIELD, SEABED_GEOM
         geom.pos = [*self.center_W[:2], self.center_W[2] + low]
 
 
 def seabed(
-    kind: Kind, rng: np.random.Generator, *, center_W: ArrayLike = (0.0, 0.0, 0.0), half: float = 2.5,
-    step: float = 0.02, steepest: float = 20.0,
-) -> Seabed:  # fmt: skip
+    kind: Kind,
+    rng: np.random.Generator,
+    *,
+    center_W: ArrayLike = (0.0, 0.0, 0.0),
+    half: float = 2.5,
+    step: float = 0.02,
+    steepest: float = 20.0,
+) -> Seabed:
     """A terrain of `kind` drawn from `rng`: what varies is the heading, size and place of its features.
 
     flat: undulation of 3 to 10 mm over 1 to 3 m. ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to

@@ -75,17 +75,29 @@ def sand(growth: float = 8e6) -> Soil:
     """Sand whose cone resistance grows by `growth` [Pa/m]."""
     friction = float(np.radians(32.0))
     return Soil(
-        cone=0.0, cone_growth=growth, tip_factor=0.3, side_factor=0.001, passive=0.0,
-        passive_growth=rankine(friction) * 9e3, narrow=NARROW, friction=friction, wall_friction=friction * 2.0 / 3.0,
-    )  # fmt: skip
+        cone=0.0,
+        cone_growth=growth,
+        tip_factor=0.3,
+        side_factor=0.001,
+        passive=0.0,
+        passive_growth=rankine(friction) * 9e3,
+        narrow=NARROW,
+        friction=friction,
+        wall_friction=friction * 2.0 / 3.0,
+    )
 
 
 def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
     """Soft clay of undrained shear strength `strength` [Pa] at the surface, growing by `growth` [Pa/m]."""
     return Soil(
-        cone=12.0 * strength, cone_growth=12.0 * growth, tip_factor=0.4, side_factor=0.03, passive=2.0 * strength,
-        passive_growth=2.0 * growth, narrow=1.5,
-    )  # fmt: skip
+        cone=12.0 * strength,
+        cone_growth=12.0 * growth,
+        tip_factor=0.4,
+        side_factor=0.03,
+        passive=2.0 * strength,
+        passive_growth=2.0 * growth,
+        narrow=1.5,
+    )
 
 
 def rankine(friction: float) -> float:

@@ -81,10 +81,7 @@ def starfish() -> TargetModel:
     top = [np.column_stack([np.full_like(i, 2 * n), i, j])]
     for k in range(_RINGS - 1):
         inner, outer = k * _AROUND, (k + 1) * _AROUND
-        top += [
-            np.column_stack([inner + i, outer + i, outer + j]),
-            np.column_stack([inner + i, outer + j, inner + j]),
-        ]
+        top += [np.column_stack([inner + i, outer + i, outer + j]), np.column_stack([inner + i, outer + j, inner + j])]
     upper = np.vstack(top)
     lower = np.where(upper == 2 * n, 2 * n + 1, upper + n)[:, ::-1]
     last = n - _AROUND
@@ -94,8 +91,6 @@ def starfish() -> TargetModel:
         name="starfish",
         vertices=vertices,
         triangles=triangles,
-        symmetry=Symmetry(
-            rotations=np.stack([exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)]),
-        ),
+        symmetry=Symmetry(rotations=np.stack([exp_so3([0.0, 0.0, 2.0 * np.pi * k / ARMS]) for k in range(ARMS)])),
         paths={"arm": arm(), "ring": ring()},
     )

@@ -35,9 +35,12 @@ _STAMP = 745510.0  # plus the kind of the curve: a row of another origin is not 
 
 _XML = 1e-5  # a gear may come from a file of six digits
 _PLAIN: dict[str, Any] = {
-    "trntype": mujoco.mjtTrn.mjTRN_SITE, "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
-    "biastype": mujoco.mjtBias.mjBIAS_NONE, "dyntype": mujoco.mjtDyn.mjDYN_NONE, "delay": 0.0,
-}  # fmt: skip
+    "trntype": mujoco.mjtTrn.mjTRN_SITE,
+    "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+    "biastype": mujoco.mjtBias.mjBIAS_NONE,
+    "dyntype": mujoco.mjtDyn.mjDYN_NONE,
+    "delay": 0.0,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,9 +115,8 @@ class Thruster:
 
     @classmethod
     def of_table(
-        cls, command: ArrayLike, thrust: ArrayLike, *, neutral: float = 0.0, full: float | None = None,
-        **figures: Any,
-    ) -> Self:  # fmt: skip
+        cls, command: ArrayLike, thrust: ArrayLike, *, neutral: float = 0.0, full: float | None = None, **figures: Any
+    ) -> Self:
         """Thrust [N] at tabled commands, pulse widths or speeds; between them a monotone cubic (Fritsch, Butland 1984).
 
         A command u in [-1, 1] stands at `neutral + u full` of the table, by default to its farther end; beyond an end
@@ -156,9 +158,16 @@ def t200(
     thrusting at 5 m/s; `torque_per_thrust` [m], 70 % of 24 A at 16 V reaching the shaft at 3533 rpm and 51.44 N.
     """
     return Thruster.of_table(
-        _T200_PULSE, _T200_THRUST, neutral=1500.0, handedness=handedness, time_constant=time_constant,
-        inflow_loss=inflow_loss, torque_per_thrust=torque_per_thrust, slew_rate=slew_rate, least_thrust=least_thrust,
-    )  # fmt: skip
+        _T200_PULSE,
+        _T200_THRUST,
+        neutral=1500.0,
+        handedness=handedness,
+        time_constant=time_constant,
+        inflow_loss=inflow_loss,
+        torque_per_thrust=torque_per_thrust,
+        slew_rate=slew_rate,
+        least_thrust=least_thrust,
+    )
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
@@ -227,9 +236,17 @@ def pack(thruster: Thruster) -> Array:
     # A right-handed propeller is driven along the thrust axis, and its hull is turned the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
     header = (
-        thruster.forward, thruster.reverse, thruster.dead_band, thruster.time_constant, thruster.inflow_loss, slew,
-        torque, thruster.least_thrust, _STAMP + kind, len(data),
-    )  # fmt: skip
+        thruster.forward,
+        thruster.reverse,
+        thruster.dead_band,
+        thruster.time_constant,
+        thruster.inflow_loss,
+        slew,
+        torque,
+        thruster.least_thrust,
+        _STAMP + kind,
+        len(data),
+    )
     return np.array([*header, *data])
 
 
@@ -246,11 +263,18 @@ def unpack(row: Array) -> Thruster:
     elif kind == TABLE:
         table = (data[: count // 2], data[count // 2 :])
     return Thruster(
-        forward=float(row[FORWARD]), reverse=float(row[REVERSE]), dead_band=float(row[DEAD_BAND]),
-        time_constant=float(row[TIME_CONSTANT]), inflow_loss=float(row[INFLOW_LOSS]),
-        slew_rate=float(row[SLEW_RATE]) or math.inf, torque_per_thrust=abs(float(row[TORQUE])),
-        handedness=-1 if row[TORQUE] > 0.0 else 1, least_thrust=float(row[LEAST]), polynomial=polynomial, table=table,
-    )  # fmt: skip
+        forward=float(row[FORWARD]),
+        reverse=float(row[REVERSE]),
+        dead_band=float(row[DEAD_BAND]),
+        time_constant=float(row[TIME_CONSTANT]),
+        inflow_loss=float(row[INFLOW_LOSS]),
+        slew_rate=float(row[SLEW_RATE]) or math.inf,
+        torque_per_thrust=abs(float(row[TORQUE])),
+        handedness=-1 if row[TORQUE] > 0.0 else 1,
+        least_thrust=float(row[LEAST]),
+        polynomial=polynomial,
+        table=table,
+    )
 
 
 def carries(row: Array) -> bool:
@@ -273,9 +297,10 @@ def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
             raise ConfigurationError(f"actuator {model.actuator(int(i)).name!r}: {error}") from error
         name, gear = model.actuator(int(i)).name, model.actuator_gear[i]
         _check_motor(
-            name, lambda field, i=i: getattr(model, f"actuator_{field}")[i],
+            name,
+            lambda field, i=i: getattr(model, f"actuator_{field}")[i],
             model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
-        )  # fmt: skip
+        )
         if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
             raise ConfigurationError(
                 f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} along the thrust, got "

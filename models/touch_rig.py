@@ -36,9 +36,17 @@ def add_pin(spec: mujoco.MjSpec) -> None:
             if geom.name == PIN:
                 geom.name = f"{PIN}_idle"
     link.add_geom(
-        name=PIN, type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[BALL, 0, 0], pos=site.pos, mass=0.0, condim=1, priority=2,
-        contype=1, conaffinity=2, rgba=[0.8, 0.8, 0.85, 1.0],
-    )  # fmt: skip
+        name=PIN,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[BALL, 0, 0],
+        pos=site.pos,
+        mass=0.0,
+        condim=1,
+        priority=2,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.8, 0.8, 0.85, 1.0],
+    )
 
 
 def add_nests(spec: mujoco.MjSpec, p_WN: ArrayLike, z_WN: ArrayLike) -> None:
@@ -51,9 +59,12 @@ def add_nests(spec: mujoco.MjSpec, p_WN: ArrayLike, z_WN: ArrayLike) -> None:
         body = spec.worldbody.add_body(name=f"nest{k}", pos=p, quat=quat_wxyz_from_rotation(R))
         for turn in 2.0 * np.pi / 3.0 * np.arange(3):
             body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[SEAT, 0, 0], condim=1, rgba=[0.6, 0.45, 0.2, 1.0],
+                type=mujoco.mjtGeom.mjGEOM_SPHERE,
+                size=[SEAT, 0, 0],
+                condim=1,
+                rgba=[0.6, 0.45, 0.2, 1.0],
                 pos=[_SPREAD * np.cos(turn), _SPREAD * np.sin(turn), -_DEPTH],
-            )  # fmt: skip
+            )
 
 
 def clamp(spec: mujoco.MjSpec, X_WB: Array) -> None:

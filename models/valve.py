@@ -77,16 +77,30 @@ def valve() -> TargetModel:
             Solid(name="target", kind=cylinder, size=(r, half), X_TS=pose(R_pipe)),
             *(
                 Solid(
-                    name=f"target_flange_{end}", kind=cylinder, size=(wide, 0.5 * thick),
+                    name=f"target_flange_{end}",
+                    kind=cylinder,
+                    size=(wide, 0.5 * thick),
                     X_TS=pose(R_pipe, [x, 0.0, 0.0]),
                 )
                 for end, x in (("aft", -flange_x), ("fore", flange_x))
             ),
-            Solid(name="target_bonnet", kind=cylinder, size=(BONNET[0], 0.5 * BONNET[1]),
-                  X_TS=pose(p=[0.0, 0.0, 0.5 * BONNET[1]])),
-            Solid(name="target_stem", kind=cylinder, size=(STEM[0], 0.5 * (STEM[1] - 0.5 * LEVER[2])),
-                  X_TS=pose(p=[0.0, 0.0, 0.5 * (STEM[1] - 0.5 * LEVER[2])])),
-            Solid(name="target_lever", kind=mujoco.mjtGeom.mjGEOM_BOX, size=tuple((0.5 * lever).tolist()),
-                  X_TS=pose(p=middle)),
+            Solid(
+                name="target_bonnet",
+                kind=cylinder,
+                size=(BONNET[0], 0.5 * BONNET[1]),
+                X_TS=pose(p=[0.0, 0.0, 0.5 * BONNET[1]]),
+            ),
+            Solid(
+                name="target_stem",
+                kind=cylinder,
+                size=(STEM[0], 0.5 * (STEM[1] - 0.5 * LEVER[2])),
+                X_TS=pose(p=[0.0, 0.0, 0.5 * (STEM[1] - 0.5 * LEVER[2])]),
+            ),
+            Solid(
+                name="target_lever",
+                kind=mujoco.mjtGeom.mjGEOM_BOX,
+                size=tuple((0.5 * lever).tolist()),
+                X_TS=pose(p=middle),
+            ),
         ),
-    )  # fmt: skip
+    )

@@ -188,10 +188,7 @@ def identify(
         evidence=evidence,
         surface=surface,
         score=score(evidence, surface, X_ST),
-        hypotheses=(
-            Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood),
-            *found.others,
-        ),
+        hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
         duration_s=perf_counter() - started,
     )
 

@@ -152,13 +152,34 @@ def initial_poses(
             X = X[np.argsort(-score, kind="stable")[:_TRIED]] if score.any() else X
             some = _some(patch, count)
             score = _settle(
-                X, points[some], normals[some], sigma, gates * views.radius, views.points, views.normals, views.ways,
-                views.nearest, views.corner, views.cell, views.center, views.radius, views.spacing,
-            )  # fmt: skip
+                X,
+                points[some],
+                normals[some],
+                sigma,
+                gates * views.radius,
+                views.points,
+                views.normals,
+                views.ways,
+                views.nearest,
+                views.corner,
+                views.cell,
+                views.center,
+                views.radius,
+                views.spacing,
+            )
             score += _confirmed(
-                X, views.points, views.ways, views.shown, views.center, scan.depth, scan.tangent_x[0],
-                scan.tangent_y[0], scan.pitches[0], scan.pitches[1], 2.0 * views.spacing + 3.0 * sigma,
-            )  # fmt: skip
+                X,
+                views.points,
+                views.ways,
+                views.shown,
+                views.center,
+                scan.depth,
+                scan.tangent_x[0],
+                scan.tangent_y[0],
+                scan.pitches[0],
+                scan.pitches[1],
+                2.0 * views.spacing + 3.0 * sigma,
+            )
         admitted = expected.admits(X, surface)
         of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
         firsts += of_patch[:1]

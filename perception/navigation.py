@@ -298,9 +298,19 @@ class Navigation:
                 noise = m.noise or self.dvl
                 self._fix(state, DVL, m.time, m.v_WB_B, noise.white)
         X_WB, v_B, w_B, a_B, sigma = hand_on(
-            state.clock - state.given, state.clock - state.time, self.acceleration_time, self.release, state.force,
-            state.w_B, state.R_WB, state.rate_bias, state.x, state.P, state.held, state.a_B,
-        )  # fmt: skip
+            state.clock - state.given,
+            state.clock - state.time,
+            self.acceleration_time,
+            self.release,
+            state.force,
+            state.w_B,
+            state.R_WB,
+            state.rate_bias,
+            state.x,
+            state.P,
+            state.held,
+            state.a_B,
+        )
         state.given = state.clock
         vision, dvl = state.watches
         return state, StateEstimate(
@@ -352,10 +362,27 @@ class Navigation:
         across = along + 2.0 * (GRAVITY * noise.attitude) ** 2 * state.interval * dt
         head = (state.head + 1) % _HISTORY
         taken = inertial(
-            force, w, R, state.time + dt, dt, across, along, state.layout, state.walks, state.turning, state.R_WB,
-            state.gyro, state.rate_bias, state.x, state.P, head, state.past_input, state.past_x, state.past_P,
+            force,
+            w,
+            R,
+            state.time + dt,
+            dt,
+            across,
+            along,
+            state.layout,
+            state.walks,
+            state.turning,
+            state.R_WB,
+            state.gyro,
+            state.rate_bias,
+            state.x,
+            state.P,
+            head,
+            state.past_input,
+            state.past_x,
+            state.past_P,
             state.past_fix,
-        )  # fmt: skip
+        )
         if taken:
             state.head, state.force, state.w_B = head, force, w
             state.time += dt
@@ -387,9 +414,7 @@ class Navigation:
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
         innovation, white = np.empty(3), np.empty(3)
-        squared = surprise(
-            kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation, white
-        )  # fmt: skip
+        squared = surprise(kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation, white)
         square = watch.take(white, time, math.sqrt(self.gate))
         if self.adapt:
             excess = min(square, _SCALE_CAP) - _SCALE_SLACK
@@ -406,9 +431,17 @@ class Navigation:
         slot[:] = fix
         before = state.x[:6].copy()
         replay(
-            at if first < 0 else first, state.head, state.layout, state.walks, state.past_input, state.past_x,
-            state.past_P, state.past_fix, state.x, state.P,
-        )  # fmt: skip
+            at if first < 0 else first,
+            state.head,
+            state.layout,
+            state.walks,
+            state.past_input,
+            state.past_x,
+            state.past_P,
+            state.past_fix,
+            state.x,
+            state.P,
+        )
         state.held += (state.x[:6] - before).reshape(2, 3)
         watch.used = max(watch.used, time)
 

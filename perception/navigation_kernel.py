@@ -211,9 +211,27 @@ def absorb(kind, fix, row, layout, x, P):
 @numba.njit(cache=True)
 @keyed_by_imports
 def inertial(
-    specific_force_B, w_B, R_meas, time, dt, across, along, layout, walks, turning, R, gyro, rate_bias, x, P, head,
-    past_input, past_x, past_P, past_fix,
-):  # fmt: skip
+    specific_force_B,
+    w_B,
+    R_meas,
+    time,
+    dt,
+    across,
+    along,
+    layout,
+    walks,
+    turning,
+    R,
+    gyro,
+    rate_bias,
+    x,
+    P,
+    head,
+    past_input,
+    past_x,
+    past_P,
+    past_fix,
+):
     """One IMU sample: attitude, mean, covariance, and a row of the past, at `head`. False, and nothing done, if it is
     not finite.
 

@@ -136,9 +136,17 @@ def deviate(
     share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
     bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
     return Deviation(
-        o=o, along_o=along, across=across, share=share, on_scan=on_scan, seen=usable, bridged=bridged,
-        threshold=threshold, section=section, form=np.column_stack([along, share * across, bend]),
-    )  # fmt: skip
+        o=o,
+        along_o=along,
+        across=across,
+        share=share,
+        on_scan=on_scan,
+        seen=usable,
+        bridged=bridged,
+        threshold=threshold,
+        section=section,
+        form=np.column_stack([along, share * across, bend]),
+    )
 
 
 def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:

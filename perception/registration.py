@@ -303,9 +303,19 @@ def _plane_terms(
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
     H, g, sums = _plane_sums(
-        evidence.points, evidence.normals, evidence.sigma, evidence.independent, model_points, model_normals, index,
-        X_ST, transform_points(X_ST, surface.center), gate, surface.spacing, surface.radius,
-    )  # fmt: skip
+        evidence.points,
+        evidence.normals,
+        evidence.sigma,
+        evidence.independent,
+        model_points,
+        model_normals,
+        index,
+        X_ST,
+        transform_points(X_ST, surface.center),
+        gate,
+        surface.spacing,
+        surface.radius,
+    )
     return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
 
 

@@ -30,9 +30,16 @@ class SeabedFinder:
     """
 
     def __init__(
-        self, B_W: ArrayLike, up_W: ArrayLike = (0.0, 0.0, 1.0), *, core_depth: float = 0.12, width: float = 0.1,
-        limits: ReliefLimits | None = None, cloud_W: ArrayLike | None = None, looks: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        B_W: ArrayLike,
+        up_W: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        core_depth: float = 0.12,
+        width: float = 0.1,
+        limits: ReliefLimits | None = None,
+        cloud_W: ArrayLike | None = None,
+        looks: int = 1,
+    ) -> None:
         """Take the points `B_W` (s, 3) [m] over the seabed, W: one for a core, more for a profile between them.
 
         `up_W` (3,) is the direction z against which they are let down; `core_depth` [m] is how deep a core's way is
@@ -54,10 +61,7 @@ class SeabedFinder:
         return SeabedFinderState()
 
     def step(
-        self,
-        state: SeabedFinderState,
-        estimate: StateEstimate,
-        measurement: Measurement,
+        self, state: SeabedFinderState, estimate: StateEstimate, measurement: Measurement
     ) -> tuple[SeabedFinderState, Target | None]:
         """Look at the seabed in one scan, made when the hull was where `estimate` says; None while more are wanted.
 
@@ -74,19 +78,29 @@ class SeabedFinder:
             plan = plan_seabed_work(cloud_W, self._B, self._up, width=self._width, limits=self._limits)
         except PerceptionError as error:
             refused = Target(
-                time=measurement.time, X_WT=readonly(pose(p=center)), accepted=False, check_m=float("inf"),
-                range_m=reach, reason=str(error), path=None,
-            )  # fmt: skip
+                time=measurement.time,
+                X_WT=readonly(pose(p=center)),
+                accepted=False,
+                check_m=float("inf"),
+                range_m=reach,
+                reason=str(error),
+                path=None,
+            )
             return SeabedFinderState(cloud_W=readonly(cloud_W)), refused
         A = plan.targets.A
         away = np.linalg.norm(A - estimate.X_WB[:3, 3], axis=1)
         R = plan.terrain.R_ground
         path = plan.path or core_path(A[0], -R[2], R[0], self._core_depth)
         target = Target(
-            time=measurement.time, X_WT=readonly(pose(p=A.mean(axis=0))), accepted=True,
-            check_m=float(plan.targets.sigma.max()), range_m=float(away.max()), reason="", path=path,
+            time=measurement.time,
+            X_WT=readonly(pose(p=A.mean(axis=0))),
+            accepted=True,
+            check_m=float(plan.targets.sigma.max()),
+            range_m=float(away.max()),
+            reason="",
+            path=path,
             ground=plan.terrain.vertices,
-        )  # fmt: skip
+        )
         return SeabedFinderState(cloud_W=readonly(cloud_W), plan=plan), target
 
 

@@ -214,9 +214,14 @@ class SeabedPlan:
 
 
 def plan_seabed_work(
-    cloud: ArrayLike, B: ArrayLike, z: ArrayLike = (0.0, 0.0, 1.0), *, width: float = 0.1, patch: float = 0.15,
+    cloud: ArrayLike,
+    B: ArrayLike,
+    z: ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    width: float = 0.1,
+    patch: float = 0.15,
     limits: ReliefLimits | None = None,
-) -> SeabedPlan:  # fmt: skip
+) -> SeabedPlan:
     """From a cloud (N, 3) [m], the points `B` (s, 3) [m] over it and the vertical `z` to a path on the seabed.
 
     The relief is judged within `patch` [m] of the targets and of the profile between them. Raises PerceptionError,

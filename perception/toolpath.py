@@ -21,9 +21,14 @@ _KNOTS = 0.015  # [m] between the knots of the smoothing spline
 
 
 def plan_path(
-    found: Identification, path: ModelPath, *, spacing: float = 0.0015, max_deviation: float = 0.05,
-    bridge: float = 0.06, tool_radius: float = 0.0,
-) -> ToolPath:  # fmt: skip
+    found: Identification,
+    path: ModelPath,
+    *,
+    spacing: float = 0.0015,
+    max_deviation: float = 0.05,
+    bridge: float = 0.06,
+    tool_radius: float = 0.0,
+) -> ToolPath:
     """The tool path on the real surface, in the sensor frame S.
 
     `spacing` [m] of the result along its arc length; `max_deviation` [m] along the line of sight, beyond which what

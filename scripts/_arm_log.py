@@ -42,9 +42,10 @@ class ArmLog:
         size = 0.006 * float(np.linalg.norm(np.diff(strips[0], axis=0), axis=1).sum())
         self._columns(f"world/{name}/links", time[::stride], rr.LineStrips3D.columns(strips=strips))
         self._columns(
-            f"world/{name}/joints", time[::stride],
+            f"world/{name}/joints",
+            time[::stride],
             rr.Points3D.columns(positions=points.reshape(-1, 3)).partition([points.shape[1]] * len(points)),
-        )  # fmt: skip
+        )
         style = {"colors": color, "radii": size}
         self._stream.log(f"world/{name}/links", rr.LineStrips3D.from_fields(**style), static=True)
         self._stream.log(f"world/{name}/joints", rr.Points3D.from_fields(colors=color, radii=2.0 * size), static=True)

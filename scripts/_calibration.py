@@ -91,9 +91,16 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
         found = arms.load(name)
         arm = replace(Arm.from_dh(found.dh, found.joint_types), X_n_flange=readonly(found.tool))
         return ArmSource(
-            path=Path(name), kind="dh", arm=arm, joint_names=tuple(f"joint{k + 1}" for k in range(arm.n)), base="base",
-            tip="flange", tcp=readonly(np.zeros(3)), limits=found.limits, sha256="",
-        )  # fmt: skip
+            path=Path(name),
+            kind="dh",
+            arm=arm,
+            joint_names=tuple(f"joint{k + 1}" for k in range(arm.n)),
+            base="base",
+            tip="flange",
+            tcp=readonly(np.zeros(3)),
+            limits=found.limits,
+            sha256="",
+        )
     if name in models.available():
         file = folder / f"{name}.xml"
         file.write_text(models.load(name).to_xml(), encoding="utf-8")
@@ -105,14 +112,19 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
 
 
 def from_files(
-    source: ArmSource, touches: Sequence[Path], held_out: Sequence[Path], units: Literal["auto", "rad", "deg"],
+    source: ArmSource,
+    touches: Sequence[Path],
+    held_out: Sequence[Path],
+    units: Literal["auto", "rad", "deg"],
     distances: Sequence[tuple[str, str, float]],
-) -> Case:  # fmt: skip
+) -> Case:
     """Touches of the user's own arm. Raises ConfigurationError for points that `distances` name and that are none."""
     how = {
-        "joint_types": source.arm.joint_types, "joint_names": source.joint_names, "units": units,
+        "joint_types": source.arm.joint_types,
+        "joint_names": source.joint_names,
+        "units": units,
         "limits": source.limits,
-    }  # fmt: skip
+    }
     read = read_touches(touches, **how)
     rest = read_touches(held_out, **how) if held_out else None
     pairs = []
@@ -122,15 +134,26 @@ def from_files(
                 raise ConfigurationError(f"--distance: no point {name!r}; there are {', '.join(read.names)}")
         pairs.append((read.names.index(first), read.names.index(second), length, LENGTH_ERROR))
     return Case(
-        title=f"Calibration of {source.path.name}", source=source, touches=read, distances=tuple(pairs), held_out=rest,
+        title=f"Calibration of {source.path.name}",
+        source=source,
+        touches=read,
+        distances=tuple(pairs),
+        held_out=rest,
         notes=(*source.notes, *read.notes, *(rest.notes if rest else ())),
-    )  # fmt: skip
+    )
 
 
 def simulated(
-    source: ArmSource, *, points: int, touches: int, noise: float, pin: str, known: bool, errors: int,
+    source: ArmSource,
+    *,
+    points: int,
+    touches: int,
+    noise: float,
+    pin: str,
+    known: bool,
+    errors: int,
     rng: np.random.Generator,
-) -> Case:  # fmt: skip
+) -> Case:
     """Touches by hand of an arm with errors: the paper's own for a UR10e, else those of a workshop, of seed `errors`.
 
     `known` tells the distance between the two points that are farthest apart.
@@ -160,25 +183,42 @@ def simulated(
 
 
 def by_contact(
-    source: ArmSource, vehicle: str, *, hovering: bool, points: int, touches: int, known: bool, errors: int,
-    current: tuple[float, float, float], gust: float, rng: np.random.Generator,
+    source: ArmSource,
+    vehicle: str,
+    *,
+    hovering: bool,
+    points: int,
+    touches: int,
+    known: bool,
+    errors: int,
+    current: tuple[float, float, float],
+    gust: float,
+    rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
-) -> Case:  # fmt: skip
+) -> Case:
     """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
     hull = with_parts(own, but=(CAMERA_SITE, TOOL_GEOM))
     geometry: ArmGeometry = arm_geometry.read(
-        own, ARM_BASE_BODY, TIP_SITE,
+        own,
+        ARM_BASE_BODY,
+        TIP_SITE,
         exclude=[own.joint(j).name for j in range(own.njnt) if j not in hull.joints and own.jnt_type[j] != 0],
-    )  # fmt: skip
+    )
     true = arm_geometry.with_errors(geometry, np.random.default_rng(errors))
     arm_geometry.move(built, geometry, true)
     session = touch(
-        believed, built, hovering=hovering, nests=points, touches=touches,
-        current=np.array(current if hovering else (0.0, 0.0, 0.0)), gust=gust if hovering else 0.0, rng=rng,
+        believed,
+        built,
+        hovering=hovering,
+        nests=points,
+        touches=touches,
+        current=np.array(current if hovering else (0.0, 0.0, 0.0)),
+        gust=gust if hovering else 0.0,
+        rng=rng,
         watch=watch,
-    )  # fmt: skip
+    )
     title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
     truth = Truth(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
@@ -192,9 +232,14 @@ def by_contact(
 
 
 def _simulated_case(
-    title: str, source: ArmSource, series: Sequence[Array], places: Array, truth: Truth, known: bool,
+    title: str,
+    source: ArmSource,
+    series: Sequence[Array],
+    places: Array,
+    truth: Truth,
+    known: bool,
     rng: np.random.Generator,
-) -> Case:  # fmt: skip
+) -> Case:
     distances = ()
     if known and len(places) > 1:
         i, j = farthest(places)
@@ -238,9 +283,7 @@ def _judged(case: Case, found: Calibration, arm: Arm, series: Sequence[Array]) -
     if case.held_out is not None:
         for name, q in zip(case.held_out.names, case.held_out.series, strict=True):
             held[name] = (_scatter(case.source.arm.tips(q, _first_tcp(case))), _scatter(found.tips(q)))
-    return Outcome(
-        calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips
-    )  # fmt: skip
+    return Outcome(calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips)
 
 
 def _first_tcp(case: Case) -> Array:
@@ -407,8 +450,12 @@ def metrics(case: Case, outcome: Outcome, ok: bool, seed: int) -> dict[str, Any]
         "parameters": {
             name: {"value": value, "change": change, "sigma": sigma, "unit": unit}
             for name, value, change, sigma, unit in zip(
-                found.names, found.values.tolist(), found.changes.tolist(), found.sigma.tolist(),
-                found.parameters.units, strict=True,
+                found.names,
+                found.values.tolist(),
+                found.changes.tolist(),
+                found.sigma.tolist(),
+                found.parameters.units,
+                strict=True,
             )
         },
-    }  # fmt: skip
+    }

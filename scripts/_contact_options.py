@@ -57,9 +57,16 @@ class ContactOptions(ScenarioOptions):
     """MODULE:CLASS of the controller."""
 
     def job(
-        self, scenario: str, target: TargetModel, path: str, X_WT: Array, rng: np.random.Generator, *,
-        forces: tuple[float, ...], least_share: float,
-    ) -> ContactJob:  # fmt: skip
+        self,
+        scenario: str,
+        target: TargetModel,
+        path: str,
+        X_WT: Array,
+        rng: np.random.Generator,
+        *,
+        forces: tuple[float, ...],
+        least_share: float,
+    ) -> ContactJob:
         """Work along `path` of `target`, which lies at `X_WT` (4, 4); `forces` [N] where none are asked for.
 
         What is coarsely known of it, and what the sea has made of it, is drawn from `rng`. Raises ConfigurationError

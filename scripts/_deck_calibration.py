@@ -29,9 +29,16 @@ def farthest(points: Array) -> tuple[int, int]:
 
 
 def touched(
-    arm: Arm, tcp: Array, limits: Array, rng: np.random.Generator, *, points: int = POINTS, touches: int = TOUCHES,
-    noise: float = HAND, way: ArrayLike = DOWN,
-) -> tuple[list[Array], Array]:  # fmt: skip
+    arm: Arm,
+    tcp: Array,
+    limits: Array,
+    rng: np.random.Generator,
+    *,
+    points: int = POINTS,
+    touches: int = TOUCHES,
+    noise: float = HAND,
+    way: ArrayLike = DOWN,
+) -> tuple[list[Array], Array]:
     """Touches (m, n) [rad] by the arm as built, one array a point, and the true points (k, 3) [m] in its base.
 
     Points are drawn where the arm reaches with its flange about `way` (3,), well apart. Raises ReachError if there are

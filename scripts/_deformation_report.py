@@ -40,13 +40,17 @@ def figures(made: DeformationMap) -> dict[str, Any]:
         "compared": made.compared,
         "regions": [
             {
-                "p_T_m": region.p_T.tolist(), "p_sensor_m": region.p_S.tolist(), "length_m": region.length_m,
-                "width_m": region.width_m, "area_m2": region.area_m2, "mean_m": region.mean_m,
+                "p_T_m": region.p_T.tolist(),
+                "p_sensor_m": region.p_S.tolist(),
+                "length_m": region.length_m,
+                "width_m": region.width_m,
+                "area_m2": region.area_m2,
+                "mean_m": region.mean_m,
                 "largest_m": region.largest_m,
             }
             for region in made.regions
         ],
-    }  # fmt: skip
+    }
 
 
 def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
@@ -67,9 +71,13 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
         axes.contour(inside, levels=[0.5], colors="k", linewidths=0.8)
         row, column = (float(np.mean(at)) for at in np.nonzero(inside))
         axes.annotate(
-            f"{k}: {1e3 * region.largest_m:+.0f} mm", (column, row), ha="center", va="center", fontsize="small",
+            f"{k}: {1e3 * region.largest_m:+.0f} mm",
+            (column, row),
+            ha="center",
+            va="center",
+            fontsize="small",
             bbox={"boxstyle": "round", "facecolor": "w", "alpha": 0.8, "linewidth": 0.0},
-        )  # fmt: skip
+        )
     figure.colorbar(shown, ax=axes, label="off the model, growth positive [mm]", shrink=0.8)
     axes.set(xticks=[], yticks=[], xlabel="as the sensor sees it; grey: not compared")
     figure.suptitle(title, fontsize="medium")

@@ -103,17 +103,33 @@ class Bystander:
                 self.found.append((time, str(fault.kind), fault.part))
         tilt = float(np.arccos(np.clip(truth.R_WB[2] @ self._up, -1.0, 1.0)))
         self._rows.append(
-            (time, truth.contact_normal, moment.command.felt_normal, reference.force, *(truth.p_WB - self._p_WB), tilt,
-             float(truth.collision), truth.contact_least, truth.contact_most, *truth.thrust)
-        )  # fmt: skip
+            (
+                time,
+                truth.contact_normal,
+                moment.command.felt_normal,
+                reference.force,
+                *(truth.p_WB - self._p_WB),
+                tilt,
+                float(truth.collision),
+                truth.contact_least,
+                truth.contact_most,
+                *truth.thrust,
+            )
+        )
         if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
             raise EnoughError
 
     def trace(self, blew_up: str = "") -> Trace:
         return Trace(
-            case=self._case, began=self._began, set_force=self._set, thruster_names=self._names,
-            rows=np.array(self._rows), states=self.states, found=self.found, blew_up=blew_up,
-        )  # fmt: skip
+            case=self._case,
+            began=self._began,
+            set_force=self._set,
+            thruster_names=self._names,
+            rows=np.array(self._rows),
+            states=self.states,
+            found=self.found,
+            blew_up=blew_up,
+        )
 
 
 class Lingering:

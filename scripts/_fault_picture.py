@@ -55,6 +55,14 @@ def _states(trace: Trace, panels: "np.ndarray[tuple[int], np.dtype[np.object_]]"
             axes.axvspan(start, end, color=_SHADES[i % 2], zorder=0, linewidth=0)
         upright = end - start < _NARROW * whole
         first.text(
-            0.5 * (start + end), 0.5, str(state), transform=first.get_xaxis_transform(), ha="center", va="center",
-            fontsize=8, color=FAINT, rotation=90 if upright else 0, zorder=0.5,
-        )  # fmt: skip
+            0.5 * (start + end),
+            0.5,
+            str(state),
+            transform=first.get_xaxis_transform(),
+            ha="center",
+            va="center",
+            fontsize=8,
+            color=FAINT,
+            rotation=90 if upright else 0,
+            zorder=0.5,
+        )

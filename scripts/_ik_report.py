@@ -14,9 +14,13 @@ from sim.interfaces.spatial import Array
 
 # Times that a peer may take over hybrid's, cold and warm: geometric mean over the goals' arms at bar A.
 RATIO_GOALS = {
-    "TRAC-IK": (20.0, 12.0), "OptIK": (12.0, 9.0), "KDL LMA": (12.0, None), "RTB ik_LM": (5.0, 3.5),
-    "ikdh seed": (1.5, 1.1), "EAIK": (1.3, 1.3),
-}  # fmt: skip
+    "TRAC-IK": (20.0, 12.0),
+    "OptIK": (12.0, 9.0),
+    "KDL LMA": (12.0, None),
+    "RTB ik_LM": (5.0, 3.5),
+    "ikdh seed": (1.5, 1.1),
+    "EAIK": (1.3, 1.3),
+}
 KERNEL_GOALS = {"PUMA 560": {"cold": 8.0, "warm": 3.0}}  # [us]
 STARTS = ("cold", "warm")
 BLUE, ORANGE, GREEN, VERMILION, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7"
@@ -71,9 +75,10 @@ def _rates(rows: list[dict[str, Any]]) -> Table:
         for method in methods:
             for degrees, start in keys:
                 found = [
-                    row["rate"] for row in rows
+                    row["rate"]
+                    for row in rows
                     if (row["arm"], row["method"], row["limits_deg"], row["start"]) == (arm, method, degrees, start)
-                ]  # fmt: skip
+                ]
                 cells.append(f"{100.0 * min(found):.2f}")
         body.append((arm, *cells))
     return Table("Solve rate [%], targets within 150 deg, the worse of bars A and B", columns, body)
@@ -88,9 +93,10 @@ def _ratios(results: dict[str, Any], degrees: int) -> Table:
         for k, start in enumerate(STARTS):
             mean = _only(results["ratios"], scope=scope, method=method, start=start, limits_deg=degrees, bar="A")
             everywhere = [
-                row for row in results["race"]
+                row
+                for row in results["race"]
                 if (row["method"], row["start"], row["limits_deg"], row["bar"]) == (method, start, degrees, "A")
-            ]  # fmt: skip
+            ]
             low, high = mean["ratio_95"]
             goal = RATIO_GOALS.get(method, (None, None))[k]
             said = "" if goal is None else f" (goal {goal:g}: {'met' if mean['ratio'] >= goal else 'missed'})"
@@ -104,12 +110,9 @@ def _ratios(results: dict[str, Any], degrees: int) -> Table:
         body.append((method, *cells))
     return Table(
         f"Time of a Python call over that of hybrid, limits +-{degrees} deg, bar A: geometric means, 95 % intervals",
-        (
-            "solver", f"{scope} / all", "cold: worst %", "[us], all", "ratio",
-            "warm: worst %", "[us], all", "ratio",
-        ),
+        ("solver", f"{scope} / all", "cold: worst %", "[us], all", "ratio", "warm: worst %", "[us], all", "ratio"),
         body,
-    )  # fmt: skip
+    )
 
 
 def _by_arm(rows: list[dict[str, Any]], degrees: int) -> Table:
@@ -156,8 +159,10 @@ def _growth(growth: dict[str, Any]) -> Table:
     body = []
     for method, times in growth["median_us"].items():
         slope = growth["exponent"].get(method)
-        cells = [f"{us:.1f}" + ("" if share == 1.0 else f" ({100.0 * share:.0f} %)")
-                 for us, share in zip(times, growth["rate"][method], strict=True)]  # fmt: skip
+        cells = [
+            f"{us:.1f}" + ("" if share == 1.0 else f" ({100.0 * share:.0f} %)")
+            for us, share in zip(times, growth["rate"][method], strict=True)
+        ]
         body.append((method, *cells, "" if slope is None else f"{slope:.2f}"))
     columns = ("solver", *(str(n) for n in growth["links"]), "exponent from 24")
     return Table("Median time [us] of a solve by the number of links, bar A (share solved, if not all)", columns, body)
@@ -186,8 +191,14 @@ def _draw_ratios(axes: Any, rows: list[dict[str, Any]], degrees: int) -> None:
         places = np.arange(len(names)) + 0.38 * (k - 0.5)
         axes.barh(places, values, 0.36, color=color, label=start, xerr=_bars(values, bounds), error_kw={"lw": 1.0})
         for place, value, high in zip(places, values, bounds[1], strict=True):
-            axes.annotate(f"{value:.2g}" if value < 10 else f"{value:.0f}", (max(value, high), place), (4, 0),
-                          textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+            axes.annotate(
+                f"{value:.2g}" if value < 10 else f"{value:.0f}",
+                (max(value, high), place),
+                (4, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
     axes.set_yticks(range(len(names)), names)
     axes.set(xscale="log", xlabel="time over that of hybrid", title=f"A Python call, bar A, +-{degrees} deg: {scope}")
     axes.axvline(1.0, color="0.3", lw=0.8)

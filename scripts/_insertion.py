@@ -99,7 +99,11 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*setting.error, 0.0])
     parts = Parts(
         sensors=[
-            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(),
             DepthCamera(model, HULL_BODY, X_BC),
         ],
         estimator=Navigation(),
@@ -107,19 +111,20 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
             target, f"beside_{setting.hole}", approach, orientation, seed=int(sampling.integers(2**31))
         ),
         planner=HoleInsertion(
-            arm, chain, target, aimed_at,
+            arm,
+            chain,
+            target,
+            aimed_at,
             InsertionJob(depth=setting.depth, nose=tool_radius, compliance=setting.compliance),
-            X_WB_scan=X_WB, hull_box=hull_box(own, arm),
+            X_WB_scan=X_WB,
+            hull_box=hull_box(own, arm),
         ),
-        controller=controller(
-            setting.controller, own, without=frozenset(), water_error=NOMINAL.water_error
-        ),
-    )  # fmt: skip
+        controller=controller(setting.controller, own, without=frozenset(), water_error=NOMINAL.water_error),
+    )
     truth = TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=tool_radius, depth=setting.depth)
     ready = Ready(
-        seed=seed, plant=plant, parts=parts, loop=loop,
-        restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
-    )  # fmt: skip
+        seed=seed, plant=plant, parts=parts, loop=loop, restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset)
+    )
     return Insertion(ready=ready, truth=truth, X_TH=bore.pose(np.eye(4)))
 
 
@@ -133,9 +138,12 @@ def judge(insertion: Insertion, ran: Ran) -> Assessment:
     recording = ran.recording
     found = next((target for target in reversed(recording.targets) if target.accepted), None)
     return assess_insertion(
-        recording, insertion.truth, found_X_WH=None if found is None else found.X_WT @ insertion.X_TH,
-        seed=insertion.ready.seed, wall_s=ran.wall_s,
-    )  # fmt: skip
+        recording,
+        insertion.truth,
+        found_X_WH=None if found is None else found.X_WT @ insertion.X_TH,
+        seed=insertion.ready.seed,
+        wall_s=ran.wall_s,
+    )
 
 
 def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, console: Console, started: float) -> int:

@@ -96,9 +96,12 @@ class Built:
     def ready(self) -> Ready:
         """What runs it."""
         return Ready(
-            seed=self.options.seed, plant=self.plant, parts=self.parts, loop=self.noise,
+            seed=self.options.seed,
+            plant=self.plant,
+            parts=self.parts,
+            loop=self.noise,
             restart=lambda: self.plant.reset(current=self.current(), X_WB=self.X_WB),
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,9 +117,13 @@ class Outcome:
 def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
     """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
     work = Job(
-        forces=job.forces, speed=job.speed, least_share=job.least_share, force_rate=job.force_rate,
-        force_control="force-control" not in job.without, contactless=job.contactless,
-    )  # fmt: skip
+        forces=job.forces,
+        speed=job.speed,
+        least_share=job.least_share,
+        force_rate=job.force_rate,
+        force_control="force-control" not in job.without,
+        contactless=job.contactless,
+    )
     there = job.there or job.target
     truth = TrueObject(model=there, path=job.path, X_WT=job.X_WT, contactless=job.contactless)
     believed, built, said = believed_and_built(
@@ -167,16 +174,31 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         estimator=RawNavigation() if "fusion" in job.without else Navigation(),
         finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,
         planner=SurfaceWork(
-            vehicle, chain, job.target, work, X_WB_scan=X_WB, hull_box=hull_box(own, vehicle),
-            view_B=X_BC[:3, 2], floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
+            vehicle,
+            chain,
+            job.target,
+            work,
+            X_WB_scan=X_WB,
+            hull_box=hull_box(own, vehicle),
+            view_B=X_BC[:3, 2],
+            floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
             holding=Holding.of(own),
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
-    )  # fmt: skip
+    )
     return Built(
-        job=job, options=options, variation=variation, plant=plant, parts=parts, truth=truth, X_WB=X_WB @ offset,
-        gusts=gusts, noise=noise, said=said, drawn=drawn,
-    )  # fmt: skip
+        job=job,
+        options=options,
+        variation=variation,
+        plant=plant,
+        parts=parts,
+        truth=truth,
+        X_WB=X_WB @ offset,
+        gusts=gusts,
+        noise=noise,
+        said=said,
+        drawn=drawn,
+    )
 
 
 def run(
@@ -198,15 +220,17 @@ def judge(built: Built, ran: Ran) -> Assessment:
     state = ran.last.found
     found = state.last if isinstance(state, FinderState) else None
     return assess(
-        ran.recording, built.truth, seed=built.options.seed, wall_s=ran.wall_s,
+        ran.recording,
+        built.truth,
+        seed=built.options.seed,
+        wall_s=ran.wall_s,
         identification_s=found.duration_s if found is not None else None,
-    )  # fmt: skip
+    )
 
 
 def run_contact_job(
-    job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float,
-    variation: Variation = NOMINAL,
-) -> int:  # fmt: skip
+    job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float, variation: Variation = NOMINAL
+) -> int:
     """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
     console = Console()
     if not kernel_cache.is_kept("drive"):

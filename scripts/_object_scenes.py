@@ -172,11 +172,7 @@ def object_scene(
 
 
 def _view(
-    rng: np.random.Generator,
-    aim: Array,
-    range_m: float,
-    azimuth: tuple[float, float],
-    climb: tuple[float, float],
+    rng: np.random.Generator, aim: Array, range_m: float, azimuth: tuple[float, float], climb: tuple[float, float]
 ) -> Array:
     """X_CT of a camera at `range_m` [m] from `aim` (3,) [m] in T, nearly level, that looks a little beside it."""
     low, high = np.sin(climb)

@@ -110,9 +110,15 @@ class Keeper:
     def _at_rest(self, q: Array) -> Array:
         rest = np.zeros(len(q))
         return self._arm.inverse(
-            q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+            q,
+            rest,
+            rest,
+            R_WB=np.eye(3),
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
             wrench_tip_G=np.zeros(6),
-        )[1]  # fmt: skip
+        )[1]
 
     def init(self, estimate: StateEstimate):
         self.hover_state, self.lead_state = self.hover.init(), self._lead.init()
@@ -128,10 +134,15 @@ class Keeper:
         turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
         self._w_last_B = np.array(estimate.w_WB_B)
         arm_B = self._arm.inverse(
-            estimate.q, estimate.qd, np.zeros(len(estimate.q)), R_WB=R_WB,
+            estimate.q,
+            estimate.qd,
+            np.zeros(len(estimate.q)),
+            R_WB=R_WB,
             nu_B=np.concatenate([estimate.v_WB_B, estimate.w_WB_B]),
-            a_B=np.concatenate([estimate.a_WB_B, turning]), v_current_W=current_W, wrench_tip_G=np.zeros(6),
-        )[1]  # fmt: skip
+            a_B=np.concatenate([estimate.a_WB_B, turning]),
+            v_current_W=current_W,
+            wrench_tip_G=np.zeros(6),
+        )[1]
         tip_B = truth.R_WB.T @ (np.array(truth.p_WG) - truth.p_WB)
         f_B = R_WB.T @ (self.felt_W + noise + (self._bias if self.felt_W.any() else 0.0))
         arm_B += np.concatenate([f_B, skew(tip_B) @ f_B])
@@ -159,9 +170,21 @@ class Holding:
     def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):
         none = np.zeros(3)
         return state, Reference(
-            time=estimate.time, state=WorkState.WORK, X_WB=state, v_WB_W=none, X_WG=None, v_WG_W=none, w_WG_W=none,
-            q=self._q, qd=np.zeros(len(self._q)), force=0.0, force_control=False, tare=False, scan=False, path_s=0.0,
-        )  # fmt: skip
+            time=estimate.time,
+            state=WorkState.WORK,
+            X_WB=state,
+            v_WB_W=none,
+            X_WG=None,
+            v_WG_W=none,
+            w_WG_W=none,
+            q=self._q,
+            qd=np.zeros(len(self._q)),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
 
 
 def bearable(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
@@ -184,9 +207,15 @@ def tip_pose(arm: ArmDynamics, q: Array) -> Array:
     """Pose (4, 4) of the tip on the hull."""
     rest = np.zeros(len(q))
     arm.inverse(
-        q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+        q,
+        rest,
+        rest,
+        R_WB=np.eye(3),
+        nu_B=np.zeros(6),
+        a_B=np.zeros(6),
+        v_current_W=np.zeros(3),
         wrench_tip_G=np.zeros(6),
-    )  # fmt: skip
+    )
     X_BG, J_B = np.empty((4, 4)), np.empty((6, len(q)))
     tip_kinematics(arm.layout, arm.numbers, arm.work, X_BG, J_B)
     return X_BG
@@ -227,14 +256,22 @@ def run(case: Case, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
     control = keeper(case, own, plant, noise)
     k, every = len(case.directions_B), case.push + case.rest
     pushed = Pushed(
-        excursion=np.zeros(k), tilt=np.zeros(k), turn=np.zeros(k), saturated=np.zeros(k), force_error=np.zeros(k),
-        current_error=np.zeros((k, 3)), command_rate=0.0,
-    )  # fmt: skip
+        excursion=np.zeros(k),
+        tilt=np.zeros(k),
+        turn=np.zeros(k),
+        saturated=np.zeros(k),
+        force_error=np.zeros(k),
+        current_error=np.zeros((k, 3)),
+        command_rate=0.0,
+    )
     seen = _Judge(case, plant, control, pushed)
     parts = Parts(
         sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
-        estimator=Navigation(), finder=None, planner=Holding(case.q), controller=control,
-    )  # fmt: skip
+        estimator=Navigation(),
+        finder=None,
+        planner=Holding(case.q),
+        controller=control,
+    )
     seconds = round((case.settle + k * every) / PERIOD) * PERIOD
     rollout(plant, parts, duration=seconds, rng=loop, observers=[seen])
     return seen.done()

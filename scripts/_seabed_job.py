@@ -96,14 +96,21 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
     model = hydrodynamics.compile(scenes.dig_site(with_tool(setting.vehicle, drag=job.drag), ground))
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
     plant = Plant(
-        model, current=Current(setting.current), X_WB=X_WB_start @ offset,
-        reaction_ticks=REACTION_TICKS if record else 0, soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
-    )  # fmt: skip
+        model,
+        current=Current(setting.current),
+        X_WB=X_WB_start @ offset,
+        reaction_ticks=REACTION_TICKS if record else 0,
+        soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
+    )
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
     parts = Parts(
         sensors=[
-            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(),
             Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
             DvlRanges.on(
                 model, HULL_BODY, dvl_on_hull(hull), DvlBeams(limits=(OWN_ARM, 50.0), dead=setting.dead_beams)
@@ -112,15 +119,23 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
         estimator=GroundBelow(Navigation()),
         finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W, looks=LOOKS),
         planner=SeabedWork(
-            arm, chain, job, X_WB_scan=X_WB_start, hull_box=hull, search=height_search(hull, drag=job.drag),
+            arm,
+            chain,
+            job,
+            X_WB_scan=X_WB_start,
+            hull_box=hull,
+            search=height_search(hull, drag=job.drag),
             coarse=GroundApproach(height=ALTITUDE, hull_box=hull) if setting.cloud is None else None,
         ),
         controller=controller(setting.controller, own, without=setting.without, water_error=NOMINAL.water_error),
-    )  # fmt: skip
+    )
     ready = Ready(
-        seed=seed, plant=plant, parts=parts, loop=loop,
+        seed=seed,
+        plant=plant,
+        parts=parts,
+        loop=loop,
         restart=lambda: plant.reset(current=flow, X_WB=X_WB_start @ offset),
-    )  # fmt: skip
+    )
     truth = TrueGround(ground=ground, hull_box=hull, push=None if job.drag else job.push, depth=job.depth)
     return SeabedRun(ready=ready, truth=truth)
 

@@ -34,9 +34,15 @@ class StepTask:
 def responses(task: StepTask) -> dict[str, Any]:
     """Set and true force (k, N) [N] of the k steps up, at the times of `times()`; empty if the run was broken off."""
     options = Options(
-        seed=task.seed, current=task.current, gust=task.gust, record=False, path="longitudinal", speed=SPEED,
-        length=LENGTH, forces=(task.low, task.high) * task.steps,
-    )  # fmt: skip
+        seed=task.seed,
+        current=task.current,
+        gust=task.gust,
+        record=False,
+        path="longitudinal",
+        speed=SPEED,
+        length=LENGTH,
+        forces=(task.low, task.high) * task.steps,
+    )
     rng = np.random.default_rng(task.seed)
     job = replace(barrel_job(options, rng), force_rate=task.rate)
     outcome = run(build(job, options, rng, Variation(stiffness=task.stiffness)))

@@ -23,12 +23,16 @@ TICK = 0.002  # [s] of which periods and delays are whole multiples
 DAMAGE = 2.0  # times the set force
 
 # Of a variation, what is one number for the whole run; `vary` says the means of what is drawn for each part.
-_DRAWN = (
-    "friction", "stiffness", "surface_offset", "vision_period", "vision_delay", "vision_noise", "trim_error",
-)  # fmt: skip
+_DRAWN = ("friction", "stiffness", "surface_offset", "vision_period", "vision_delay", "vision_noise", "trim_error")
 KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
-    "kept", "missed", "broken off", "damage", "refused", "diverged", "crashed"
-)  # fmt: skip
+    "kept",
+    "missed",
+    "broken off",
+    "damage",
+    "refused",
+    "diverged",
+    "crashed",
+)
 CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)
 
 # A failure's kind by a word of the supervisor's reason.
@@ -146,9 +150,14 @@ def draw(task: Task) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, 
     if task.path not in PATHS:
         raise ConfigurationError(f"path: allowed {', '.join(PATHS)}, got {task.path!r}")
     options = BarrelOptions(
-        seed=seed, current=tuple(current.tolist()), gust=gust, record=False, quick=task.quick, path=task.path,  # pyright: ignore[reportArgumentType]
+        seed=seed,
+        current=tuple(current.tolist()),
+        gust=gust,
+        record=False,
+        quick=task.quick,
+        path=task.path,  # pyright: ignore[reportArgumentType]
         without=(task.without,) if task.without else (),  # pyright: ignore[reportArgumentType]
-    )  # fmt: skip
+    )
     stream = np.random.default_rng(seed)
     return options, barrel_job(options, stream), stream, variation
 
@@ -166,9 +175,17 @@ def one_run(task: Task, bounds: Bounds | None = None) -> dict[str, Any]:
     varied |= {"gust": options.gust, "current": float(np.linalg.norm(current)), "current_up": float(current[2])}
     varied |= {"variation_seed": variation.seed}
     row: dict[str, Any] = {
-        "run": task.run, "without": task.without, "path": task.path, "seed": options.seed, "varied": varied,
-        "class": CRASHED, "kind": "", "detail": "", "missed": [], "figures": {},
-    }  # fmt: skip
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": options.seed,
+        "varied": varied,
+        "class": CRASHED,
+        "kind": "",
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         built = build(job, options, stream, variation)
@@ -245,11 +262,13 @@ def classify(outcome: Outcome, figures: dict[str, float | None], bounds: Bounds)
     missed = [
         name
         for name, bound in (
-            ("force_peak_n", bounds.force_peak), ("cross_max_m", bounds.deviation), ("along_max_m", bounds.deviation),
+            ("force_peak_n", bounds.force_peak),
+            ("cross_max_m", bounds.deviation),
+            ("along_max_m", bounds.deviation),
             ("lost_s", 0.0),
         )
         if not within(figures[name], bound)
-    ]  # fmt: skip
+    ]
     worked = bool(recording.within(WorkState.WORK).any())
     ended = {"missed": missed if worked else [], "detail": note}
     if not all(np.isfinite(value) for value in figures.values() if value is not None):

@@ -84,9 +84,11 @@ def values(rows: Sequence[Row], name: str) -> Array:
 
 def bound_of(name: str, bounds: Bounds) -> float | None:
     return {
-        "force_peak_n": bounds.force_peak, "cross_max_m": bounds.deviation, "along_max_m": bounds.deviation,
+        "force_peak_n": bounds.force_peak,
+        "cross_max_m": bounds.deviation,
+        "along_max_m": bounds.deviation,
         "lost_s": 0.0,
-    }.get(name)  # fmt: skip
+    }.get(name)
 
 
 def distributions(rows: Sequence[Row], bounds: Bounds) -> dict[str, dict[str, float | int | None]]:

@@ -138,10 +138,18 @@ def imported_scripts(file: Path) -> set[Path]:
 def died(task: Task) -> Row:
     """The row of a run that killed its process."""
     return {
-        "run": task.run, "without": task.without, "path": task.path, "seed": None, "varied": {}, "class": CRASHED,
-        "kind": "its process died", "detail": "", "missed": [], "figures": {},
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": None,
+        "varied": {},
+        "class": CRASHED,
+        "kind": "its process died",
+        "detail": "",
+        "missed": [],
+        "figures": {},
         "timing": {"wall_s": None, "cpu_s": None},
-    }  # fmt: skip
+    }
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:

@@ -22,25 +22,34 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
     """Title, columns and rows of every table, as text."""
-    yield "What came of the runs", ("class", "kind", "runs", "share", "which"), [
-        (
-            group["class"], group["kind"], str(group["count"]), f"{group['share']:.1%}",
-            "" if group["class"] == KEPT else _named(group["runs"]),
-        )
-        for group in metrics["outcomes"]
-    ]  # fmt: skip
+    yield (
+        "What came of the runs",
+        ("class", "kind", "runs", "share", "which"),
+        [
+            (
+                group["class"],
+                group["kind"],
+                str(group["count"]),
+                f"{group['share']:.1%}",
+                "" if group["class"] == KEPT else _named(group["runs"]),
+            )
+            for group in metrics["outcomes"]
+        ],
+    )
     yield (
         "Figures of all runs that lived to give them",
         ("figure", "unit", "runs", "median", "95 %", "99 %", "max", "bound", "within"),
         [
             (
-                SHOWN[name].name, SHOWN[name].unit, str(row["count"]),
+                SHOWN[name].name,
+                SHOWN[name].unit,
+                str(row["count"]),
                 *(_number(row[key], SHOWN[name].scale) for key in ("median", "p95", "p99", "max", "bound")),
                 "" if row["share_within"] is None else f"{row['share_within']:.1%}",
             )
             for name, row in metrics["distributions"].items()
         ],
-    )  # fmt: skip
+    )
     yield (
         "By path",
         ("path", "runs", "kept", "share"),
@@ -55,14 +64,19 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
             ("left out", "figure", "unit", "runs", "with", "without", "factor", "kept with", "kept without"),
             [
                 (
-                    row["method"], SHOWN[row["figure"]].name, SHOWN[row["figure"]].unit,
-                    f"{row['pairs']} of {row['runs']}", _number(row["median_with"], SHOWN[row["figure"]].scale),
-                    _number(row["median_without"], SHOWN[row["figure"]].scale), _number(row["factor"], 1.0),
-                    str(row["kept_with"]), str(row["kept_without"]),
+                    row["method"],
+                    SHOWN[row["figure"]].name,
+                    SHOWN[row["figure"]].unit,
+                    f"{row['pairs']} of {row['runs']}",
+                    _number(row["median_with"], SHOWN[row["figure"]].scale),
+                    _number(row["median_without"], SHOWN[row["figure"]].scale),
+                    _number(row["factor"], 1.0),
+                    str(row["kept_with"]),
+                    str(row["kept_without"]),
                 )
                 for row in metrics["ablations"]
             ],
-        )  # fmt: skip
+        )
 
 
 def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
@@ -98,9 +112,7 @@ def write_report(
     file.write_text(page(title, "\n".join(body)), encoding="utf-8")
 
 
-def figures(
-    rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds
-) -> Iterator[tuple[str, str, Figure]]:  # fmt: skip
+def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
     """Title, caption and figure of every picture that the runs can give."""
     if not any(row["figures"].get("force_rms_n") is not None for row in rows):
         return
@@ -168,9 +180,7 @@ def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
 
 def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
     having = [row for row in rows if row["figures"].get(name) is not None]
-    drivers = [
-        key for key in DRIVERS if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1
-    ]  # fmt: skip
+    drivers = [key for key in DRIVERS if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1]
     columns = 5
     lines = -(-len(drivers) // columns)
     figure = Figure(figsize=(WIDTH, 0.5 + 1.8 * lines), layout="constrained")
@@ -201,7 +211,7 @@ def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
     }
     figure.legend(
         handles.values(), handles.keys(), loc="outside upper center", ncols=len(CLASSES), frameon=False, fontsize=8
-    )  # fmt: skip
+    )
     return figure
 
 

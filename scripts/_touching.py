@@ -86,9 +86,17 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
 
 
 def touch(
-    believed: mujoco.MjSpec, built: mujoco.MjSpec, *, hovering: bool, nests: int, touches: int, current: Array,
-    gust: float, rng: np.random.Generator, watch: Callable[[mujoco.MjModel], Observer] | None = None,
-) -> Session:  # fmt: skip
+    believed: mujoco.MjSpec,
+    built: mujoco.MjSpec,
+    *,
+    hovering: bool,
+    nests: int,
+    touches: int,
+    current: Array,
+    gust: float,
+    rng: np.random.Generator,
+    watch: Callable[[mujoco.MjModel], Observer] | None = None,
+) -> Session:
     """Touch `nests` nests `touches` times each with the arm as built, controlled by what is believed of it.
 
     `watch` makes an observer of the loop for the compiled world.
@@ -109,14 +117,12 @@ def touch(
     flow = Current(tuple(current), gust=gust, timestep=model.opt.timestep, rng=gusts)
     plant = Plant(model, current=flow, X_WB=X_WB)
     parts = Parts(
-        sensors=[
-            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
-        ],
+        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
         estimator=Navigation(),
         finder=None,
         planner=TouchSequence(vehicle, chain, rig, wanted, X_WB),
         controller=CompliantTouch(own, clamped=not hovering),
-    )  # fmt: skip
+    )
     readings = Readings()
     observers: list[Observer] = [readings] if watch is None else [readings, watch(model)]
     longest = LONGEST_PER_TOUCH * (len(wanted) + 1)
@@ -125,9 +131,14 @@ def touch(
 
 
 def _session(
-    readings: Readings, wanted: list[Touch], rig: list[Nest], chain: Chain, vehicle: Vehicle, hovering: bool,
+    readings: Readings,
+    wanted: list[Touch],
+    rig: list[Nest],
+    chain: Chain,
+    vehicle: Vehicle,
+    hovering: bool,
     time: float,
-) -> Session:  # fmt: skip
+) -> Session:
     series: list[list[Array]] = [[] for _ in rig]
     hulls: list[list[Array]] = [[] for _ in rig]
     tips: list[list[Array]] = [[] for _ in rig]

@@ -21,9 +21,12 @@ Row = tuple[str, str, str, float, Literal["min", "max"]]
 
 
 def run_trials(
-    one: Callable[[int], Metrics], crashed: Callable[[int, str], Metrics], seeds: Iterable[int], workers: int,
+    one: Callable[[int], Metrics],
+    crashed: Callable[[int, str], Metrics],
+    seeds: Iterable[int],
+    workers: int,
     console: Console,
-) -> list[Metrics]:  # fmt: skip
+) -> list[Metrics]:
     """Metrics of `one` seed each, in the order of `seeds`, on `workers` processes (0: one a core).
 
     A trial that breaks down is a failure, of which `crashed` makes the metrics, not the end of the others. Both must
@@ -61,9 +64,14 @@ def check_trials(trials: int, workers: int) -> None:
 
 
 def say_trials(
-    trials: Sequence[Metrics], figures: Metrics, rows: Iterable[Row], folder: Path, made_by: Metrics, console: Console,
+    trials: Sequence[Metrics],
+    figures: Metrics,
+    rows: Iterable[Row],
+    folder: Path,
+    made_by: Metrics,
+    console: Console,
     said: str = "",
-) -> int:  # fmt: skip
+) -> int:
     """Write trials.json to `folder`, with what it was `made_by`, and print the summary `figures` of `trials`.
 
     Returns the exit code.

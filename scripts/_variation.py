@@ -148,9 +148,13 @@ def _thrusters(spec: mujoco.MjSpec, lag: float, gain: float, rng: np.random.Gene
         if one.table is not None:
             curve["table"] = (one.table[0], tuple(stronger * t for t in one.table[1]))
         table[actuator.name] = replace(
-            one, forward=stronger * one.forward, reverse=stronger * one.reverse,
-            least_thrust=stronger * one.least_thrust, time_constant=slower * one.time_constant, **curve,
-        )  # fmt: skip
+            one,
+            forward=stronger * one.forward,
+            reverse=stronger * one.reverse,
+            least_thrust=stronger * one.least_thrust,
+            time_constant=slower * one.time_constant,
+            **curve,
+        )
     thrusters.attach(spec, table)
     return {"thruster_lag": float(lags.mean()), "thruster_gain": float(gains.mean())} if carriers else {}
 

@@ -71,9 +71,12 @@ def rehearse(ready: Ready) -> None:
 
 
 def run_through(
-    ready: Ready, recorder: Recorder, observers: Sequence[Observer] = (), longest: float = LONGEST,
+    ready: Ready,
+    recorder: Recorder,
+    observers: Sequence[Observer] = (),
+    longest: float = LONGEST,
     stop: "Stop | None" = None,
-) -> Ran:  # fmt: skip
+) -> Ran:
     """Run from the start to the end, or for `longest` [s] simulated, or until `stop` is asked; without a word."""
     ready.restart()
     stop = stop or Stop()
@@ -87,15 +90,23 @@ def run_through(
         last = stop.last
     by = stop.asked if stop.last is not None else None
     return Ran(
-        recording=recorder.recording(interrupted=by.signal.name if by else ""), last=last,
+        recording=recorder.recording(interrupted=by.signal.name if by else ""),
+        last=last,
         wall_s=time.perf_counter() - began,
-    )  # fmt: skip
+    )
 
 
 def run_shown(
-    scenario: str, ready: Ready, judging: Judging, title: str, options: ScenarioOptions, folder: Path, console: Console,
-    started: float, story: Callable[[Recorder, Any], Observer] | None = None,
-) -> int:  # fmt: skip
+    scenario: str,
+    ready: Ready,
+    judging: Judging,
+    title: str,
+    options: ScenarioOptions,
+    folder: Path,
+    console: Console,
+    started: float,
+    story: Callable[[Recorder, Any], Observer] | None = None,
+) -> int:
     """Run to the end with progress on screen, judge, and write all there is of it to `folder`. Returns the exit code.
 
     `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
@@ -130,9 +141,13 @@ def run_shown(
                 from sim.report import write_report
 
                 write_report(
-                    folder / "report.html", ran.recording, assessment, title=title, options=asdict(options),
+                    folder / "report.html",
+                    ran.recording,
+                    assessment,
+                    title=title,
+                    options=asdict(options),
                     pictures=judging.pictures(ran),
-                )  # fmt: skip
+                )
             console.print(f"written to {folder}/", highlight=False)
     finally:
         if log is not None:
@@ -162,9 +177,13 @@ def _say(assessment: Assessment, console: Console) -> None:
 def progress(console: Console) -> Progress:
     """A bar with the state of the work, on a terminal."""
     return Progress(
-        TextColumn("{task.description:<10}"), BarColumn(), TextColumn("{task.fields[note]}"), TimeElapsedColumn(),
-        console=console, disable=not sys.stdout.isatty(),
-    )  # fmt: skip
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not sys.stdout.isatty(),
+    )
 
 
 class Stop:

@@ -55,9 +55,14 @@ def write_task(file: Path, series: list[Array], dh: Array, tcp: Array) -> None:
     rows, rest = craig(dh)
     sigma = np.tile([PRIOR["alpha"], PRIOR["a"], PRIOR["theta"], PRIOR["d"]], (len(rows), 1))
     np.savez(
-        file, q=np.vstack(series), starts=np.cumsum([0, *(len(q) for q in series[:-1])]), mdh=rows,
-        tool=rest @ pose(p=tcp), sigma=np.append(sigma.ravel(), [PRIOR["tcp"]] * 3), noise=NOISE,
-    )  # fmt: skip
+        file,
+        q=np.vstack(series),
+        starts=np.cumsum([0, *(len(q) for q in series[:-1])]),
+        mdh=rows,
+        tool=rest @ pose(p=tcp),
+        sigma=np.append(sigma.ravel(), [PRIOR["tcp"]] * 3),
+        noise=NOISE,
+    )
 
 
 def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
@@ -84,8 +89,15 @@ def main() -> int:
     tcp = first_tcp(source.arm, series)
 
     def same() -> float:
-        return identify(series, source.arm, free=("theta", "d", "a", "alpha", "tcp"), prior=PRIOR, noise=NOISE, tcp=tcp,
-                        robust=False).cost  # fmt: skip
+        return identify(
+            series,
+            source.arm,
+            free=("theta", "d", "a", "alpha", "tcp"),
+            prior=PRIOR,
+            noise=NOISE,
+            tcp=tcp,
+            robust=False,
+        ).cost
 
     def all_of_it() -> float:
         return identify(series, source.arm).cost

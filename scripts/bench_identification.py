@@ -108,11 +108,18 @@ def fpfh(case: Case) -> Array:
         for cloud in thin
     ]
     rough = registration.registration_ransac_based_on_feature_matching(
-        *thin, *features, True, 1.5 * voxel, registration.TransformationEstimationPointToPoint(False), 3,
-        [registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
-         registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel)],
+        *thin,
+        *features,
+        True,
+        1.5 * voxel,
+        registration.TransformationEstimationPointToPoint(False),
+        3,
+        [
+            registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
+            registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
+        ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
-    )  # fmt: skip
+    )
     return inverse(_open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation))
 
 
@@ -122,9 +129,14 @@ def small_gicp(case: Case) -> Array:
     X_TS = inverse(case.X_start)
     for reach in case.stages:
         X_TS = library.align(
-            model, points, X_TS, registration_type="GICP", max_correspondence_distance=reach,
-            downsampling_resolution=case.surface.spacing, num_threads=1,
-        ).T_target_source  # fmt: skip
+            model,
+            points,
+            X_TS,
+            registration_type="GICP",
+            max_correspondence_distance=reach,
+            downsampling_resolution=case.surface.spacing,
+            num_threads=1,
+        ).T_target_source
     return inverse(X_TS)
 
 
@@ -182,9 +194,14 @@ def fit_times(case: Case, rng: np.random.Generator) -> dict[str, float]:
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
     dense = Evidence(
-        evidence.scan, evidence.mask, points, facing_normals(points), evidence.sensor.sigma(points[:, 2]),
-        np.ones(FIT_POINTS), evidence.sensor,
-    )  # fmt: skip
+        evidence.scan,
+        evidence.mask,
+        points,
+        facing_normals(points),
+        evidence.sensor.sigma(points[:, 2]),
+        np.ones(FIT_POINTS),
+        evidence.sensor,
+    )
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
@@ -221,8 +238,17 @@ def main() -> None:
                 position, angle = scene.error(X)
                 degrees = float(np.rad2deg(angle))
                 found = position < FOUND[0] * scene.range_m and degrees < FOUND[1]
-                rows.append({"object": name, "seed": seed, "method": method, "found": bool(found),
-                             "position_m": position, "angle_deg": degrees, "process_s": spent})  # fmt: skip
+                rows.append(
+                    {
+                        "object": name,
+                        "seed": seed,
+                        "method": method,
+                        "found": bool(found),
+                        "position_m": position,
+                        "angle_deg": degrees,
+                        "process_s": spent,
+                    }
+                )
             fits.append(fit_times(case, np.random.default_rng([seed, 29])))
     show(rows, fits, options, folder)
 

@@ -164,9 +164,14 @@ def cases(options: Options, name: str, count: int) -> Iterator[Case]:
         for warm in (False, True):
             for bar in BARS:
                 yield Case(
-                    arm=arm, degrees=degrees, warm=warm, bar=bar, limits=readonly(limits),
-                    targets=targets, starts=near if warm else np.tile(home, (count, 1)),
-                )  # fmt: skip
+                    arm=arm,
+                    degrees=degrees,
+                    warm=warm,
+                    bar=bar,
+                    limits=readonly(limits),
+                    targets=targets,
+                    starts=near if warm else np.tile(home, (count, 1)),
+                )
 
 
 def own(chain: Chain, method: Method, bar: tuple[float, float], target: Array, q0: Array) -> Array:
@@ -267,10 +272,13 @@ def kernel(case: Case, rounds: int) -> dict[str, Any]:
     ours, theirs = 1e6 / count * np.array(pairs[1:]).T  # the first round warms up
     picks = np.random.default_rng(0).integers(rounds, size=(RESAMPLES, rounds))
     return case.told() | {
-        "hybrid_us": float(np.median(ours)), "baseline_us": float(np.median(theirs)),
-        "hybrid_best_us": float(ours.min()), "baseline_best_us": float(theirs.min()),
-        "ratio": float(np.median(theirs / ours)), "ratio_95": spread(np.median((theirs / ours)[picks], axis=1)),
-    }  # fmt: skip
+        "hybrid_us": float(np.median(ours)),
+        "baseline_us": float(np.median(theirs)),
+        "hybrid_best_us": float(ours.min()),
+        "baseline_best_us": float(theirs.min()),
+        "ratio": float(np.median(theirs / ours)),
+        "ratio_95": spread(np.median((theirs / ours)[picks], axis=1)),
+    }
 
 
 def snake(links: int) -> Arm:
@@ -290,9 +298,14 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
         bend = min(1.0, 2.4 / math.sqrt(n))
         targets = dh_forward(arm, rng.uniform(-bend, bend, (min(options.targets, 50), n)))
         case = Case(
-            arm=arm, degrees=180, warm=False, bar="A", limits=arm.limits, targets=targets,
+            arm=arm,
+            degrees=180,
+            warm=False,
+            bar="A",
+            limits=arm.limits,
+            targets=targets,
             starts=rng.uniform(-0.1, 0.1, (len(targets), n)),
-        )  # fmt: skip
+        )
         solvers = contenders(case, Options(peers=False))
         del solvers[LITERAL]
         for method, (share, each) in race(case, solvers, options.repeats).items():
@@ -310,17 +323,31 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
 def machine() -> dict[str, Any]:
     """Where this was measured, and with what."""
     packages = {}
-    for name in ("numpy", "numba", "mujoco", "pytracik", "eaik", "ikdh", "optik-py", "pin", "mink", "pin-pink",
-                 "roboticstoolbox-python"):  # fmt: skip
+    for name in (
+        "numpy",
+        "numba",
+        "mujoco",
+        "pytracik",
+        "eaik",
+        "ikdh",
+        "optik-py",
+        "pin",
+        "mink",
+        "pin-pink",
+        "roboticstoolbox-python",
+    ):
         try:
             packages[name] = version(name)
         except PackageNotFoundError:
             continue
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     return {
-        "processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "load_at_start": load,
-        "python": platform.python_version(), "packages": packages,
-    }  # fmt: skip
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "load_at_start": load,
+        "python": platform.python_version(),
+        "packages": packages,
+    }
 
 
 def main() -> int:

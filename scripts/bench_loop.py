@@ -218,9 +218,7 @@ def main() -> int:
         nothing()
     reading = clock.typical(0.0)  # [us]
     once = ("sensor DepthCamera", "finder", "placement")
-    rows = {
-        name: (len(w.spent) / steps, w.typical(reading)) for name, w in watches.items() if name not in once
-    }  # fmt: skip
+    rows = {name: (len(w.spent) / steps, w.typical(reading)) for name, w in watches.items() if name not in once}
     # Around a call a stopwatch costs about as much again as it sees of itself.
     rest = rest_watch.typical(reading * sum(often for often, _ in rows.values()))
     whole = rest + sum(often * us for often, us in rows.values())
@@ -243,10 +241,14 @@ def main() -> int:
         highlight=False,
     )
     figures = {
-        "digest": digest(outcome), "steps": steps, "simulated_s": simulated, "processor_s": spent,
-        "real_time_factor": factors, "mujoco_step_us": own,
+        "digest": digest(outcome),
+        "steps": steps,
+        "simulated_s": simulated,
+        "processor_s": spent,
+        "real_time_factor": factors,
+        "mujoco_step_us": own,
         "us_a_step": {**{name: often * us for name, (often, us) in rows.items()}, "loop itself": rest},
-    }  # fmt: skip
+    }
     write_json(folder / "bench_loop.json", figures)
     console.print(f"written to {folder}/", highlight=False)
     return 0 if factors["loop"] >= GOAL else 1

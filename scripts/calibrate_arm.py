@@ -95,14 +95,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
         if options.view:
             raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
         return _calibration.simulated(
-            source,
-            points=points,
-            touches=poses,
-            noise=options.noise,
-            pin=pin,
-            known=known,
-            errors=errors,
-            rng=rng,
+            source, points=points, touches=poses, noise=options.noise, pin=pin, known=known, errors=errors, rng=rng
         )
     if source.kind != "mjcf":
         raise ConfigurationError(f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}")
@@ -116,10 +109,18 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
 
     try:
         return _calibration.by_contact(
-            source, options.arm, hovering=options.touching == "hovering", points=points, touches=poses, known=known,
-            errors=errors, current=options.current, gust=options.gust, rng=rng,
+            source,
+            options.arm,
+            hovering=options.touching == "hovering",
+            points=points,
+            touches=poses,
+            known=known,
+            errors=errors,
+            current=options.current,
+            gust=options.gust,
+            rng=rng,
             watch=watch if options.record or options.view else None,
-        )  # fmt: skip
+        )
     finally:
         for log in logs:
             log.close()
@@ -159,10 +160,17 @@ def main() -> int:
     write_json(folder / "metrics.json", {**metrics, "provenance": provenance("calibrate_arm", options)})
     if options.record:
         report.write_report(
-            folder / "report.html", found, title=case.title, figures_of_merit=figures, accepted=accepted,
-            series=outcome.series, point_names=case.touches.names, clouds=outcome.clouds, notes=case.notes,
+            folder / "report.html",
+            found,
+            title=case.title,
+            figures_of_merit=figures,
+            accepted=accepted,
+            series=outcome.series,
+            point_names=case.touches.names,
+            clouds=outcome.clouds,
+            notes=case.notes,
             options={**asdict(options), "date": date, "touches sha256": case.touches.sha256},
-        )  # fmt: skip
+        )
     console.print("[green]accepted[/green]" if accepted else f"[red]not accepted[/red]: {'; '.join(reasons)}")
     console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED

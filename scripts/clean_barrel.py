@@ -41,9 +41,14 @@ def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
     along = options.path == "longitudinal"
     return options.job(
-        "clean_barrel", target, options.path, X_WT, rng,
-        forces=(60.0, 90.0, 60.0) if along else (60.0, 90.0), least_share=1.0 if along else min(1.0, 150.0 / arc),
-    )  # fmt: skip
+        "clean_barrel",
+        target,
+        options.path,
+        X_WT,
+        rng,
+        forces=(60.0, 90.0, 60.0) if along else (60.0, 90.0),
+        least_share=1.0 if along else min(1.0, 150.0 / arc),
+    )
 
 
 def main() -> int:

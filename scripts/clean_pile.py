@@ -55,9 +55,14 @@ def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
     target = pile({options.path: path})
     up = options.path == "vertical"
     return options.job(
-        "clean_pile", target, options.path, X_WT, rng,
-        forces=(60.0, 90.0, 60.0) if up else (60.0, 90.0), least_share=1.0 if up else min(1.0, 80.0 / arc),
-    )  # fmt: skip
+        "clean_pile",
+        target,
+        options.path,
+        X_WT,
+        rng,
+        forces=(60.0, 90.0, 60.0) if up else (60.0, 90.0),
+        least_share=1.0 if up else min(1.0, 80.0 / arc),
+    )
 
 
 def main() -> int:

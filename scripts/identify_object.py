@@ -93,9 +93,14 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
     scene = object_scene(target, options.seed, options.sensor, there=there)
     approach = scene.approach if options.approach is None else options.approach
     found = identify(
-        scene.scan, target, approach, scene.orientation if R is None else R,
-        sensor=told(scene.sensor.model, options.sigma), seed=options.seed, method=options.method,
-    )  # fmt: skip
+        scene.scan,
+        target,
+        approach,
+        scene.orientation if R is None else R,
+        sensor=told(scene.sensor.model, options.sigma),
+        seed=options.seed,
+        method=options.method,
+    )
     position, angle = scene.error(found.X_sensor_target)
     said = f"off the truth by {1e3 * position:.2f} mm and {np.degrees(angle):.2f} deg, at {scene.range_m:.2f} m"
     return found, [f"scene of seed {options.seed}, {options.sensor}: {said}"]

@@ -75,25 +75,42 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
     camera = DepthCamera(model, HULL_BODY, X_BC)
     parts = Parts(
         sensors=[
-            sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift(),
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(),
             camera,
         ],
         estimator=Navigation(),
         finder=KnownObjectFinder(target, None, approach, orientation, seed=int(sampling.integers(2**31))),
         planner=Inspection(
-            arm, Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm)), target, job,
-            X_WB_scan=X_WB, hull_box=hull_box(own, arm), X_BC=X_BC, floor=scenes.seabed_height(target, X_WT),
+            arm,
+            Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm)),
+            target,
+            job,
+            X_WB_scan=X_WB,
+            hull_box=hull_box(own, arm),
+            X_BC=X_BC,
+            floor=scenes.seabed_height(target, X_WT),
         ),
         controller=controller(options.controller, own, without=frozenset(), water_error=NOMINAL.water_error),
-    )  # fmt: skip
+    )
     truth = TrueInspection(
-        target=target, X_WT=X_WT, X_BC=X_BC, distance=options.distance, far=FAR,
+        target=target,
+        X_WT=X_WT,
+        X_BC=X_BC,
+        distance=options.distance,
+        far=FAR,
         half_view=(camera.K[0, 2] / camera.K[0, 0], camera.K[1, 2] / camera.K[1, 1]),
-    )  # fmt: skip
+    )
     ready = Ready(
-        seed=options.seed, plant=plant, parts=parts, loop=loop,
+        seed=options.seed,
+        plant=plant,
+        parts=parts,
+        loop=loop,
         restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset),
-    )  # fmt: skip
+    )
     return ready, truth
 
 

@@ -59,9 +59,17 @@ def picture(plan: SeabedPlan) -> Figure:
             level = np.einsum("ij,ij->i", vectors[:, :2], way)
             some = slice(None, None, max(1, len(T) // 15))
             aside.quiver(
-                along[some], T[some, 2], level[some], vectors[some, 2], color=shade, label=label, width=0.003,
-                angles="xy", scale_units="xy", scale=18.0 / along[-1],
-            )  # fmt: skip
+                along[some],
+                T[some, 2],
+                level[some],
+                vectors[some, 2],
+                color=shade,
+                label=label,
+                width=0.003,
+                angles="xy",
+                scale_units="xy",
+                scale=18.0 / along[-1],
+            )
         aside.plot(along[plan.profile.target], T[plan.profile.target, 2], "r^")
         aside.set(aspect="equal", xlabel="along the profile [m]", ylabel="height [m]", title="profile")
         middle = float(np.mean([T[:, 2].min(), T[:, 2].max()]))

@@ -67,9 +67,16 @@ def row_of(X: Array) -> Array:
 
 def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -> IkResult:
     return solve(
-        chain, tool_pose(row), q, POSITION, ANGLE, method=method, branch="keep" if track else "free",
-        history=True, axis_tolerances=(ANGLE, ANGLE),
-    )  # fmt: skip
+        chain,
+        tool_pose(row),
+        q,
+        POSITION,
+        ANGLE,
+        method=method,
+        branch="keep" if track else "free",
+        history=True,
+        axis_tolerances=(ANGLE, ANGLE),
+    )
 
 
 def motion(chain: Chain, rows: Array, q: Array, method: Method) -> list[IkResult]:
@@ -134,9 +141,12 @@ def draw_motions(runs: Runs, file: Path) -> None:
             lost = np.array([not result.converged for result in results])
             if lost.any():
                 column[2].plot(
-                    values[lost], np.array([r.iterations for r in results])[lost], "x", color=_CURVES[k],
+                    values[lost],
+                    np.array([r.iterations for r in results])[lost],
+                    "x",
+                    color=_CURVES[k],
                     label=f"{method}: not reached",
-                )  # fmt: skip
+                )
         column[2].set_xlabel(label)
         for axes in column:
             axes.grid(alpha=0.3)
@@ -158,11 +168,12 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
     counts = [result.iterations for result in results]
     return {
         "reached": float(np.mean([result.converged for result in results])),
-        "iterations_median": float(np.median(counts)), "iterations_most": max(counts),
+        "iterations_median": float(np.median(counts)),
+        "iterations_most": max(counts),
         "largest_position_error_m": max(result.position_error for result in results),
         "largest_orientation_error_rad": max(result.orientation_error for result in results),
         "largest_joint_step_deg": math.degrees(float(steps.max())),
-    }  # fmt: skip
+    }
 
 
 def main() -> int:
@@ -198,31 +209,47 @@ def main() -> int:
         told[title] = {method: figures(results, q_given) for method, results in runs[title][2].items()}
         table = Table(title=title, title_justify="left")
         for heading in (
-            "", "reached %", "iterations: median", "most", "position mm", "orientation deg", "joint step deg",
-        ):  # fmt: skip
+            "",
+            "reached %",
+            "iterations: median",
+            "most",
+            "position mm",
+            "orientation deg",
+            "joint step deg",
+        ):
             table.add_column(heading, justify="right" if heading else "left")
         for method, found in told[title].items():
             table.add_row(
-                method, f"{100 * found['reached']:.1f}", f"{found['iterations_median']:.0f}",
-                str(found["iterations_most"]), f"{1e3 * found['largest_position_error_m']:.2f}",
-                f"{math.degrees(found['largest_orientation_error_rad']):.3f}", f"{found['largest_joint_step_deg']:.2f}",
-            )  # fmt: skip
+                method,
+                f"{100 * found['reached']:.1f}",
+                f"{found['iterations_median']:.0f}",
+                str(found["iterations_most"]),
+                f"{1e3 * found['largest_position_error_m']:.2f}",
+                f"{math.degrees(found['largest_orientation_error_rad']):.3f}",
+                f"{found['largest_joint_step_deg']:.2f}",
+            )
         console.print(table)
 
     accepted = all(result.converged for result in single.values()) and all(
         by_method["hybrid"]["reached"] == 1.0 for by_method in told.values()
     )
     metrics = {
-        "scenario": "servo_arm", "poses": count, "accepted": accepted,
+        "scenario": "servo_arm",
+        "poses": count,
+        "accepted": accepted,
         "single": {
             method: {
-                "row": row_of(chain.forward(result.q)).tolist(), "iterations": result.iterations,
-                "converged": result.converged, "goals": goals_of(result)[-1].tolist(), "cause": result.cause,
+                "row": row_of(chain.forward(result.q)).tolist(),
+                "iterations": result.iterations,
+                "converged": result.converged,
+                "goals": goals_of(result)[-1].tolist(),
+                "cause": result.cause,
             }
             for method, result in single.items()
         },
-        "motions": told, "provenance": provenance("servo_arm", options),
-    }  # fmt: skip
+        "motions": told,
+        "provenance": provenance("servo_arm", options),
+    }
     write_json(folder / "metrics.json", metrics)
     draw_single(dict(single), folder / "single_solution.png")
     draw_motions(runs, folder / "motions.png")

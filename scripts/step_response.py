@@ -71,12 +71,18 @@ def main() -> int:
     folder = new_folder("step_response", options.out, options.seed)
     tasks = [
         StepTask(
-            stiffness=stiffness, seed=options.seed + run, low=options.low, high=options.high, steps=options.steps,
-            rate=options.rate, current=options.current, gust=options.gust,
+            stiffness=stiffness,
+            seed=options.seed + run,
+            low=options.low,
+            high=options.high,
+            steps=options.steps,
+            rate=options.rate,
+            current=options.current,
+            gust=options.gust,
         )
         for stiffness in options.stiffness
         for run in range(1 if options.quick else options.runs)
-    ]  # fmt: skip
+    ]
     hydrodynamics.install()
     by_task = dict(run_all(tasks, options.workers or os.cpu_count() or 1, responses, died))
     found = [by_task[task] for task in tasks]
@@ -115,8 +121,11 @@ def judged(stiffness: float, true: np.ndarray, options: Options) -> dict[str, An
     mean = true.mean(axis=0)
     spread = float(np.sqrt(np.mean((true - mean) ** 2)))
     return {
-        "stiffness_n_m": stiffness, "steps": len(true), **figures(mean, options.low, options.high), "spread_n": spread
-    }  # fmt: skip
+        "stiffness_n_m": stiffness,
+        "steps": len(true),
+        **figures(mean, options.low, options.high),
+        "spread_n": spread,
+    }
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:

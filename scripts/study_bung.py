@@ -96,18 +96,27 @@ def died(task: Task) -> dict[str, Any]:
 
 def table_of(rows: Sequence[dict[str, Any]]) -> Table:
     table = Table(
-        "sensor", "bung", "scenes", "told", f"told, over {WRONG:.0f} deg wrong", "turn: median, worst [deg]",
+        "sensor",
+        "bung",
+        "scenes",
+        "told",
+        f"told, over {WRONG:.0f} deg wrong",
+        "turn: median, worst [deg]",
         "axis: median, p95 [deg]",
-    )  # fmt: skip
+    )
     for sensor, bung in dict.fromkeys((row["sensor"], row["bung"]) for row in rows):
         of = [row for row in rows if (row["sensor"], row["bung"]) == (sensor, bung)]
         turns = [row["turn_deg"] for row in of if row["told"]]
         axes = [row["axis_deg"] for row in of]
         table.add_row(
-            sensor, bung, str(len(of)), str(len(turns)), str(sum(turn > WRONG for turn in turns)),
+            sensor,
+            bung,
+            str(len(of)),
+            str(len(turns)),
+            str(sum(turn > WRONG for turn in turns)),
             f"{np.median(turns):.2f}, {max(turns):.2f}" if turns else "-",
             f"{np.median(axes):.3f}, {np.quantile(axes, 0.95):.3f}",
-        )  # fmt: skip
+        )
     return table
 
 

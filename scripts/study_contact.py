@@ -73,8 +73,11 @@ def main() -> int:
     console = Console(width=None if sys.stdout.isatty() else 160)
     runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
     settings = {
-        "seed": options.seed, "paths": list(options.paths), "quick": options.quick, "ranges": asdict(options.ranges)
-    }  # fmt: skip
+        "seed": options.seed,
+        "paths": list(options.paths),
+        "quick": options.quick,
+        "ranges": asdict(options.ranges),
+    }
     with Log.open(options.out, settings, anew=options.anew) as log:
         return _study(options, runs, settings, log, console)
 
@@ -93,9 +96,14 @@ def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, cons
     hydrodynamics.install()  # compiled once, before the workers all would
     began = time.perf_counter()
     progress = Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
-        console=console, disable=not console.is_terminal,
-    )  # fmt: skip
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    )
     with progress:
         bar = progress.add_task("runs", total=len(left))
         for task, row in run_all(left, workers, one_run, died):
@@ -129,7 +137,7 @@ def _task(options: Options, run: int) -> Task:
     path = options.paths[run % len(options.paths)]
     return Task(
         study=options.seed, run=run, path=path, without=options.without, ranges=options.ranges, quick=options.quick
-    )  # fmt: skip
+    )
 
 
 def _one(options: Options) -> int:

@@ -61,9 +61,11 @@ def trial(case: Case, seed: int, count: int) -> dict[str, Any]:
     offset[seen] = true.offset_at(transform_points(inverse(X_CT), surface.points[seen]))
     single = replace(found, accepted=True)
     return {
-        "seed": seed, "accepted": found.accepted, "reason": found.reason,
+        "seed": seed,
+        "accepted": found.accepted,
+        "reason": found.reason,
         "maps": {1: maps(single, offset), count: maps(on_all_looks(single, looks), offset)},
-    }  # fmt: skip
+    }
 
 
 def maps(found: Identification, offset: Array) -> list[dict[str, float]]:
@@ -75,11 +77,14 @@ def maps(found: Identification, offset: Array) -> list[dict[str, float]]:
         truth, said = known & (np.abs(offset) > made.size_m), known & (made.label > 0)
         rows.append(
             {
-                "size_m": made.size_m, "noise_m": made.noise_m, "regions": len(made.regions),
-                "both": int((truth & said).sum()), "either": int((truth | said).sum()),
+                "size_m": made.size_m,
+                "noise_m": made.noise_m,
+                "regions": len(made.regions),
+                "both": int((truth & said).sum()),
+                "either": int((truth | said).sum()),
                 "error_m": float(np.std((made.deviation - offset)[known])),
             }
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -100,9 +105,12 @@ def undeformed(name: str, seed: int) -> dict[str, Any] | None:
     made = map_deformation(found)
     error = made.deviation[np.isfinite(made.deviation)]
     return {
-        "object": name, "seed": seed, "regions": len(made.regions), "noise_m": made.noise_m,
+        "object": name,
+        "seed": seed,
+        "regions": len(made.regions),
+        "noise_m": made.noise_m,
         "error_m": float(np.std(error)) if len(error) else None,
-    }  # fmt: skip
+    }
 
 
 def main() -> int:
@@ -141,9 +149,11 @@ def main() -> int:
     write_whole(folder / "deformation.json", text)
     console.print(f"written to {folder}/", highlight=False)
     worst = min(
-        row["both"] / max(1, row["either"]) for found in results.values() for each in found
+        row["both"] / max(1, row["either"])
+        for found in results.values()
+        for each in found
         for row in each["maps"][options.looks][:1]
-    )  # fmt: skip
+    )
     return 0 if worst >= BOUND and not false else 1
 
 

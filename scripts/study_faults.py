@@ -72,15 +72,21 @@ def figures(trace: Trace, path: str, seed: int) -> Figures:
     if states == [WorkState.WORK] and np.any(trace.rows[:, 3] < 0.9 * trace.set_force):
         reaction = "work, at less force for a while"
     return Figures(
-        case=trace.case, path=path, seed=seed,
+        case=trace.case,
+        path=path,
+        seed=seed,
         found=" ".join(trace.found[0][1:]) if trace.found else "",
         detection_s=trace.found[0][0] if trace.found else None,
-        reaction=reaction, reaction_s=left,
-        peak_n=peak, excursion_m=float(hull.max()), tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
+        reaction=reaction,
+        reaction_s=left,
+        peak_n=peak,
+        excursion_m=float(hull.max()),
+        tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
         lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
-        final=str(states[-1]), note=trace.blew_up or trace.states[-1][2],
+        final=str(states[-1]),
+        note=trace.blew_up or trace.states[-1][2],
         damage=bool(peak > 2.0 * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
-    )  # fmt: skip
+    )
 
 
 def main() -> int:
@@ -130,9 +136,16 @@ def _table(found: list[Figures]) -> Table:
     for one in found:
         after = "" if one.detection_s is None else f"{one.detection_s:.2f}"
         table.add_row(
-            one.case, one.path[:5], one.found, after, one.reaction,
-            f"{one.peak_n:.0f}", f"{1e3 * one.excursion_m:.0f}", f"{one.tilt_deg:.1f}", "yes" if one.damage else "no",
-        )  # fmt: skip
+            one.case,
+            one.path[:5],
+            one.found,
+            after,
+            one.reaction,
+            f"{one.peak_n:.0f}",
+            f"{1e3 * one.excursion_m:.0f}",
+            f"{one.tilt_deg:.1f}",
+            "yes" if one.damage else "no",
+        )
     return table
 
 

@@ -63,9 +63,13 @@ def case_of(options: Options) -> Case:
     if not held.any():
         raise ConfigurationError(f"--force {options.force}: the arm's drives bear it in none of the directions")
     return Case(
-        directions_B=directions[held], q=q, force=options.force, gust=options.gust, current_W=flow(0.2),
+        directions_B=directions[held],
+        q=q,
+        force=options.force,
+        gust=options.gust,
+        current_W=flow(0.2),
         seed=options.seed,
-    )  # fmt: skip
+    )
 
 
 def figures(pushed: Pushed) -> list[str]:
@@ -73,10 +77,14 @@ def figures(pushed: Pushed) -> list[str]:
         return ", ".join(f"{value:.1f}" for value in (np.median(values), np.quantile(values, 0.95), values.max()))
 
     return [
-        spread(1e3 * pushed.excursion), spread(np.degrees(pushed.tilt)), spread(np.degrees(pushed.turn)),
-        f"{100.0 * pushed.saturated.mean():.1f}", f"{pushed.force_error.mean():.0f}",
-        f"{1e3 * np.sqrt(np.mean(pushed.current_error**2)):.0f}", f"{pushed.command_rate:.2f}",
-    ]  # fmt: skip
+        spread(1e3 * pushed.excursion),
+        spread(np.degrees(pushed.tilt)),
+        spread(np.degrees(pushed.turn)),
+        f"{100.0 * pushed.saturated.mean():.1f}",
+        f"{pushed.force_error.mean():.0f}",
+        f"{1e3 * np.sqrt(np.mean(pushed.current_error**2)):.0f}",
+        f"{pushed.command_rate:.2f}",
+    ]
 
 
 def envelope(options: Options, case: Case) -> Iterable[tuple[str, Case]]:
@@ -132,9 +140,15 @@ def main() -> int:
     title = f"Push of {options.force:.0f} N in {len(case.directions_B)} directions, arm {options.posture}"
     table = Table(title=f"{title}: median, 95 %, largest")
     for column in (
-        "case", "excursion [mm]", "tilt [deg]", "turn [deg]", "saturated [%]", "force error [N]",
-        "current error [mm/s]", "command rate [1/s]",
-    ):  # fmt: skip
+        "case",
+        "excursion [mm]",
+        "tilt [deg]",
+        "turn [deg]",
+        "saturated [%]",
+        "force error [N]",
+        "current error [mm/s]",
+        "command rate [1/s]",
+    ):
         table.add_column(column)
     for name, varied in {"envelope": envelope, "ablation": ablation, "lost": lost}[options.table](options, case):
         row = figures(run(varied))

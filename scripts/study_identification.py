@@ -131,17 +131,29 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 def table_of(figures: dict[str, dict[str, float]], title: str) -> Table:
     table = Table(title=title)
     for column in (
-        "object, sensor", "scenes", "found [%]", "accepted [%]", "accepted, not found", "position: median, p95 [mm]",
-        "p95 [% of range]", "angle: median, p95 [deg]", "process time: median, p95 [ms]",
-    ):  # fmt: skip
+        "object, sensor",
+        "scenes",
+        "found [%]",
+        "accepted [%]",
+        "accepted, not found",
+        "position: median, p95 [mm]",
+        "p95 [% of range]",
+        "angle: median, p95 [deg]",
+        "process time: median, p95 [ms]",
+    ):
         table.add_column(column, justify="left" if column.startswith("object") else "right")
     for name, f in figures.items():
         table.add_row(
-            name, f"{f['scenes']:.0f}", f"{f['found_percent']:.0f}", f"{f['accepted_percent']:.0f}",
-            f"{f['accepted_wrong']:.0f}", f"{f['median_mm']:.2f}, {f['p95_mm']:.2f}",
-            f"{f['p95_percent_of_range']:.2f}", f"{f['median_deg']:.2f}, {f['p95_deg']:.2f}",
+            name,
+            f"{f['scenes']:.0f}",
+            f"{f['found_percent']:.0f}",
+            f"{f['accepted_percent']:.0f}",
+            f"{f['accepted_wrong']:.0f}",
+            f"{f['median_mm']:.2f}, {f['p95_mm']:.2f}",
+            f"{f['p95_percent_of_range']:.2f}",
+            f"{f['median_deg']:.2f}, {f['p95_deg']:.2f}",
             f"{f['process_ms']:.0f}, {f['process_p95_ms']:.0f}",
-        )  # fmt: skip
+        )
     return table
 
 

@@ -166,9 +166,13 @@ def trial(case: Case, seed: int, options: Options) -> dict[str, Any]:
     found = identify(looks[-1].scan, ModelSurface.of(case.known), approach, orientation)
     position, angle = case.known.symmetry.error(found.X_sensor_target, X_CT)
     result: dict[str, Any] = {
-        "seed": seed, "accepted": found.accepted, "reason": found.reason,
-        "position_error_m": position, "orientation_error_rad": angle, "paths": {},
-    }  # fmt: skip
+        "seed": seed,
+        "accepted": found.accepted,
+        "reason": found.reason,
+        "position_error_m": position,
+        "orientation_error_rad": angle,
+        "paths": {},
+    }
     if options.judged and not found.accepted:
         return result
     found = on_all_looks(replace(found, accepted=True), looks)
@@ -227,9 +231,13 @@ def row_of(paths: list[dict[str, Any]], trials: int) -> list[str]:
     return [
         f"{1.0 - len(planned) / trials:.0%}",
         f"{np.mean([path['seen'] for path in planned]):.0%}" if planned else "-",
-        *both("model_m", mm), *both("path_m", mm), f"{np.mean(within):.1%}" if within else "-",
-        both("unseen_m", mm)[1], *both("tilt_rad", deg), both("turn_in_pad_rad", deg)[0],
-    ]  # fmt: skip
+        *both("model_m", mm),
+        *both("path_m", mm),
+        f"{np.mean(within):.1%}" if within else "-",
+        both("unseen_m", mm)[1],
+        *both("tilt_rad", deg),
+        both("turn_in_pad_rad", deg)[0],
+    ]
 
 
 def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:

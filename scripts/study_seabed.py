@@ -75,9 +75,12 @@ def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, b
     mujoco.mj_kinematics(model, data)
     X_BS, count = sonar_on_hull(box), 1 + round(SWATH / beam)
     sonar = Sonar(
-        model, "world", X_WB @ X_BS, noise=SonarNoise(range_share=noise),
+        model,
+        "world",
+        X_WB @ X_BS,
+        noise=SonarNoise(range_share=noise),
         beams=SonarBeams(rows=count, columns=count, elevation=SWATH, azimuth=SWATH),
-    )  # fmt: skip
+    )
     pings = [SonarScan(time=0.0, points=sonar.ping(data, rng), X_BS=X_BS) for _ in range(LOOKS)]
     return np.concatenate([points_in_world(X_WB, ping) for ping in pings])
 
@@ -106,10 +109,11 @@ def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array)
     outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
     tools = tool_poses(plan.path, np.linspace(0.0, plan.path.s[-1], 30), at.roll, STANDOFF)
     return result | {
-        "margin": at.margin, "aside_m": found.aside,
+        "margin": at.margin,
+        "aside_m": found.aside,
         "hull_to_true_ground_m": float(np.linalg.norm(outside, axis=1).min()),
         "arm_to_true_ground_m": arm_gap(chain, at.X_WB @ vehicle.X_BA, tools, at.q_start, cKDTree(true)),
-    }  # fmt: skip
+    }
 
 
 def _work(
@@ -123,9 +127,16 @@ def _work(
     assert plan.path is not None
     try:
         found = choose_height(
-            vehicle, chain, plan.path, ground=plan.terrain.vertices, hull_box=box, X_WB=X_WB, force=60.0,
-            standoff=STANDOFF, search=height_search(box, drag=True),
-        )  # fmt: skip
+            vehicle,
+            chain,
+            plan.path,
+            ground=plan.terrain.vertices,
+            hull_box=box,
+            X_WB=X_WB,
+            force=60.0,
+            standoff=STANDOFF,
+            search=height_search(box, drag=True),
+        )
     except ReachError as error:
         return plan, None, str(error)
     return plan, found, ""
@@ -144,8 +155,18 @@ def study(options: Options, console: Console) -> dict[str, Any]:
     box = hull_box(own, vehicle)
     seeds = range(options.seed, options.seed + options.terrains)
     runs = [one(seed, options, vehicle, chain, box) for seed in track(seeds, "terrains", console=console)]
-    table = Table("seabed", "runs", "targets within", "profile within", "95 %, of limit", "worked", "least margin",
-                  "hull to true ground [m]", "arm to it [m]", "wrong")  # fmt: skip
+    table = Table(
+        "seabed",
+        "runs",
+        "targets within",
+        "profile within",
+        "95 %, of limit",
+        "worked",
+        "least margin",
+        "hull to true ground [m]",
+        "arm to it [m]",
+        "wrong",
+    )
     for kind in (*KINDS, "all"):
         mine = [run for run in runs if kind in (run["kind"], "all")]
         if not mine:
@@ -154,13 +175,17 @@ def study(options: Options, console: Console) -> dict[str, Any]:
         profile = np.concatenate([run.get("profile", []) for run in mine])
         worked = [run for run in mine if run["margin"] is not None]
         table.add_row(
-            kind, str(len(mine)), _share(targets), _share(profile),
-            f"{np.quantile(profile, 0.95):.2f}" if len(profile) else "-", f"{len(worked)}",
+            kind,
+            str(len(mine)),
+            _share(targets),
+            _share(profile),
+            f"{np.quantile(profile, 0.95):.2f}" if len(profile) else "-",
+            f"{len(worked)}",
             f"{min(run['margin'] for run in worked):.2f}" if worked else "-",
             f"{min(run['hull_to_true_ground_m'] for run in worked):.2f}" if worked else "-",
             f"{min(run['arm_to_true_ground_m'] for run in worked):.2f}" if worked else "-",
             f"{sum(bool(run['refused']) != bool(run['truly_refused']) for run in mine)}",
-        )  # fmt: skip
+        )
     console.print(table)
     for run in runs:
         if run["refused"] or run["truly_refused"]:
@@ -202,10 +227,17 @@ def speed(options: Options, console: Console) -> dict[str, Any]:
                 row[f"{name}_s"] = seconds
                 row[f"{name}_mm"], row[f"{name}_missed"] = _off(scene, at, ground, at)
         rows.append(row)
-        table.add_row(str(points), f"{ours:.3f}", *(
-            f"{row[f'{name}_s']:.2f}, {row[f'{name}_mm']:.1f}, {row[f'{name}_missed']:.1%} missed"
-            if f"{name}_s" in row else "-" for name in ("ball_pivoting", "poisson")
-        ), f"{row['ours_mm']:.1f}, {row['ours_missed']:.1%} missed")  # fmt: skip
+        table.add_row(
+            str(points),
+            f"{ours:.3f}",
+            *(
+                f"{row[f'{name}_s']:.2f}, {row[f'{name}_mm']:.1f}, {row[f'{name}_missed']:.1%} missed"
+                if f"{name}_s" in row
+                else "-"
+                for name in ("ball_pivoting", "poisson")
+            ),
+            f"{row['ours_mm']:.1f}, {row['ours_missed']:.1%} missed",
+        )
     console.print(table)
     return {"rows": rows}
 

@@ -36,10 +36,7 @@ PORT = FlatPort()
 CAMERAS: Mapping[str, dict[str, Any]] = {
     "no port": {},
     "port, calibrated in air": {"port": PORT, "calibration": in_air(FOCAL)},
-    "port, in water, lens for centre": {
-        "port": PORT,
-        "calibration": in_water(PORT, FOCAL, CORNER, move_center=False),
-    },
+    "port, in water, lens for centre": {"port": PORT, "calibration": in_water(PORT, FOCAL, CORNER, move_center=False)},
     "port, in water": {"port": PORT},
 }
 SONAR = "sonar"

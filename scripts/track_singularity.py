@@ -117,11 +117,12 @@ def write_log(file: Path, arm: Arm, runs: dict[str, Track], path: Array, view: b
     blueprint = rrb.Horizontal(
         rrb.Spatial3DView(name="arm", origin="world"),
         rrb.Vertical(
-            *curves, rrb.TimeSeriesView(name="tool error [mm]", origin="series/error"),
+            *curves,
+            rrb.TimeSeriesView(name="tool error [mm]", origin="series/error"),
             rrb.TimeSeriesView(name="nearness to the lock", origin="series/nearness"),
         ),
         column_shares=[3, 2],
-    )  # fmt: skip
+    )
     with ArmLog(file, f"{arm.title}: gimbal lock", blueprint, view=view) as log:
         log.line("path", path[:, :3, 3], (240, 228, 66), 0.02)
         time = runs[names[0]].time
@@ -201,9 +202,14 @@ def main() -> int:
     for name, passing in ways.items():
         with console.status(f"{name} passing"):
             runs[name] = track(
-                chain, path[1:], q0, options.period,
-                speed_limits=options.speed_limit, passing=passing, method=options.method,
-            )  # fmt: skip
+                chain,
+                path[1:],
+                q0,
+                options.period,
+                speed_limits=options.speed_limit,
+                passing=passing,
+                method=options.method,
+            )
     told = {name: figures(run, options) for name, run in runs.items()}
     for name, run in runs.items():  # by the arm's own forward kinematics, not the solver's
         tips = np.array([arm.frames(row)[-1] for row in run.q])

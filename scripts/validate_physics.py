@@ -116,11 +116,20 @@ def main() -> int:
     out = new_folder("validate_physics", options.out).resolve()
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
     stopped = pytest.main(
-        [str(ROOT / "tests" / "physics"), f"--rootdir={ROOT}", f"-c={ROOT / 'pyproject.toml'}", "-m", MARK,
-         "-p", "no:cacheprovider", "--tb=short",
-         "-W", "ignore::pytest.PytestAssertRewriteWarning"],  # tyro has loaded typeguard, which is a plugin too
+        [
+            str(ROOT / "tests" / "physics"),
+            f"--rootdir={ROOT}",
+            f"-c={ROOT / 'pyproject.toml'}",
+            "-m",
+            MARK,
+            "-p",
+            "no:cacheprovider",
+            "--tb=short",
+            "-W",
+            "ignore::pytest.PytestAssertRewriteWarning",
+        ],  # tyro has loaded typeguard, which is a plugin too
         plugins=[page],
-    )  # fmt: skip
+    )
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked
     rows = list(page.rows.values())
     good = sum(row.ok for row in rows)

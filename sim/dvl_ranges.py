@@ -61,9 +61,13 @@ class DvlRanges:
 
     @classmethod
     def on(
-        cls, model: mujoco.MjModel, body: str, p_BD: ArrayLike, beams: DvlBeams | None = None,
+        cls,
+        model: mujoco.MjModel,
+        body: str,
+        p_BD: ArrayLike,
+        beams: DvlBeams | None = None,
         exclude: Collection[str] = (),
-    ) -> "DvlRanges":  # fmt: skip
+    ) -> "DvlRanges":
         """Mount the array on `body` of `model` at `p_BD` (3,) [m]; it does not see the bodies in `exclude`.
 
         Raises ConfigurationError for an unknown body.

@@ -17,9 +17,7 @@ from sim.metrics import Assessment, Check, run_schema
 from sim.recording import Recording
 from sim.trials import crashed_run, kind_of_failure, spread, verdicts
 
-AT_THE_HOLE = (
-    WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW,
-)  # fmt: skip
+AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 SCHEMA = "insertion.schema.json"
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
@@ -52,9 +50,14 @@ def schema() -> dict[str, Any]:
 
 
 def assess_insertion(
-    recording: Recording, truth: TrueHole, *, found_X_WH: Array | None, seed: int, wall_s: float,
+    recording: Recording,
+    truth: TrueHole,
+    *,
+    found_X_WH: Array | None,
+    seed: int,
+    wall_s: float,
     bounds: InsertionBounds | None = None,
-) -> Assessment:  # fmt: skip
+) -> Assessment:
     """All figures of an insertion; `found_X_WH` (4, 4) is the hole as it was identified, None if it was not."""
     bounds = bounds or InsertionBounds()
     at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
@@ -70,9 +73,7 @@ def assess_insertion(
 
     position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
     metrics = {
-        "identification": {
-            "accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle,
-        },
+        "identification": {"accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle},
         "insertion": {
             "clearance_m": truth.radius - truth.tool_radius,
             "depth_asked_m": truth.depth,
@@ -84,7 +85,7 @@ def assess_insertion(
             "searched_s": float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
             "tip_at_end_m": out,
         },
-    }  # fmt: skip
+    }
     mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
     checks = (
         Check("hole as found, off its axis", position, None, "mm", mm),
@@ -108,16 +109,30 @@ def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
 
 
 _KINDS = (
-    ("identified", "not identified"), ("reach", "out of reach"), ("no hole", "hole not found"), ("stopped", "jammed"),
-    ("depth was not", "too slow"), ("limit", "force limit"), ("hull", "hull adrift"),
+    ("identified", "not identified"),
+    ("reach", "out of reach"),
+    ("no hole", "hole not found"),
+    ("stopped", "jammed"),
+    ("depth was not", "too slow"),
+    ("limit", "force limit"),
+    ("hull", "hull adrift"),
     ("before the mouth", "touched early"),
-)  # fmt: skip
+)
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that broke down, with what there is to say of it."""
-    insertion = ("clearance_m", "depth_asked_m", "depth_m", "side_force_max_n", "side_force_rms_n",
-                 "axial_force_max_n", "time_s", "searched_s", "tip_at_end_m")  # fmt: skip
+    insertion = (
+        "clearance_m",
+        "depth_asked_m",
+        "depth_m",
+        "side_force_max_n",
+        "side_force_rms_n",
+        "axial_force_max_n",
+        "time_s",
+        "searched_s",
+        "tip_at_end_m",
+    )
     return {
         "identification": {"accepted": False, "aside_m": None, "tilt_rad": None},
         "insertion": dict.fromkeys(insertion),

@@ -139,9 +139,12 @@ def seen_share(X_WC: Array, truth: TrueInspection) -> float:
         with np.errstate(divide="ignore", invalid="ignore"):
             inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < truth.half_view, axis=1)
         asked = np.flatnonzero(
-            ~seen & inside & (p_C[:, 2] > 0.0) & (distance < truth.far)
+            ~seen
+            & inside
+            & (p_C[:, 2] > 0.0)
+            & (distance < truth.far)
             & (-np.einsum("ni,ni->n", away, normal) > _TURNED * distance)
-        )  # fmt: skip
+        )
         if len(asked):
             starts = np.broadcast_to(X_TC[:3, 3], (len(asked), 3))
             hit = scene.cast(starts, away[asked] / distance[asked, None])["t"]

@@ -257,11 +257,7 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     for number in np.unique(part[work]):
         where = work & (part == number)
         segments.append(
-            {
-                "set_n": float(wanted[where][-1]),
-                **figures(where),
-                "duration_s": float(where.sum() * recording.timestep),
-            }
+            {"set_n": float(wanted[where][-1]), **figures(where), "duration_s": float(where.sum() * recording.timestep)}
         )
     return figures(work), segments
 
@@ -315,9 +311,17 @@ def path_error(recording: Recording) -> PathError | None:
 def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     """The true tip against the commanded path, the ideal path on the true object, and its surface."""
     names = (
-        "path_deviation_rms_m", "path_deviation_max_m", "cross_track_rms_m", "along_track_rms_m", "cross_track_max_m",
-        "along_track_max_m", "normal_deviation_max_m", "object_deviation_max_m", "tilt_max_rad", "speed_mean_m_s",
-    )  # fmt: skip
+        "path_deviation_rms_m",
+        "path_deviation_max_m",
+        "cross_track_rms_m",
+        "along_track_rms_m",
+        "cross_track_max_m",
+        "along_track_max_m",
+        "normal_deviation_max_m",
+        "object_deviation_max_m",
+        "tilt_max_rad",
+        "speed_mean_m_s",
+    )
     error = path_error(recording)
     if error is None:
         return dict.fromkeys(names)

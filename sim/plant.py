@@ -27,11 +27,37 @@ class Truth:
     """
 
     __slots__ = (
-        "R_WB", "R_WG", "acceleration", "arm_wrench_B", "armature", "collision", "contact_force_W", "contact_least",
-        "contact_most", "contact_normal", "current_W", "joint_damping", "p_WB", "p_WG", "p_pad", "propeller_speed", "q",
-        "qd", "qdd", "saturated", "tau_drive", "tau_friction", "thrust", "time", "v_WB_W", "vehicle", "w_WB_B",
-        "xmat", "xpos", "xquat",
-    )  # fmt: skip
+        "R_WB",
+        "R_WG",
+        "acceleration",
+        "arm_wrench_B",
+        "armature",
+        "collision",
+        "contact_force_W",
+        "contact_least",
+        "contact_most",
+        "contact_normal",
+        "current_W",
+        "joint_damping",
+        "p_WB",
+        "p_WG",
+        "p_pad",
+        "propeller_speed",
+        "q",
+        "qd",
+        "qdd",
+        "saturated",
+        "tau_drive",
+        "tau_friction",
+        "thrust",
+        "time",
+        "v_WB_W",
+        "vehicle",
+        "w_WB_B",
+        "xmat",
+        "xpos",
+        "xquat",
+    )
 
     time: float  # [s]
     xpos: Array  # (nbody, 3) [m] body origins in W
@@ -69,9 +95,15 @@ class Plant:
     """A vehicle and its world, advanced by commands one `timestep` [s] at a time: `substeps` steps of the physics."""
 
     def __init__(
-        self, model: mujoco.MjModel, *, current: Current, X_WB: Array | None = None, reaction_ticks: int = 0,
-        soil: SoilForce | None = None, substeps: int = 1,
-    ) -> None:  # fmt: skip
+        self,
+        model: mujoco.MjModel,
+        *,
+        current: Current,
+        X_WB: Array | None = None,
+        reaction_ticks: int = 0,
+        soil: SoilForce | None = None,
+        substeps: int = 1,
+    ) -> None:
         """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
 
         `soil` acts on the body of the pad, and counts as contact. Every `reaction_ticks` steps the wrench of the arm on
@@ -256,9 +288,19 @@ class Plant:
         """Note what friction the gears had, which then follows Stribeck's curve, and what the vehicle touched."""
         truth = self.truth
         gears_and_contacts(
-            self._places, self._gears, self.vehicle.dof, self._friction, truth.qd, self._own_geom, self._from_soil,
-            truth.tau_friction, self._frictionloss, self._contacts, substep, substeps,
-        )  # fmt: skip
+            self._places,
+            self._gears,
+            self.vehicle.dof,
+            self._friction,
+            truth.qd,
+            self._own_geom,
+            self._from_soil,
+            truth.tau_friction,
+            self._frictionloss,
+            self._contacts,
+            substep,
+            substeps,
+        )
 
     def _contact(self) -> None:
         """Say what was touched in the step that has ended."""

@@ -95,9 +95,21 @@ class Reaction:
         if self._wet:
             tables = self._water
             _add_water(
-                tables.bodies, tables.matrices, tables.vectors, tables.stations, tables.surge, tables.shear,
-                tables.wind, gravity, com, xpos, xmat, cvel, data.cacc, total,
-            )  # fmt: skip
+                tables.bodies,
+                tables.matrices,
+                tables.vectors,
+                tables.stations,
+                tables.surge,
+                tables.shear,
+                tables.wind,
+                gravity,
+                com,
+                xpos,
+                xmat,
+                cvel,
+                data.cacc,
+                total,
+            )
         for i in self._thrusters:
             site = model.actuator_trnid[i, 0]
             gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T

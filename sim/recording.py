@@ -160,9 +160,14 @@ class Recorder:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, *, timestep: float | None = None, full: bool = True, period: float = 0.02,
+        self,
+        model: mujoco.MjModel,
+        *,
+        timestep: float | None = None,
+        full: bool = True,
+        period: float = 0.02,
         pose_period: float = 0.04,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the plant's model and timestep [s] (default: the model's own).
 
         Raises ConfigurationError for periods that are no multiple of it, and if it is none of the model's.

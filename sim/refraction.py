@@ -136,9 +136,14 @@ def read_depth(
     rectified x tangents of the columns. `focal` [px] of the lenses.
     """
     return _read(
-        np.ascontiguousarray(points, dtype=np.float64), tangent_x, *port._numbers(), calibration.focal / focal,
-        calibration.k1, calibration.k2, baseline,
-    )  # fmt: skip
+        np.ascontiguousarray(points, dtype=np.float64),
+        tangent_x,
+        *port._numbers(),
+        calibration.focal / focal,
+        calibration.k1,
+        calibration.k2,
+        baseline,
+    )
 
 
 @numba.njit(cache=True)

@@ -262,9 +262,15 @@ def _states(recording: Recording, all_axes: tuple[Axes, ...], label: Axes | None
         if label is not None and event.state in CONTACT:
             middle = 0.5 * (max(event.time, low) + min(end, high))
             label.text(
-                middle, 1.01, event.state.value, transform=label.get_xaxis_transform(), ha="center", va="bottom",
-                fontsize=8, color=FAINT,
-            )  # fmt: skip
+                middle,
+                1.01,
+                event.state.value,
+                transform=label.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                color=FAINT,
+            )
 
 
 def _limits(axes: Axes, limit: float, both: bool = True) -> None:

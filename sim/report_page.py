@@ -45,12 +45,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 def provenance(given: Mapping[str, Any]) -> str:
     """A table of `given`, the versions that were at work and the machine."""
-    rows = {
-        **given,
-        **versions(),
-        **commit(),
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
+    rows = {**given, **versions(), **commit(), "machine": f"{platform.system()} {platform.machine()}"}
     cells = "".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items())
     return f"<table>{cells}</table>"
 

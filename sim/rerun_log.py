@@ -35,9 +35,15 @@ CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 
 # Okabe and Ito's colours: told apart by colour-blind readers, and on a dark ground.
 BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW, GREY = (
-    (0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167),
-    (86, 180, 233), (213, 94, 0), (240, 228, 66), (160, 160, 160),
-)  # fmt: skip
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (213, 94, 0),
+    (240, 228, 66),
+    (160, 160, 160),
+)
 _LINES = (SKY, ORANGE, GREEN, VERMILION, PURPLE, YELLOW, BLUE, GREY)
 _STATE_COLORS = dict(
     zip(

@@ -77,12 +77,7 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
 
 
 def rollout(
-    plant: SteppedPlant,
-    parts: Parts,
-    *,
-    duration: float,
-    rng: np.random.Generator,
-    observers: Sequence[Observer] = (),
+    plant: SteppedPlant, parts: Parts, *, duration: float, rng: np.random.Generator, observers: Sequence[Observer] = ()
 ) -> Moment:
     """Run until the planner says DONE or ABORT and the arm is at rest, or `duration` [s] is over; the last moment.
 

@@ -67,12 +67,7 @@ def assess_seabed_work(
     drag = _drag(recording, truth) if worked == (False, True) else None
     hull = hull_in_the_soil(recording)
     gap = hull_gap(recording, truth)
-    metrics = {
-        "surface": surface,
-        "core": core,
-        "drag": drag,
-        "hull": {**hull, "ground_gap_m": gap},
-    }
+    metrics = {"surface": surface, "core": core, "drag": drag, "hull": {**hull, "ground_gap_m": gap}}
     mm, percent = 1e3, 100.0
     if truth.push is not None:
         of_core = core or {}
@@ -101,10 +96,16 @@ def assess_seabed_work(
 
 
 _KINDS = (
-    ("relief", "relief unsuitable"), ("no height", "no height to work at"), ("hole", "hole in the cloud"),
-    ("plane", "no plane"), ("was not held", "push not held"), ("full", "tube full"), ("limit", "force limit"),
-    ("hull", "hull adrift"), ("stands", "something in the way"),
-)  # fmt: skip
+    ("relief", "relief unsuitable"),
+    ("no height", "no height to work at"),
+    ("hole", "hole in the cloud"),
+    ("plane", "no plane"),
+    ("was not held", "push not held"),
+    ("full", "tube full"),
+    ("limit", "force limit"),
+    ("hull", "hull adrift"),
+    ("stands", "something in the way"),
+)
 _OF_CORE = ("push_error_share", "push_max_n", "depth_m")
 _OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_depth_error_rms_m", "force_max_n")
 
@@ -114,9 +115,12 @@ def crashed(seed: int, reason: str) -> dict[str, Any]:
     hull = ("rise_max_m", "sink_max_m", "excursion_max_m", "ground_gap_m")
     surface = ("target_error_max_m", "target_error_share", "range_m")
     return {
-        "surface": {"accepted": False, **dict.fromkeys(surface)}, "core": None, "drag": None,
-        "hull": dict.fromkeys(hull), **crashed_run(seed, reason),
-    }  # fmt: skip
+        "surface": {"accepted": False, **dict.fromkeys(surface)},
+        "core": None,
+        "drag": None,
+        "hull": dict.fromkeys(hull),
+        **crashed_run(seed, reason),
+    }
 
 
 def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -137,18 +141,21 @@ def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:
     """Heights at which the targets were found against the true ones, where the path begins and ends."""
     figures: dict[str, Any] = {
-        "accepted": found is not None and found.accepted, "target_error_max_m": None, "target_error_share": None,
+        "accepted": found is not None and found.accepted,
+        "target_error_max_m": None,
+        "target_error_share": None,
         "range_m": None,
-    }  # fmt: skip
+    }
     if found is None or found.path is None:
         return figures
     ends = found.path.p[[0, -1]] if truth.push is None else found.path.p[:1]
     off = np.abs(ends[:, 2] - truth.ground.height(ends))
     allowed = bounds.target + bounds.target_share * found.range_m
     return figures | {
-        "target_error_max_m": float(off.max()), "target_error_share": float(off.max() / allowed),
+        "target_error_max_m": float(off.max()),
+        "target_error_share": float(off.max() / allowed),
         "range_m": float(found.range_m),
-    }  # fmt: skip
+    }
 
 
 def _core(recording: Recording, truth: TrueGround) -> dict[str, Any]:
@@ -202,9 +209,10 @@ def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
     inside[: touched[0]] = False
     moved = recording["p_WB"].value[inside] - recording["p_WB"].value[touched[0]]
     return {
-        "rise_max_m": float(moved[:, 2].max()), "sink_max_m": float(-moved[:, 2].min()),
+        "rise_max_m": float(moved[:, 2].max()),
+        "sink_max_m": float(-moved[:, 2].min()),
         "excursion_max_m": float(np.linalg.norm(moved, axis=1).max()),
-    }  # fmt: skip
+    }
 
 
 def hull_gap(recording: Recording, truth: TrueGround) -> float:

@@ -100,9 +100,14 @@ class Encoders:
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, EncoderMeasurement]:
         q, qd = _encode(
-            truth.q, truth.qd, state.bias, state.normal(len(truth.q)), self.resolution, self.rate_noise,
+            truth.q,
+            truth.qd,
+            state.bias,
+            state.normal(len(truth.q)),
+            self.resolution,
+            self.rate_noise,
             self.rate_resolution,
-        )  # fmt: skip
+        )
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
 
 
@@ -134,9 +139,17 @@ class JointTorqueSensors:
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
         tau = _transmitted(
-            truth.tau_drive, truth.tau_friction, truth.armature, truth.qdd, truth.joint_damping, truth.qd,
-            state.normal(len(truth.q)), self.noise, state.bias, self.resolution,
-        )  # fmt: skip
+            truth.tau_drive,
+            truth.tau_friction,
+            truth.armature,
+            truth.qdd,
+            truth.joint_damping,
+            truth.qd,
+            state.normal(len(truth.q)),
+            self.noise,
+            state.bias,
+            self.resolution,
+        )
         return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
@@ -185,18 +198,34 @@ class Imu:
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
         force_B, w_B, R = _inertial(
-            truth.R_WB, truth.acceleration, truth.w_WB_B, state.bias, state.normal(9), self.acceleration_noise,
-            self.rate_noise, self.attitude_noise, self.acceleration_resolution, self.rate_resolution,
-        )  # fmt: skip
+            truth.R_WB,
+            truth.acceleration,
+            truth.w_WB_B,
+            state.bias,
+            state.normal(9),
+            self.acceleration_noise,
+            self.rate_noise,
+            self.attitude_noise,
+            self.acceleration_resolution,
+            self.rate_resolution,
+        )
         return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
 def _inertial(
-    R_WB, acceleration, w_B, bias, noise, acceleration_noise, rate_noise, attitude_noise, acceleration_resolution,
+    R_WB,
+    acceleration,
+    w_B,
+    bias,
+    noise,
+    acceleration_noise,
+    rate_noise,
+    attitude_noise,
+    acceleration_resolution,
     rate_resolution,
-):  # fmt: skip
+):
     """Specific force, rates and attitude with their errors; the attitude's error turns about hull axes."""
     force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):

@@ -40,9 +40,18 @@ class SoilForce:
         Overwritten by the next call.
         """
         _press(
-            self._heights, self._corner, self._cell, self._bounds, self._step, self._quake, p_W, axis_W, self._anchor,
-            self._inside, self._force,
-        )  # fmt: skip
+            self._heights,
+            self._corner,
+            self._cell,
+            self._bounds,
+            self._step,
+            self._quake,
+            p_W,
+            axis_W,
+            self._anchor,
+            self._inside,
+            self._force,
+        )
         return self._force
 
 

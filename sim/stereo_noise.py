@@ -95,10 +95,7 @@ def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generat
     """Turn some pixels at depth edges into a blend of both sides, in place."""
     width = disparity.shape[1]
     flat = disparity.ravel()
-    for step, ahead, behind in (
-        (1, disparity[:, 1:], disparity[:, :-1]),
-        (width, disparity[1:], disparity[:-1]),
-    ):
+    for step, ahead, behind in ((1, disparity[:, 1:], disparity[:, :-1]), (width, disparity[1:], disparity[:-1])):
         row, column = np.nonzero(np.abs(ahead - behind) > EDGE * np.maximum(ahead, behind))
         first = row * width + column
         first = first[rng.random(len(first)) < probability]

@@ -30,9 +30,11 @@ def spread(values: Iterable[float | None]) -> dict[str, float] | None:
     if not known:
         return None
     return {
-        "median": float(np.median(known)), "p95": float(np.percentile(known, 95.0)), "max": float(np.max(known)),
+        "median": float(np.median(known)),
+        "p95": float(np.percentile(known, 95.0)),
+        "max": float(np.max(known)),
         "min": float(np.min(known)),
-    }  # fmt: skip
+    }
 
 
 def kind_of_failure(metrics: Mapping[str, Any], kinds: Iterable[tuple[str, str]]) -> str:
@@ -72,6 +74,8 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """The parts of a trial's metrics that every job has, of one that broke down for `reason`."""
     run = ("simulated_s", "collision_s", "trajectory_sha256")
     return {
-        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason}, "accepted": False,
-        "failed": [reason], "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),
-    }  # fmt: skip
+        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason},
+        "accepted": False,
+        "failed": [reason],
+        "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),
+    }

@@ -219,10 +219,16 @@ def exp_so3(phi: ArrayLike) -> Array:
         angle = math.sqrt(square)
         s, c = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
     rows = (
-        1.0 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y,
-        c * x * y + s * z, 1.0 - c * (x * x + z * z), c * y * z - s * x,
-        c * x * z - s * y, c * y * z + s * x, 1.0 - c * (x * x + y * y),
-    )  # fmt: skip
+        1.0 - c * (y * y + z * z),
+        c * x * y - s * z,
+        c * x * z + s * y,
+        c * x * y + s * z,
+        1.0 - c * (x * x + z * z),
+        c * y * z - s * x,
+        c * x * z - s * y,
+        c * y * z + s * x,
+        1.0 - c * (x * x + y * y),
+    )
     return np.array(rows).reshape(3, 3)  # nested lists take twice as long
 
 

@@ -132,18 +132,36 @@ def force_steps(seed: int) -> Figures:
 
 def insertion(seed: int) -> Figures:
     setting = InsertionSetting(
-        hole="a", clearance=2e-3, depth=0.03, chamfer=2e-3, error=(2.5e-3, 0.0), compliance=True, scan_range=1.25,
-        current=CURRENT, gust=GUST, vehicle="uuv_puma", controller=CONTROLLER,
-    )  # fmt: skip
+        hole="a",
+        clearance=2e-3,
+        depth=0.03,
+        chamfer=2e-3,
+        error=(2.5e-3, 0.0),
+        compliance=True,
+        scan_range=1.25,
+        current=CURRENT,
+        gust=GUST,
+        vehicle="uuv_puma",
+        controller=CONTROLLER,
+    )
     prepared = prepare_insertion(setting, seed)
     return figures_of(judge_insertion(prepared, ran(prepared.ready)))
 
 
 def seabed(seed: int, job: SeabedJob) -> Figures:
     setting = SeabedSetting(
-        kind="ripples", soil="sand", job=job, cloud=None, targets=None, dead_beams=(), current=CURRENT, gust=GUST,
-        without=frozenset(), vehicle="uuv_puma", controller=CONTROLLER,
-    )  # fmt: skip
+        kind="ripples",
+        soil="sand",
+        job=job,
+        cloud=None,
+        targets=None,
+        dead_beams=(),
+        current=CURRENT,
+        gust=GUST,
+        without=frozenset(),
+        vehicle="uuv_puma",
+        controller=CONTROLLER,
+    )
     prepared = prepare_seabed(setting, seed)
     done = ran(prepared.ready)
     return figures_of(assess_seabed_work(done.recording, prepared.truth, seed=seed, wall_s=done.wall_s))
@@ -215,8 +233,15 @@ def inverse_kinematics(seed: int) -> Figures:
         for q in rng.uniform(limits[:, 0], limits[:, 1], (150, arm.n)):
             start = rng.uniform(limits[:, 0], limits[:, 1])
             result = solve(chain, arm.frames(q)[-1], start)
-            rows.append((result.iterations, result.restarts, not result.converged, result.position_error,
-                         result.orientation_error))  # fmt: skip
+            rows.append(
+                (
+                    result.iterations,
+                    result.restarts,
+                    not result.converged,
+                    result.position_error,
+                    result.orientation_error,
+                )
+            )
         iterations, restarts, missed, position, orientation = np.array(rows, dtype=np.float64).T
         figures |= {
             f"{name}.iterations": float(np.log(iterations + 1.0).mean()),
@@ -231,9 +256,15 @@ def inverse_kinematics(seed: int) -> Figures:
 def hover_envelope(seed: int) -> Figures:
     """The tool pushed with 90 N at full reach in three directions, with and without compensation."""
     case = Push(
-        directions_B=sphere(6)[[0, 2, 4]], q=np.array(POSTURES["down"]), settle=8.0, push=3.0, rest=1.5, gust=GUST,
-        current_W=flow(0.2), seed=seed,
-    )  # fmt: skip
+        directions_B=sphere(6)[[0, 2, 4]],
+        q=np.array(POSTURES["down"]),
+        settle=8.0,
+        push=3.0,
+        rest=1.5,
+        gust=GUST,
+        current_W=flow(0.2),
+        seed=seed,
+    )
     figures: dict[str, float | None] = {}
     for name, compensation in (("compensated", True), ("alone", False)):
         pushed = push(replace(case, compensation=compensation))

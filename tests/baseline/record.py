@@ -22,8 +22,14 @@ from bands import Band, Figures, bands_of, faults
 from cases import CASES, run_all
 
 QUICK_SEEDS, SEEDS = 24, 12  # of cases that take about a second, and of whole runs
-QUICK = ("calibration", "inverse_kinematics", "hover_envelope", "identification_barrel", "identification_rock",
-         "identification_valve")  # fmt: skip
+QUICK = (
+    "calibration",
+    "inverse_kinematics",
+    "hover_envelope",
+    "identification_barrel",
+    "identification_rock",
+    "identification_valve",
+)
 TRACES = "traces"
 
 

@@ -4,9 +4,6 @@ import holding
 import pytest
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["insertion", "core", "drag", "inspection"],
-)
+@pytest.mark.parametrize("name", ["insertion", "core", "drag", "inspection"])
 def test_figures_keep_their_bands(name, fresh_seeds):
     holding.check(name, fresh_seeds)

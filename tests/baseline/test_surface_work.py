@@ -5,10 +5,7 @@ import pytest
 import traces
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["barrel_longitudinal", "barrel_transverse", "pile", "rock", "force_steps"],
-)
+@pytest.mark.parametrize("name", ["barrel_longitudinal", "barrel_transverse", "pile", "rock", "force_steps"])
 def test_figures_keep_their_bands(name, fresh_seeds):
     holding.check(name, fresh_seeds)
 

@@ -99,10 +99,7 @@ def closed_loop() -> Trace:
 
 OPEN = ("uuv_puma", "bluerov2_heavy_alpha5", "phoenix_smart3s")
 CLOSED = "main_job"
-TRACES: Mapping[str, Callable[[], Trace]] = {
-    **{name: partial(open_loop, name) for name in OPEN},
-    CLOSED: closed_loop,
-}
+TRACES: Mapping[str, Callable[[], Trace]] = {**{name: partial(open_loop, name) for name in OPEN}, CLOSED: closed_loop}
 
 
 def read() -> tuple[dict[str, Trace], bool]:

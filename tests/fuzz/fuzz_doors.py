@@ -150,9 +150,30 @@ def attempt(door: Door, seed: int, number: int) -> str:
 # What is thrown: numbers and things
 
 NUMBERS: list[Any] = [
-    float("nan"), float("inf"), -float("inf"), -1.0, 0.0, -0.0, 1e-300, -1e-12, 1e18, 1e300, -1e308, 10**400,
-    -(10**400), 10**5000, 2**63, 2**64, 2.5, True, "1", "nan", np.float32(1e38), np.int8(-1), np.uint64(2**64 - 1),
-]  # fmt: skip
+    float("nan"),
+    float("inf"),
+    -float("inf"),
+    -1.0,
+    0.0,
+    -0.0,
+    1e-300,
+    -1e-12,
+    1e18,
+    1e300,
+    -1e308,
+    10**400,
+    -(10**400),
+    10**5000,
+    2**63,
+    2**64,
+    2.5,
+    True,
+    "1",
+    "nan",
+    np.float32(1e38),
+    np.int8(-1),
+    np.uint64(2**64 - 1),
+]
 
 
 class Hostile:
@@ -167,13 +188,45 @@ class Hostile:
 
 def things() -> list[Any]:
     return [
-        None, "much", "", "x" * 1000, "Müller\n日本\0", b"bytes", [], [[]], {}, set(), [1, "a"], [[1, 2], [3]],
-        object(), 1j, [1j], Hostile(), lambda: 1, int, np.zeros((0, 3)), np.zeros((3, 0)), np.zeros((2, 2, 2, 2)),
+        None,
+        "much",
+        "",
+        "x" * 1000,
+        "Müller\n日本\0",
+        b"bytes",
+        [],
+        [[]],
+        {},
+        set(),
+        [1, "a"],
+        [[1, 2], [3]],
+        object(),
+        1j,
+        [1j],
+        Hostile(),
+        lambda: 1,
+        int,
+        np.zeros((0, 3)),
+        np.zeros((3, 0)),
+        np.zeros((2, 2, 2, 2)),
         np.array(None),
-        np.zeros(3, dtype="datetime64[s]"), np.array(["a", "b"]), np.zeros(3, dtype=complex), np.array([object()] * 3),
-        np.zeros((4, 4), dtype=bool), (x for x in (1, 2)), range(3), Path("nowhere"), {"a": float("nan")}, slice(1),
-        np.full((3, 3), np.nan), np.ma.masked_all((3,)), 7, 7.0, -3, *NUMBERS,
-    ]  # fmt: skip
+        np.zeros(3, dtype="datetime64[s]"),
+        np.array(["a", "b"]),
+        np.zeros(3, dtype=complex),
+        np.array([object()] * 3),
+        np.zeros((4, 4), dtype=bool),
+        (x for x in (1, 2)),
+        range(3),
+        Path("nowhere"),
+        {"a": float("nan")},
+        slice(1),
+        np.full((3, 3), np.nan),
+        np.ma.masked_all((3,)),
+        7,
+        7.0,
+        -3,
+        *NUMBERS,
+    ]
 
 
 def one_of(rng: Rng, choices: Any) -> Any:
@@ -214,11 +267,55 @@ def spoilt(rng: Rng, given: dict[str, Any], least: int = 1) -> dict[str, Any]:
 # What is thrown: files
 
 WORDS: list[bytes] = [
-    b"nan", b"inf", b"-inf", b"1e400", b"-1", b"0", b"1e308", b"1e-320", b"9" * 400, b"", b"x", b"1,5", b"0x1f", b"1_0",
-    b"true", b"null", b"[", b"]", b"{", b"}", b"<", b">", b"&", b"\0", b"\xff\xfe", b"\xe9", "ä→\u2028".encode(), b"\n",
-    b"\r", b"\t", b"  ", b"#", b"%", b"&lol;", b"-", b".", b"1e", b"--", b"!!python/object:os.system", b"*a", b"&a",
-    b"." * 300, b"[" * 3000, b"<a>" * 300, b"../" * 200, b"2.", b".nan", b"1 2 3 4 5 6 7 8 9",
-]  # fmt: skip
+    b"nan",
+    b"inf",
+    b"-inf",
+    b"1e400",
+    b"-1",
+    b"0",
+    b"1e308",
+    b"1e-320",
+    b"9" * 400,
+    b"",
+    b"x",
+    b"1,5",
+    b"0x1f",
+    b"1_0",
+    b"true",
+    b"null",
+    b"[",
+    b"]",
+    b"{",
+    b"}",
+    b"<",
+    b">",
+    b"&",
+    b"\0",
+    b"\xff\xfe",
+    b"\xe9",
+    "ä→\u2028".encode(),
+    b"\n",
+    b"\r",
+    b"\t",
+    b"  ",
+    b"#",
+    b"%",
+    b"&lol;",
+    b"-",
+    b".",
+    b"1e",
+    b"--",
+    b"!!python/object:os.system",
+    b"*a",
+    b"&a",
+    b"." * 300,
+    b"[" * 3000,
+    b"<a>" * 300,
+    b"../" * 200,
+    b"2.",
+    b".nan",
+    b"1 2 3 4 5 6 7 8 9",
+]
 
 
 def mutated(rng: Rng, raw: bytes) -> bytes:
@@ -337,22 +434,27 @@ def _cloud_files() -> dict[str, bytes]:
         "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA {}\n"
     )
     return {
-        "a.txt": rows, "a.csv": rows.replace(b" ", b","), "a.xyz": rows.replace(b" ", b"; "),
+        "a.txt": rows,
+        "a.csv": rows.replace(b" ", b","),
+        "a.xyz": rows.replace(b" ", b"; "),
         "a.ply": ply.format("ascii").encode() + rows + b"\n",
         "b.ply": ply.format("binary_little_endian").encode() + points.tobytes(),
-        "a.pcd": pcd.format("ascii").encode() + rows + b"\n", "b.pcd": pcd.format("binary").encode() + points.tobytes(),
-    }  # fmt: skip
+        "a.pcd": pcd.format("ascii").encode() + rows + b"\n",
+        "b.pcd": pcd.format("binary").encode() + points.tobytes(),
+    }
 
 
 def _touch_files() -> dict[str, bytes]:
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (12, 3))
     rows = [",".join(f"{x:.5f}" for x in row) for row in q]
     return {
-        "a.csv": "\n".join(rows).encode(), "b.csv": "\n".join(["j1,j2,j3", *rows]).encode(),
-        "c.csv": "\n".join(["point;j1[deg];j2[deg];j3[deg]", *(f"p{k % 2};" + r.replace(",", ";") for k, r in
-                                                              enumerate(rows))]).encode(),
+        "a.csv": "\n".join(rows).encode(),
+        "b.csv": "\n".join(["j1,j2,j3", *rows]).encode(),
+        "c.csv": "\n".join(
+            ["point;j1[deg];j2[deg];j3[deg]", *(f"p{k % 2};" + r.replace(",", ";") for k, r in enumerate(rows))]
+        ).encode(),
         "d.tsv": "\n\n".join("\n".join(rows[k : k + 4]).replace(",", "\t") for k in (0, 4, 8)).encode(),
-    }  # fmt: skip
+    }
 
 
 VALID: dict[str, dict[str, bytes]] = {
@@ -668,15 +770,61 @@ def _options_stage(script: str, options: Any) -> Any:
 
 
 SCRIPTS = (
-    "clean_barrel", "clean_object", "clean_pile", "inspect_object", "insert_sampler", "sample_seabed", "calibrate_arm",
-    "plan_seabed", "identify_object", "step_response", "study_contact", "bench_ik", "study_seabed", "study_tip_force",
-)  # fmt: skip
+    "clean_barrel",
+    "clean_object",
+    "clean_pile",
+    "inspect_object",
+    "insert_sampler",
+    "sample_seabed",
+    "calibrate_arm",
+    "plan_seabed",
+    "identify_object",
+    "step_response",
+    "study_contact",
+    "bench_ik",
+    "study_seabed",
+    "study_tip_force",
+)
 VALUES = (
-    "nan", "inf", "-inf", "-1", "0", "1", "2.5", "1e308", "-1e-9", "1e400", "9" * 400, "9" * 5000, "", " ", "x",
-    "x" * 400, "ä→", "\ud800", "None", "True", "[]", "a.txt", "/", "../..", "/dev/null", "rock", "barrel", "uuv_puma",
-    "3", "0.3", "--seed", "-", "mod:Class", "os:nothing", "json.decoder:JSONDecoder", "nowhere.stl", "60",
+    "nan",
+    "inf",
+    "-inf",
+    "-1",
+    "0",
+    "1",
+    "2.5",
+    "1e308",
+    "-1e-9",
+    "1e400",
+    "9" * 400,
+    "9" * 5000,
+    "",
+    " ",
+    "x",
+    "x" * 400,
+    "ä→",
+    "\ud800",
+    "None",
+    "True",
+    "[]",
+    "a.txt",
+    "/",
+    "../..",
+    "/dev/null",
+    "rock",
+    "barrel",
+    "uuv_puma",
+    "3",
+    "0.3",
+    "--seed",
+    "-",
+    "mod:Class",
+    "os:nothing",
+    "json.decoder:JSONDecoder",
+    "nowhere.stl",
+    "60",
     "n" * 300 + ".xml",
-)  # fmt: skip
+)
 
 
 def _script_door(script: str) -> Door:

@@ -5,10 +5,23 @@ from pathlib import Path
 import pytest
 
 WITH_OUT = (
-    "bench_ik", "bench_physics", "clean_object", "servo_arm", "step_response", "study_bung", "study_contact",
-    "study_decisions", "study_deformation", "study_faults", "study_identification", "study_paths",
-    "study_seabed", "study_sensors", "track_singularity", "validate_physics",
-)  # fmt: skip
+    "bench_ik",
+    "bench_physics",
+    "clean_object",
+    "servo_arm",
+    "step_response",
+    "study_bung",
+    "study_contact",
+    "study_decisions",
+    "study_deformation",
+    "study_faults",
+    "study_identification",
+    "study_paths",
+    "study_seabed",
+    "study_sensors",
+    "track_singularity",
+    "validate_physics",
+)
 
 
 def refused(run) -> str:

@@ -12,10 +12,21 @@ import pytest
 @pytest.mark.usefixtures("open3d")
 def test_one_scene(root: Path, tmp_path: Path):
     run = subprocess.run(
-        [sys.executable, "scripts/bench_identification.py", "--objects", "manifold", "--scenes", "1",
-         "--out", tmp_path],
-        cwd=root, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "scripts/bench_identification.py",
+            "--objects",
+            "manifold",
+            "--scenes",
+            "1",
+            "--out",
+            tmp_path,
+        ],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert run.returncode == 0, run.stderr
     figures = json.loads((tmp_path / "figures.json").read_text())
     rows = {row["method"]: row for row in figures["rows"]}

@@ -119,9 +119,20 @@ def test_real_arm(calibrate, tmp_path):
     data = Path(REAL) / "data" / "panda_3"
     held = [path for path in sorted(data.iterdir()) if path.is_dir() and path.name != "frontleft"]
     run = calibrate(
-        "--arm", "panda", "--touches", data / "frontleft", "--held-out", *held, "--distance", "hole_0", "hole_1",
-        0.05, "--out", tmp_path, "--no-record",
-    )  # fmt: skip
+        "--arm",
+        "panda",
+        "--touches",
+        data / "frontleft",
+        "--held-out",
+        *held,
+        "--distance",
+        "hole_0",
+        "hole_1",
+        0.05,
+        "--out",
+        tmp_path,
+        "--no-record",
+    )
     assert run.returncode == 0, run.stdout + run.stderr
     found = json.loads((tmp_path / "metrics.json").read_text())["held_out_m"]
     values = np.array([[each["nominal"], each["identified"]] for each in found.values()])

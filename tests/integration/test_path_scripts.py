@@ -43,9 +43,14 @@ def test_true_surface_of_a_ball(within):
 def test_row_tells_refused_and_unseen():
     spread = {"rms": 0.001, "max": 0.002}
     path = {
-        "seen": 0.5, "model_m": {"rms": 0.01, "max": 0.03}, "path_m": spread, "unseen_m": {"rms": 0.02, "max": 0.04},
-        "within": 1.0, "tilt_rad": spread, "turn_in_pad_rad": spread,
-    }  # fmt: skip
+        "seen": 0.5,
+        "model_m": {"rms": 0.01, "max": 0.03},
+        "path_m": spread,
+        "unseen_m": {"rms": 0.02, "max": 0.04},
+        "within": 1.0,
+        "tilt_rad": spread,
+        "turn_in_pad_rad": spread,
+    }
     blind = dict.fromkeys(path) | {"seen": 0.0, "unseen_m": {"rms": 0.05, "max": 0.06}}
     row = study_paths.row_of([path, blind, {"refused": "a hole"}], trials=4)
     assert row[:8] == ["50%", "25%", "10.0", "30.0", "1.0", "2.0", "100.0%", "60.0"]

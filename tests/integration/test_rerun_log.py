@@ -40,15 +40,28 @@ def moments(model: mujoco.MjModel):
     line = barrel().path("longitudinal")
     n = len(line.p)
     path = ToolPath(
-        s=np.arange(float(n)), p=transform_points(X_WT, line.p), z=np.array(line.a), x=np.array(line.b),
+        s=np.arange(float(n)),
+        p=transform_points(X_WT, line.p),
+        z=np.array(line.a),
+        x=np.array(line.b),
         on_scan=np.zeros(n, dtype=bool),
-    )  # fmt: skip
+    )
     target = Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=path)
     truth = SimpleNamespace(
-        time=0.0, contact_normal=60.0, p_pad=np.zeros(3), R_WG=np.eye(3), R_WB=np.eye(3), p_WB=np.zeros(3),
-        contact_force_W=np.array([0.0, 0.0, 60.0]), xpos=data.xpos, xquat=data.xquat, q=np.zeros(6),
-        tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.array([0.15, 0.0, 0.0]),
-    )  # fmt: skip
+        time=0.0,
+        contact_normal=60.0,
+        p_pad=np.zeros(3),
+        R_WG=np.eye(3),
+        R_WB=np.eye(3),
+        p_WB=np.zeros(3),
+        contact_force_W=np.array([0.0, 0.0, 60.0]),
+        xpos=data.xpos,
+        xquat=data.xquat,
+        q=np.zeros(6),
+        tau_drive=np.zeros(6),
+        thrust=np.zeros(6),
+        current_W=np.array([0.15, 0.0, 0.0]),
+    )
     zero = np.zeros(6)
     estimate = StateEstimate(
         time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=zero, qd=zero, tau=zero
@@ -60,10 +73,21 @@ def moments(model: mujoco.MjModel):
         truth.time = tick * PERIOD
         truth.p_pad[:] = [0.02 * truth.time, 0.0, -1.2]
         reference = Reference(
-            time=truth.time, state=WorkState.SCAN if truth.time < 0.5 else WorkState.WORK, X_WB=np.eye(4),
-            v_WB_W=np.zeros(3), X_WG=pose(p=truth.p_pad), v_WG_W=np.array([0.02, 0.0, 0.0]), w_WG_W=np.zeros(3),
-            q=zero, qd=zero, force=60.0, force_control=True, tare=False, scan=False, path_s=0.02 * truth.time,
-        )  # fmt: skip
+            time=truth.time,
+            state=WorkState.SCAN if truth.time < 0.5 else WorkState.WORK,
+            X_WB=np.eye(4),
+            v_WB_W=np.zeros(3),
+            X_WG=pose(p=truth.p_pad),
+            v_WG_W=np.array([0.02, 0.0, 0.0]),
+            w_WG_W=np.zeros(3),
+            q=zero,
+            qd=zero,
+            force=60.0,
+            force_control=True,
+            tare=False,
+            scan=False,
+            path_s=0.02 * truth.time,
+        )
         yield Moment(tick, truth, estimate, target, reference, command, None, None)
         tick += 1
 
@@ -177,9 +201,12 @@ def test_killed_run_loses_less_than_a_second(tmp_path: Path):
     file = tmp_path / "run.rrd"
     # The child runs at 5 times real time and tells how far it is.
     with subprocess.Popen(
-        [sys.executable, __file__, str(file)], stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2],
+        [sys.executable, __file__, str(file)],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
         env={"PYTHONPATH": "."},
-    ) as child:  # fmt: skip
+    ) as child:
         assert child.stdout is not None
         reached = 0.0
         for line in child.stdout:

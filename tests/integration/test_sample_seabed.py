@@ -33,10 +33,20 @@ def test_a_core_is_taken_and_its_log_tells_all_of_it(script, tmp_path):
     assert metrics["hull"]["ground_gap_m"] > 0.3
     shown = entities(tmp_path / "run.rrd")
     assert shown >= {
-        "/world/scene/world/shape", "/world/found/coarse_plane", "/world/clouds/scan", "/world/found/seabed",
-        "/world/clouds/targets", "/world/vehicle/hull", "/world/vehicle/link3", "/world/vehicle/pad",
-        "/world/arrows/contact", "/world/arrows/arm_on_hull", "/series/force", "/series/thrust", "/state/now",
-    }  # fmt: skip
+        "/world/scene/world/shape",
+        "/world/found/coarse_plane",
+        "/world/clouds/scan",
+        "/world/found/seabed",
+        "/world/clouds/targets",
+        "/world/vehicle/hull",
+        "/world/vehicle/link3",
+        "/world/vehicle/pad",
+        "/world/arrows/contact",
+        "/world/arrows/arm_on_hull",
+        "/series/force",
+        "/series/thrust",
+        "/state/now",
+    }
 
 
 def entities(file):

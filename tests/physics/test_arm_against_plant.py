@@ -171,9 +171,15 @@ class Moving:
     def inverse(self, wrench_tip_G: Array) -> tuple[Array, Array]:
         nu_B, a_B = self.hull_motion()
         return self.arm.inverse(
-            self.q, self.data.qvel[self.dofs], self.data.qacc[self.dofs], R_WB=self.X_WB[:3, :3], nu_B=nu_B, a_B=a_B,
-            v_current_W=np.array(self.model.opt.wind), wrench_tip_G=wrench_tip_G,
-        )  # fmt: skip
+            self.q,
+            self.data.qvel[self.dofs],
+            self.data.qacc[self.dofs],
+            R_WB=self.X_WB[:3, :3],
+            nu_B=nu_B,
+            a_B=a_B,
+            v_current_W=np.array(self.model.opt.wind),
+            wrench_tip_G=wrench_tip_G,
+        )
 
     def wrench_tip_G(self) -> Array:
         R_WG = self.data.site_xmat[self.vehicle.tip].reshape(3, 3)
@@ -286,10 +292,23 @@ def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
     hull = np.concatenate([moving.X_WB[:3, :3].ravel(), nu_B, a_B, moving.model.opt.wind])
     tau_e, J_B = np.empty(n), np.empty((6, n))
     f_B = drive.tip_force(
-        arm.layout, arm.numbers, arm.stations, arm.work, hull, moving.q, moving.data.qvel[moving.dofs],
-        moving.data.qacc[moving.dofs], moving.tau, bias, NOISE, np.full(n, FLOOR), tau_e, np.empty(6),
-        np.empty((4, 4)), J_B,
-    )  # fmt: skip
+        arm.layout,
+        arm.numbers,
+        arm.stations,
+        arm.work,
+        hull,
+        moving.q,
+        moving.data.qvel[moving.dofs],
+        moving.data.qacc[moving.dofs],
+        moving.tau,
+        bias,
+        NOISE,
+        np.full(n, FLOOR),
+        tau_e,
+        np.empty(6),
+        np.empty((4, 4)),
+        J_B,
+    )
     return np.array(f_B), tau_e, J_B
 
 
@@ -328,10 +347,35 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     tau_e, wrench_B, f_B, f_G, f_W = np.empty(n), np.empty(6), np.zeros(3), np.empty(3), np.empty(3)
     felt_qdd = np.empty(n)
     normal = drive.feel(
-        arm.layout, arm.numbers, arm.stations, arm.work, np.empty(24), moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3],
-        np.array(moving.model.opt.wind), moving.q, qd, moving.tau, np.zeros(n), NOISE, np.full(n, FLOOR), 0.02,
-        (lag, 0.015), qd_slow, w_slow_B, felt_qdd, tau_e, wrench_B, np.empty((4, 4)), J_B, f_B, f_G, f_W,
-    )  # fmt: skip
+        arm.layout,
+        arm.numbers,
+        arm.stations,
+        arm.work,
+        np.empty(24),
+        moving.X_WB,
+        nu_B[:3],
+        nu_B[3:],
+        a_B[:3],
+        np.array(moving.model.opt.wind),
+        moving.q,
+        qd,
+        moving.tau,
+        np.zeros(n),
+        NOISE,
+        np.full(n, FLOOR),
+        0.02,
+        (lag, 0.015),
+        qd_slow,
+        w_slow_B,
+        felt_qdd,
+        tau_e,
+        wrench_B,
+        np.empty((4, 4)),
+        J_B,
+        f_B,
+        f_G,
+        f_W,
+    )
     within("acceleration", relative(felt_qdd, qdd), 1e-13)  # measured up to 1e-14
     expected_tau, expected_wrench = arm.inverse(
         moving.q, qd, qdd, R_WB=R, nu_B=nu_B, a_B=a_B, v_current_W=moving.model.opt.wind, wrench_tip_G=np.zeros(6)
@@ -364,18 +408,30 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         J_W = np.empty((6, model.nv))
         mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], vehicle.tip)
         R_WB, change = data.xmat[vehicle.hull].reshape(3, 3), rng.normal(size=6)
-        X_WB, X_WG = pose(R_WB, data.xpos[vehicle.hull]), pose(
-            data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip]
-        )  # fmt: skip
+        X_WB, X_WG = (
+            pose(R_WB, data.xpos[vehicle.hull]),
+            pose(data.site_xmat[vehicle.tip].reshape(3, 3), data.site_xpos[vehicle.tip]),
+        )
         J_B = np.vstack([R_WB.T @ J_W[:3], R_WB.T @ J_W[3:]])[:, vehicle.dof]
         hull = np.zeros(24)
         hull[9:15] = change if moving_hull else 0.0
         hull[15:21] = 0.0 if moving_hull else change
         qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((2, n))
         drive.aim(
-            np.eye(4), X_WB, X_WG, np.zeros(3), np.zeros(3), hull, np.ascontiguousarray(J_B), True, np.inf,
-            np.empty((4, 4)), qd, qdd, yielding,
-        )  # fmt: skip
+            np.eye(4),
+            X_WB,
+            X_WG,
+            np.zeros(3),
+            np.zeros(3),
+            hull,
+            np.ascontiguousarray(J_B),
+            True,
+            np.inf,
+            np.empty((4, 4)),
+            qd,
+            qdd,
+            yielding,
+        )
         rates = np.zeros(model.nv)
         rates[free] = np.concatenate([R_WB @ change[:3], change[3:]])
         carried = np.linalg.norm(J_W @ rates)

@@ -262,8 +262,7 @@ def test_the_plant_tells_of_what_was_met(tmp_path: Path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("speed", "timestep", "tells"),
-    [(9.9, 0.002, False), (10.1, 0.002, True), (4.9, 0.004, False), (5.1, 0.004, True)],
+    ("speed", "timestep", "tells"), [(9.9, 0.002, False), (10.1, 0.002, True), (4.9, 0.004, False), (5.1, 0.004, True)]
 )
 def test_drag_beyond_what_the_step_was_judged_for_is_told(speed, timestep, tells, capfd, tmp_path, monkeypatch):
     """3 kg and 75 |v| N make a slope of 150 |v| / 3 1/s: 500 1/s at 10 m/s, 250 1/s at 5 m/s."""

@@ -89,10 +89,7 @@ def independent_acceleration(
         here = slice(6 * i - 6, 6 * i)
         G[here, here] = np.block([[m * np.eye(3), -m * skew(c)], [m * skew(c), inertia]])
         F[here] = np.concatenate(
-            [
-                m * model.opt.gravity - m * cross(w, cross(w, c)),
-                m * cross(c, model.opt.gravity) - cross(w, inertia @ w),
-            ]
+            [m * model.opt.gravity - m * cross(w, cross(w, c)), m * cross(c, model.opt.gravity) - cross(w, inertia @ w)]
         )
         if i in coefficients:
             turn = np.kron(np.eye(2), R)

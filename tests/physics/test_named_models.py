@@ -36,48 +36,65 @@ L, RHO = 5.3, 1000.0  # PHOENIX
 
 SOURCES = {
     "bluerov2_heavy_benzon2022": {
-        "mass": 13.5, "gravity": (0, 0, 0), "inertia": np.diag([0.26, 0.23, 0.37]), "buoyancy": (0, 0, -0.01),
-        "added": np.diag([6.36, 7.12, 18.68, 0.189, 0.135, 0.222]), "linear": (13.7, 0, 33.0, 0, 0.8, 0),
+        "mass": 13.5,
+        "gravity": (0, 0, 0),
+        "inertia": np.diag([0.26, 0.23, 0.37]),
+        "buoyancy": (0, 0, -0.01),
+        "added": np.diag([6.36, 7.12, 18.68, 0.189, 0.135, 0.222]),
+        "linear": (13.7, 0, 33.0, 0, 0.8, 0),
         "quadratic": (141, 217, 190, 1.19, 0.47, 1.5),
     },
     "bluerov2_heavy_wu2018": {
-        "mass": 11.5, "gravity": (0, 0, 0.02), "inertia": 0.16 * np.eye(3), "buoyancy": (0, 0, 0),
-        "added": np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]), "linear": (4.03, 6.22, 5.18, 0.07, 0.07, 0.07),
+        "mass": 11.5,
+        "gravity": (0, 0, 0.02),
+        "inertia": 0.16 * np.eye(3),
+        "buoyancy": (0, 0, 0),
+        "added": np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]),
+        "linear": (4.03, 6.22, 5.18, 0.07, 0.07, 0.07),
         "quadratic": (18.18, 21.66, 36.99, 1.55, 1.55, 1.55),
     },
     "phoenix_smart3s": {
-        "mass": 5454.54, "gravity": (0, 0, 0.061), "buoyancy": (0, 0, 0), "linear": (0, 0, 0, 0, 0, 0),
+        "mass": 5454.54,
+        "gravity": (0, 0, 0.061),
+        "buoyancy": (0, 0, 0),
+        "linear": (0, 0, 0, 0, 0, 0),
         "inertia": np.array([[2038, 13.58, 13.58], [13.58, 13587, 13.58], [13.58, 13.58, 13587]]),
         "quadratic": (0.5 * RHO * L**2 * 0.00385, 150 * L, 300 * L, 0, 300 * L**4 / 32, 150 * L**4 / 32),
     },
-}  # fmt: skip
+}
 # SIMURV 4.0, func/InverseDynamics_vehicle.m, as printed, with four digits: rigid body and water together.
-PHOENIX_M = np.array([
-    [6.019e+3, 5.122e-8, -1.180e-2, -3.200e-5, 3.325e+2, -6.731e-5],
-    [5.122e-8, 9.551e+3, 3.717e-6, -3.802e+2, -3.067e-5, -4.736e+2],
-    [-1.180e-2, 3.717e-6, 2.332e+4, -1.514e-4, 2.683e+3, -4.750e-4],
-    [-3.200e-5, -3.802e+2, -1.514e-4, 4.129e+3, 1.358e+1, 8.467e+1],
-    [3.325e+2, -3.067e-5, 2.683e+3, 1.358e+1, 4.913e+4, 1.357e+1],
-    [-6.731e-5, -4.736e+2, -4.750e-4, 8.467e+1, 1.357e+1, 2.069e+4],
-])  # fmt: skip
+PHOENIX_M = np.array(
+    [
+        [6.019e3, 5.122e-8, -1.180e-2, -3.200e-5, 3.325e2, -6.731e-5],
+        [5.122e-8, 9.551e3, 3.717e-6, -3.802e2, -3.067e-5, -4.736e2],
+        [-1.180e-2, 3.717e-6, 2.332e4, -1.514e-4, 2.683e3, -4.750e-4],
+        [-3.200e-5, -3.802e2, -1.514e-4, 4.129e3, 1.358e1, 8.467e1],
+        [3.325e2, -3.067e-5, 2.683e3, 1.358e1, 4.913e4, 1.357e1],
+        [-6.731e-5, -4.736e2, -4.750e-4, 8.467e1, 1.357e1, 2.069e4],
+    ]
+)
 # Thrusts 1 to 8 to the wrench on the hull. Wu's matrix is printed. Of von Benzon's set the places are: the upright
 # four, all pushing up, give moments by hand; the level four are as Wu's.
 LEVEL_ARM = 0.06 * np.array([[1, -1, 1, -1], [1, 1, -1, -1]])
-WU_B = np.array([
-    [0.707, 0.707, -0.707, -0.707, 0, 0, 0, 0],
-    [-0.707, 0.707, -0.707, 0.707, 0, 0, 0, 0],
-    [0, 0, 0, 0, -1, 1, 1, -1],
-    [*LEVEL_ARM[0], -0.218, -0.218, 0.218, 0.218],
-    [*LEVEL_ARM[1], 0.12, -0.12, 0.12, -0.12],
-    [-0.1888, 0.1888, 0.1888, -0.1888, 0, 0, 0, 0],
-])  # fmt: skip
-BENZON_B = np.vstack([
-    WU_B[:2],
-    [0, 0, 0, 0, -1, -1, -1, -1],
-    [*LEVEL_ARM[0], -0.218, 0.218, -0.218, 0.218],
-    [*LEVEL_ARM[1], 0.12, 0.12, -0.12, -0.12],
-    WU_B[5],
-])  # fmt: skip
+WU_B = np.array(
+    [
+        [0.707, 0.707, -0.707, -0.707, 0, 0, 0, 0],
+        [-0.707, 0.707, -0.707, 0.707, 0, 0, 0, 0],
+        [0, 0, 0, 0, -1, 1, 1, -1],
+        [*LEVEL_ARM[0], -0.218, -0.218, 0.218, 0.218],
+        [*LEVEL_ARM[1], 0.12, -0.12, 0.12, -0.12],
+        [-0.1888, 0.1888, 0.1888, -0.1888, 0, 0, 0, 0],
+    ]
+)
+BENZON_B = np.vstack(
+    [
+        WU_B[:2],
+        [0, 0, 0, 0, -1, -1, -1, -1],
+        [*LEVEL_ARM[0], -0.218, 0.218, -0.218, 0.218],
+        [*LEVEL_ARM[1], 0.12, 0.12, -0.12, -0.12],
+        WU_B[5],
+    ]
+)
 
 
 @cache
@@ -204,8 +221,11 @@ def test_arm_of_phoenix_is_its_denavit_hartenberg_table(rng, within):
 
 # hkolano/PitchPrediction, urdf/blue_rov_hardware.urdf: the joints as printed, but for masses that MuJoCo asks for.
 ALPHA_JOINTS = (
-    ("0 0 0", "0 0 0"), ("0.020 0 0.046", "1.57075 1.3 0"), ("0.15 0 0", "3.1415 0 1.3"), ("0.020 0 0", "-1.57075 0 0"),
-)  # fmt: skip
+    ("0 0 0", "0 0 0"),
+    ("0.020 0 0.046", "1.57075 1.3 0"),
+    ("0.15 0 0", "3.1415 0 1.3"),
+    ("0.020 0 0", "-1.57075 0 0"),
+)
 
 
 def test_arm_of_the_alpha_5_is_that_of_its_urdf(rng, within):
@@ -246,9 +266,12 @@ def test_drag_of_the_alpha_5_in_uniform_flow_is_the_published():
 
 # hkolano/PitchPrediction, MagicNumAlpha.jl: kg, 1e-3 m^3 of volume, kg added across.
 ALPHA_LINKS = {
-    "arm_base": (0.341, 0.202, None), "shoulder": (0.194, 0.018, 0.032), "upper_arm": (0.429, 0.203, 0.201),
-    "elbow": (0.115, 0.025, 0.032), "wrist": (0.333, 0.155, 0.226),
-}  # fmt: skip
+    "arm_base": (0.341, 0.202, None),
+    "shoulder": (0.194, 0.018, 0.032),
+    "upper_arm": (0.429, 0.203, 0.201),
+    "elbow": (0.115, 0.025, 0.032),
+    "wrist": (0.333, 0.155, 0.226),
+}
 
 
 @pytest.mark.parametrize("name", ALPHA_LINKS)
@@ -265,9 +288,7 @@ def test_links_of_the_alpha_5_have_the_published_mass_and_water(name, within):
 
 
 # SIMURV 4.0, data/data_phoenix_smart3s.m: kg, radius and length [m] of each link; drag coefficient 0.6, fresh water.
-PHOENIX_LINKS = (
-    (80, 0.2, 0.85), (80, 0.1, 1.0), (30, 0.15, 0.2), (50, 0.1, 0.8), (20, 0.15, 0.2), (25, 0.1, 0.3),
-)  # fmt: skip
+PHOENIX_LINKS = ((80, 0.2, 0.85), (80, 0.1, 1.0), (30, 0.15, 0.2), (50, 0.1, 0.8), (20, 0.15, 0.2), (25, 0.1, 0.3))
 
 
 @pytest.mark.parametrize("link", range(6))
@@ -310,9 +331,15 @@ def test_side_mounted_arm_folded_is_clear_of_jets_hull_and_camera():
         site = compiled("uuv_puma_side").site(jet)
         along = pose(rotation(site.quat), site.pos) @ pose(exp_so3([0.0, np.pi / 2, 0.0]))
         spec.body(HULL_BODY).add_geom(
-            name=jet, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.11, 1.5, 0.0], pos=along[:3, 3],
-            quat=quat_wxyz_from_rotation(along[:3, :3]), contype=0, conaffinity=0, rgba=[0.0, 0.0, 0.0, 0.0],
-        )  # fmt: skip
+            name=jet,
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[0.11, 1.5, 0.0],
+            pos=along[:3, 3],
+            quat=quat_wxyz_from_rotation(along[:3, :3]),
+            contype=0,
+            conaffinity=0,
+            rgba=[0.0, 0.0, 0.0, 0.0],
+        )
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(HOME_KEY).id)
@@ -460,9 +487,15 @@ CONTROL_TICKS, CURRENT = 10, (0.15, 0.1, 0.05)  # steps between commands; [m/s]
 
 def estimate(true: Truth) -> StateEstimate:
     return StateEstimate(
-        time=true.time, X_WB=pose(true.R_WB, true.p_WB), v_WB_B=true.R_WB.T @ true.v_WB_W, w_WB_B=true.w_WB_B,
-        a_WB_B=np.zeros(3), q=true.q, qd=true.qd, tau=np.zeros(len(true.q)),
-    )  # fmt: skip
+        time=true.time,
+        X_WB=pose(true.R_WB, true.p_WB),
+        v_WB_B=true.R_WB.T @ true.v_WB_W,
+        w_WB_B=true.w_WB_B,
+        a_WB_B=np.zeros(3),
+        q=true.q,
+        qd=true.qd,
+        tau=np.zeros(len(true.q)),
+    )
 
 
 @pytest.mark.parametrize("name", FLOATING)
@@ -485,9 +518,15 @@ def test_it_hovers(name, within):
             fed = np.zeros(6)
             if arm is not None:
                 fed = arm.inverse(
-                    true.q, rest, rest, R_WB=true.R_WB, nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=none,
+                    true.q,
+                    rest,
+                    rest,
+                    R_WB=true.R_WB,
+                    nu_B=np.zeros(6),
+                    a_B=np.zeros(6),
+                    v_current_W=none,
                     wrench_tip_G=np.zeros(6),
-                )[1]  # fmt: skip
+                )[1]
             wrench = hover.step(state, estimate(true), np.eye(4), none, fed, CONTROL_TICKS * plant.timestep)
             if allocation is None:
                 plant.data.ctrl[wrench_actuators] = wrench

@@ -293,14 +293,22 @@ def test_other_actuators_and_other_peoples_user_data_are_no_thrusters():
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"forward": 0.0}, "forward"), ({"reverse": np.nan}, "reverse"), ({"forward": "much"}, "forward"),
-        ({"dead_band": 1.0}, "dead_band"), ({"time_constant": -1.0}, "time_constant"),
-        ({"inflow_loss": np.inf}, "inflow_loss"), ({"slew_rate": 0.0}, "slew_rate"), ({"slew_rate": np.nan}, "slew"),
-        ({"torque_per_thrust": -0.1}, "torque_per_thrust"), ({"handedness": 0}, "handedness"),
-        ({"least_thrust": 220.0}, "least_thrust"), ({"table": ((-1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))}, "dead_band"),
-        ({"table": 3.0}, "table"), ({"polynomial": ((0.0, 300.0), (0.0, 219.0))}, "curve ends at"),
+        ({"forward": 0.0}, "forward"),
+        ({"reverse": np.nan}, "reverse"),
+        ({"forward": "much"}, "forward"),
+        ({"dead_band": 1.0}, "dead_band"),
+        ({"time_constant": -1.0}, "time_constant"),
+        ({"inflow_loss": np.inf}, "inflow_loss"),
+        ({"slew_rate": 0.0}, "slew_rate"),
+        ({"slew_rate": np.nan}, "slew"),
+        ({"torque_per_thrust": -0.1}, "torque_per_thrust"),
+        ({"handedness": 0}, "handedness"),
+        ({"least_thrust": 220.0}, "least_thrust"),
+        ({"table": ((-1.0, 0.0, 1.0), (-1.0, 0.0, 1.0))}, "dead_band"),
+        ({"table": 3.0}, "table"),
+        ({"polynomial": ((0.0, 300.0), (0.0, 219.0))}, "curve ends at"),
     ],
-)  # fmt: skip
+)
 def test_thruster_figures_that_cannot_be(change, named):
     with pytest.raises(ConfigurationError, match=named):
         one(**change)

@@ -33,9 +33,13 @@ class Hull:
         self._tick = 0
         zero = np.zeros(3)
         self.truth: Any = SimpleNamespace(
-            time=0.0, p_WB=np.array([1.0, -2.0, -3.0]), v_WB_W=self._w * self._size, R_WB=np.eye(3), w_WB_B=zero,
+            time=0.0,
+            p_WB=np.array([1.0, -2.0, -3.0]),
+            v_WB_W=self._w * self._size,
+            R_WB=np.eye(3),
+            w_WB_B=zero,
             acceleration=zero,
-        )  # fmt: skip
+        )
 
     def advance(self) -> None:
         truth, dt = self.truth, self._step
@@ -77,9 +81,13 @@ class Rig:
     vision: sensors.VisionDrift = field(default_factory=sensors.VisionDrift)
 
     def run(
-        self, seconds: float, rng: np.random.Generator, navigation: Navigation | None = None, hull: Hull | None = None,
+        self,
+        seconds: float,
+        rng: np.random.Generator,
+        navigation: Navigation | None = None,
+        hull: Hull | None = None,
         spoil: Any = None,
-    ) -> Course:  # fmt: skip
+    ) -> Course:
         step = self.imu.period
         navigation = navigation or Navigation(period=step)
         hull = hull or Hull(step)
@@ -110,6 +118,13 @@ class Rig:
         constant, truth = states[0].bias, hull.truth
         f = truth.R_WB.T @ (truth.acceleration + UP)
         return Course(
-            table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], table[:, 10:13], table[:, 13:16], estimates,
-            state, constant[:3] + f - exp_so3(-constant[3:6]) @ f,
-        )  # fmt: skip
+            table[:, 0],
+            table[:, 1:4],
+            table[:, 4:7],
+            table[:, 7:10],
+            table[:, 10:13],
+            table[:, 13:16],
+            estimates,
+            state,
+            constant[:3] + f - exp_so3(-constant[3:6]) @ f,
+        )

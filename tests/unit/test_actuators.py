@@ -22,12 +22,16 @@ def spec(actuator: str) -> mujoco.MjSpec:
 
 
 ODD = [
-    ('site="screw" ctrlrange="-5 5"', "ctrlrange"), ('site="screw" forcerange="-5 5"', "forcerange"),
-    ('site="screw" gainprm="2"', "gainprm"), ('site="screw" biastype="affine" biasprm="3"', "biastype"),
-    ('site="screw" dyntype="filter" dynprm=".5"', "dyntype"), ('site="screw" refsite="other"', "refsite"),
-    ('joint="hinge"', "trntype"), ('site="screw" gear="0 3 0 0 0 0"', "gear of length 1"),
+    ('site="screw" ctrlrange="-5 5"', "ctrlrange"),
+    ('site="screw" forcerange="-5 5"', "forcerange"),
+    ('site="screw" gainprm="2"', "gainprm"),
+    ('site="screw" biastype="affine" biasprm="3"', "biastype"),
+    ('site="screw" dyntype="filter" dynprm=".5"', "dyntype"),
+    ('site="screw" refsite="other"', "refsite"),
+    ('joint="hinge"', "trntype"),
+    ('site="screw" gear="0 3 0 0 0 0"', "gear of length 1"),
     ('site="screw" gear="1 0 0 0.1 0 0"', "torque"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("torque", [0.0, 0.02])

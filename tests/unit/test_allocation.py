@@ -204,9 +204,12 @@ def test_no_thrust_falls_into_the_gap_and_greed_costs_little(rng):
                 kind = np.array(branch)
                 y = np.zeros(m)
                 bounded(
-                    H, right @ b, np.where(kind > 0, least, np.where(kind < 0, low, 0.0)),
-                    np.where(kind > 0, high, np.where(kind < 0, -least, 0.0)), y,
-                )  # fmt: skip
+                    H,
+                    right @ b,
+                    np.where(kind > 0, least, np.where(kind < 0, low, 0.0)),
+                    np.where(kind > 0, high, np.where(kind < 0, -least, 0.0)),
+                    y,
+                )
                 best = min(best, cost(Am, b, y))
             found = cost(Am, b, x)
             assert found >= best - 1e-6
@@ -286,8 +289,14 @@ def test_authority_is_what_linear_programmes_find(vehicle, rng, within):
 def test_each_thruster_of_six_takes_its_own_axes_along(vehicle):
     """Square, so each loss costs one direction: worked out by hand from the places of the thrusters."""
     allocation = Allocation(vehicle)
-    gone = {"surge_left": "surge yaw", "surge_right": "surge yaw", "sway": "sway", "heave_front": "heave pitch",
-            "heave_left": "heave roll pitch", "heave_right": "heave roll pitch"}  # fmt: skip
+    gone = {
+        "surge_left": "surge yaw",
+        "surge_right": "surge yaw",
+        "sway": "sway",
+        "heave_front": "heave pitch",
+        "heave_left": "heave roll pitch",
+        "heave_right": "heave roll pitch",
+    }
     for index, name in enumerate(vehicle.thruster_names):
         left = allocation.without(name)
         assert left.available.tolist() == [i != index for i in range(6)]
@@ -337,12 +346,17 @@ def test_too_few_thrusters_are_refused_unless_their_axis_is_given_up(vehicle):
 @pytest.mark.parametrize(
     ("change", "named"),
     [
-        ({"priorities": []}, "one or more levels"), ({"priorities": [("yaw",), ()]}, "none empty"),
-        ({"priorities": [("yaw", "roll"), ("roll",)]}, "no axis twice"), ({"priorities": [("up",)]}, "'up'.*heave"),
-        ({"priorities": 3}, "levels of"), ({"priorities": [3]}, "levels of"),
-        ({"effort": np.ones(5)}, "effort"), ({"effort": np.zeros(6)}, "effort"), ({"headroom": 0.0}, "headroom"),
+        ({"priorities": []}, "one or more levels"),
+        ({"priorities": [("yaw",), ()]}, "none empty"),
+        ({"priorities": [("yaw", "roll"), ("roll",)]}, "no axis twice"),
+        ({"priorities": [("up",)]}, "'up'.*heave"),
+        ({"priorities": 3}, "levels of"),
+        ({"priorities": [3]}, "levels of"),
+        ({"effort": np.ones(5)}, "effort"),
+        ({"effort": np.zeros(6)}, "effort"),
+        ({"headroom": 0.0}, "headroom"),
     ],
-)  # fmt: skip
+)
 def test_figures_that_cannot_be(vehicle, change: dict[str, Any], named):
     with pytest.raises(ConfigurationError, match=named):
         Allocation(vehicle, **change)

@@ -65,9 +65,14 @@ def test_the_vehicle_is_its_published_table(within):
     model = models.load("uuv_puma").compile()
     arm = arm_geometry.read(model, "arm_base", "tip", exclude=["pad"])
     published = ArmGeometry(
-        base_body="arm_base", X_A0=np.eye(4), dh=uuv_puma.DH, beta=np.zeros(6), X_nG=np.eye(4),
-        limits=arm.limits, joint_names=arm.joint_names,
-    )  # fmt: skip
+        base_body="arm_base",
+        X_A0=np.eye(4),
+        dh=uuv_puma.DH,
+        beta=np.zeros(6),
+        X_nG=np.eye(4),
+        limits=arm.limits,
+        joint_names=arm.joint_names,
+    )
     for q in np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (20, 6)):
         within("tip [m, 1]", arm.tip(q) - published.tip(q), 1e-14)
 

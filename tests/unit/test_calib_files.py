@@ -19,8 +19,14 @@ from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 
 def random_arm(rng: np.random.Generator, types: str = "rrprrr") -> Arm:
     """Joints anywhere and any way round, a base and a flange aside."""
-    table = np.column_stack([rng.uniform(-3, 3, len(types)), rng.uniform(-0.5, 0.5, (len(types), 2)),
-                             rng.uniform(-2, 2, len(types)), rng.uniform(-0.1, 0.1, len(types))])  # fmt: skip
+    table = np.column_stack(
+        [
+            rng.uniform(-3, 3, len(types)),
+            rng.uniform(-0.5, 0.5, (len(types), 2)),
+            rng.uniform(-2, 2, len(types)),
+            rng.uniform(-0.1, 0.1, len(types)),
+        ]
+    )
     arm = Arm.from_dh(table[:, :4], types, beta=table[:, 4])
     places = [readonly(pose(exp_so3(rng.uniform(-1, 1, 3)), rng.uniform(-1, 1, 3))) for _ in range(2)]
     return replace(arm, X_base_0=places[0], X_n_flange=places[1])

@@ -15,10 +15,14 @@ H, DEG = np.pi / 2, np.pi / 180
 # UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that paper 000 identified.
 UR10E = np.array(
     [
-        (0, 0.1807, 0, H), (0, 0, -0.6127, 0), (0, 0, -0.57155, 0),
-        (0, 0.17415, 0, H), (0, 0.11985, 0, -H), (0, 0.11655, 0, 0),
+        (0, 0.1807, 0, H),
+        (0, 0, -0.6127, 0),
+        (0, 0, -0.57155, 0),
+        (0, 0.17415, 0, H),
+        (0, 0.11985, 0, -H),
+        (0, 0.11655, 0, 0),
     ]
-)  # fmt: skip
+)
 PAPER = np.array(
     [
         (0.0, 0.1807, 0.0000015, 90.0193 * DEG),
@@ -212,9 +216,16 @@ def test_joint_loads_are_slopes_of_energy(within):
     centers, buoyant, held = rng.uniform(-0.2, 0.2, (6, 3)), rng.uniform(-0.2, 0.2, (6, 3)), np.array([0.0, 0.05, 0.1])
     g, rho = np.array([0.3, -0.5, -9.7]), 1025.0
     loads = Loads(
-        link_masses=masses, link_centers=centers, link_volumes=volumes, link_buoyancy_centers=buoyant,
-        payload_mass=5.0, payload_center=held, payload_volume=1e-3, water_density=rho, gravity=g,
-    )  # fmt: skip
+        link_masses=masses,
+        link_centers=centers,
+        link_volumes=volumes,
+        link_buoyancy_centers=buoyant,
+        payload_mass=5.0,
+        payload_center=held,
+        payload_volume=1e-3,
+        water_density=rho,
+        gravity=g,
+    )
 
     def energy(q: Array) -> float:
         table = np.array(arm.table)
@@ -244,9 +255,13 @@ def test_compliance_in_water_from_two_loads():
 
     def loads(payload: object) -> Loads:
         return Loads(
-            link_masses=masses, link_volumes=masses / 4000.0, payload_mass=payload,  # pyright: ignore[reportArgumentType]
-            payload_center=(0.0, 0.0, 0.1), payload_volume=5e-4, water_density=1025.0,
-        )  # fmt: skip
+            link_masses=masses,
+            link_volumes=masses / 4000.0,
+            payload_mass=payload,  # pyright: ignore[reportArgumentType]
+            payload_center=(0.0, 0.0, 0.1),
+            payload_volume=5e-4,
+            water_density=1025.0,
+        )
 
     parts = [
         touch(truth, OFF_AXIS, rng, points=points, compliance=1.0 / stiffness, loads=loads(mass))

@@ -91,11 +91,13 @@ def test_awkward_meshes(tmp_path, within):
     scan = Scan.from_depth(look(rock, view, np.random.default_rng(0)))
     cases = {
         "fin and doubled faces": (np.vstack([V, V[F[0]].mean(axis=0) * 1.05]), [*F, *F[:200], [F[0, 0], F[0, 1], n]]),
-        "no area": (np.vstack([V, V[:1], V[:1], 0.5 * (V[F[:1, 0]] + V[F[:1, 1]])]),
-                    [*F, [0, 0, 1], [n, n + 1, 0], [F[0, 0], F[0, 1], n + 2]]),
+        "no area": (
+            np.vstack([V, V[:1], V[:1], 0.5 * (V[F[:1, 0]] + V[F[:1, 1]])]),
+            [*F, [0, 0, 1], [n, n + 1, 0], [F[0, 0], F[0, 1], n + 2]],
+        ),
         "strays": (np.vstack([V, [[9.0, 9.0, 9.0], [np.nan, 0.0, 0.0]]]), F),
         "turned in": (V, F[:, ::-1]),
-    }  # fmt: skip
+    }
     for name, (vertices, faces) in cases.items():
         write_ply(tmp_path / "awkward.ply", vertices, faces)
         target = TargetModel.from_file(tmp_path / "awkward.ply")
@@ -193,11 +195,13 @@ def test_off_and_what_is_none(tmp_path):
         file.write_text(head + body)
         assert TargetModel.from_file(file).triangles.tolist() == [[0, 1, 2], [0, 2, 3], [0, 1, 2]]
     for text, words in (
-        ("OFF\n4 3 0\n" + body, "cut short"), ("OFF\n", "no vertices"), ("4 2 0\n" + body, "begin with"),
+        ("OFF\n4 3 0\n" + body, "cut short"),
+        ("OFF\n", "no vertices"),
+        ("4 2 0\n" + body, "begin with"),
         ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n4 0 1 2\n", "fewer corners"),
         ("OFF 3 1 0\n0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", "not there"),
         ("OFF 3 1 0\n0 0 0\n1 nan 0\n1 1 0\n3 0 1 2\n", "not finite"),
-    ):  # fmt: skip
+    ):
         file.write_text(text)
         with pytest.raises(ConfigurationError, match=words):
             TargetModel.from_file(file)

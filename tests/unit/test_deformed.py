@@ -52,9 +52,13 @@ def test_one_patch_on_a_plane_is_its_own_closed_form(within):
     kinds: list[tuple[Literal["growth", "dent"], float]] = [("growth", 1.0), ("dent", -1.0)]
     for kind, sign in kinds:
         patch = Patch(
-            kind=kind, p_T=np.array([0.05, -0.02, 0.15]), n_T=np.array([0.0, 0.0, 1.0]), radius=0.12, height=0.03,
+            kind=kind,
+            p_T=np.array([0.05, -0.02, 0.15]),
+            n_T=np.array([0.0, 0.0, 1.0]),
+            radius=0.12,
+            height=0.03,
             lobes=np.array([0.4, 1.0]),
-        )  # fmt: skip
+        )
         result = deformed(block(), [patch])
         mesh = result.target
         scene = RayScene(mesh.vertices, mesh.triangles)
@@ -84,9 +88,13 @@ def test_same_seed_same_growth_near_the_path():
 def test_growth_is_felt_where_it_is(within):
     """Rays straight down on what collides: within a millimetre of the mesh, on the bump and beside it."""
     patch = Patch(
-        kind="growth", p_T=np.array([0.0, 0.0, 0.15]), n_T=np.array([0.0, 0.0, 1.0]), radius=0.1, height=0.03,
+        kind="growth",
+        p_T=np.array([0.0, 0.0, 0.15]),
+        n_T=np.array([0.0, 0.0, 1.0]),
+        radius=0.1,
+        height=0.03,
         lobes=np.zeros(2),
-    )  # fmt: skip
+    )
     result = deformed(block(), [patch])
     spec = mujoco.MjSpec()
     result.target.add_to(spec, pose())

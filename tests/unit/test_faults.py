@@ -23,9 +23,15 @@ def truth(time: float) -> Any:
     """What the torque sensors read of the truth."""
     tau = np.array([10.0, -5.0, 2.0]) + np.sin(time)
     return SimpleNamespace(
-        time=time, q=np.zeros(3), qd=np.zeros(3), qdd=np.zeros(3), tau_drive=tau, tau_friction=np.zeros(3),
-        armature=np.zeros(3), joint_damping=np.zeros(3),
-    )  # fmt: skip
+        time=time,
+        q=np.zeros(3),
+        qd=np.zeros(3),
+        qdd=np.zeros(3),
+        tau_drive=tau,
+        tau_friction=np.zeros(3),
+        armature=np.zeros(3),
+        joint_damping=np.zeros(3),
+    )
 
 
 def read(fault: faults.SensorFault | None, onset: faults.Onset, steps: int = 20) -> list[Any]:
@@ -110,9 +116,11 @@ def test_thrusters_die_stick_and_weaken():
     onset = faults.Onset(at=1.0)
     sound, half = thrusts(command=0.8), thrusts(command=0.4)
     faulty = thrusts(
-        faults.ThrusterFault(0, onset), faults.ThrusterFault(1, onset, stuck=True),
-        faults.ThrusterFault(2, onset, share=0.3), command=0.8,
-    )  # fmt: skip
+        faults.ThrusterFault(0, onset),
+        faults.ThrusterFault(1, onset, stuck=True),
+        faults.ThrusterFault(2, onset, share=0.3),
+        command=0.8,
+    )
     # The hull moves otherwise, and with it the inflow: thrusts agree to some hundredths.
     assert abs(faulty[0]) < 0.05 * abs(sound[0])
     assert faulty[1] == pytest.approx(half[1], rel=0.15)

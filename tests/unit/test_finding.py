@@ -18,9 +18,7 @@ def found(X_WT: Array, *, path: bool = True) -> Target:
     on = ToolPath(
         s=s, p=transform_points(X_WT, PATH_T), z=-turned, x=np.ones((40, 1)) * X_WT[:3, 0], on_scan=np.ones(40, bool)
     )
-    return Target(
-        time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=on if path else None
-    )  # fmt: skip
+    return Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.0, range_m=1.0, reason="", path=on if path else None)
 
 
 def off(rng: np.random.Generator, move: float, turn: float) -> Array:

@@ -75,8 +75,11 @@ def test_gears_of_the_hovering_vehicle_are_identified():
     planner, record = FrictionMotion(vehicle, np.eye(4), slow=8.0, fast=3.0), Record()
     parts = Parts(
         sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
-        estimator=Navigation(), finder=None, planner=planner, controller=WorkController(own),
-    )  # fmt: skip
+        estimator=Navigation(),
+        finder=None,
+        planner=planner,
+        controller=WorkController(own),
+    )
     begin, end = planner.recorded
     rollout(plant, parts, duration=end, rng=np.random.default_rng(3), observers=[record])
     rows = [row for row in record.rows if row[0] > begin]

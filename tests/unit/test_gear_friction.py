@@ -85,14 +85,28 @@ def test_drives_learn_what_the_gears_take(plant, within):
             tau = sensor.step(state, plant.truth)[1].tau
             motor = np.array([torque, *np.zeros(n - 1)])
             lost_in_gears(
-                motor, tau, plant.truth.qd, plant.truth.qdd, vehicle.armature, vehicle.joint_damping,
-                1.5 * vehicle.dry_friction.stiction, 0.5, friction,
-            )  # fmt: skip
+                motor,
+                tau,
+                plant.truth.qd,
+                plant.truth.qdd,
+                vehicle.armature,
+                vehicle.joint_damping,
+                1.5 * vehicle.dry_friction.stiction,
+                0.5,
+                friction,
+            )
         within("friction [N m]", friction + plant.truth.tau_friction, 0.1)
     lost_in_gears(
-        np.full(n, 1e3), np.zeros(n), np.zeros(n), np.zeros(n), vehicle.armature, vehicle.joint_damping,
-        vehicle.dry_friction.stiction, 0.5, friction,
-    )  # fmt: skip
+        np.full(n, 1e3),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        vehicle.armature,
+        vehicle.joint_damping,
+        vehicle.dry_friction.stiction,
+        0.5,
+        friction,
+    )
     assert friction.tolist() == vehicle.dry_friction.stiction.tolist()  # and no more, whatever a sensor says
 
 

@@ -18,10 +18,21 @@ MODEL = models.load("uuv_puma").compile()
 VEHICLE = Vehicle.of(MODEL)
 N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
 REFERENCE = Reference(
-    time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=np.zeros(3), X_WG=None, v_WG_W=np.zeros(3),
-    w_WG_W=np.zeros(3), q=np.zeros(N), qd=np.zeros(N), force=0.0, force_control=False, tare=False, scan=False,
+    time=0.0,
+    state=WorkState.WORK,
+    X_WB=np.eye(4),
+    v_WB_W=np.zeros(3),
+    X_WG=None,
+    v_WG_W=np.zeros(3),
+    w_WG_W=np.zeros(3),
+    q=np.zeros(N),
+    qd=np.zeros(N),
+    force=0.0,
+    force_control=False,
+    tare=False,
+    scan=False,
     path_s=0.0,
-)  # fmt: skip
+)
 
 
 @dataclass
@@ -48,10 +59,15 @@ class Inner:
 def estimate(i: int, **changed: Any) -> StateEstimate:
     rng = np.random.default_rng(i)
     sound = StateEstimate(
-        time=i * DT, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3),
-        q=np.array(VEHICLE.q_home) + 1e-5 * rng.standard_normal(N), qd=1e-3 * rng.standard_normal(N),
+        time=i * DT,
+        X_WB=np.eye(4),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        a_WB_B=np.zeros(3),
+        q=np.array(VEHICLE.q_home) + 1e-5 * rng.standard_normal(N),
+        qd=1e-3 * rng.standard_normal(N),
         tau=rng.standard_normal(N),
-    )  # fmt: skip
+    )
     return replace(sound, **changed)
 
 
@@ -119,9 +135,15 @@ def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
     assert [fault.index for fault in commands[-1].faults] == [joint]
     rest = np.zeros(N)
     borne = ArmDynamics(MODEL).inverse(
-        frozen(149).q, rest, rest, R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=np.zeros(3),
+        frozen(149).q,
+        rest,
+        rest,
+        R_WB=np.eye(3),
+        nu_B=np.zeros(6),
+        a_B=np.zeros(6),
+        v_current_W=np.zeros(3),
         wrench_tip_G=np.zeros(6),
-    )[0]  # fmt: skip
+    )[0]
     assert abs(borne[joint]) > 5.0
     assert commands[-1].joint_torque[joint] == borne[joint]
     assert np.all(np.delete(commands[-1].joint_torque, joint) == 0.01 * 149)

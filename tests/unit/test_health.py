@@ -196,9 +196,9 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
         )
         return [fault.kind for fault in health.step(state, estimate, command)]
 
-    state = health.init(StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six
-    ))  # fmt: skip
+    state = health.init(
+        StateEstimate(time=0.0, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=six, qd=six, tau=six)
+    )
     assert [look(age) for age in (0.3, 1.1, 2.0, 0.2)] == [[], [FaultKind.VISION], [FaultKind.VISION], []]
     assert look(float("nan")) == []
 

@@ -33,9 +33,14 @@ class Basin:
         self.slot = coefficients.world_row(self.model)[coefficients.LAYOUT.current_acceleration :][:3]
 
     def run(
-        self, seconds: float, *, gain: float = 1.0, push_B: Callable[[float], Array] = lambda _: NONE,
-        hidden_W: Array = NONE, hidden_B: Array = NONE,
-    ) -> Array:  # fmt: skip
+        self,
+        seconds: float,
+        *,
+        gain: float = 1.0,
+        push_B: Callable[[float], Array] = lambda _: NONE,
+        hidden_W: Array = NONE,
+        hidden_B: Array = NONE,
+    ) -> Array:
         """Errors (k, 3) [m/s] of the current; `push_B(t)` is felt and fed forward, the force `hidden_W` and
         the moment `hidden_B` are not."""
         errors, data = [], self.data
@@ -44,9 +49,15 @@ class Basin:
             R = data.xmat[self.hull].reshape(3, 3).copy() if data.time else np.eye(3)
             v_B = R.T @ data.qvel[:3] + self.noise * self.rng.standard_normal(3)
             seen = StateEstimate(
-                time=t, X_WB=pose(R, data.qpos[:3]), v_WB_B=v_B, w_WB_B=data.qvel[3:6].copy(), a_WB_B=NONE,
-                q=NONE, qd=NONE, tau=NONE,
-            )  # fmt: skip
+                time=t,
+                X_WB=pose(R, data.qpos[:3]),
+                v_WB_B=v_B,
+                w_WB_B=data.qvel[3:6].copy(),
+                a_WB_B=NONE,
+                q=NONE,
+                qd=NONE,
+                tau=NONE,
+            )
             pushed = np.concatenate([push_B(t), NONE])
             wrench = self.hover.step(self.state, seen, np.eye(4), NONE, pushed, DT)
             for _ in range(round(DT / self.model.opt.timestep)):
@@ -55,9 +66,14 @@ class Basin:
                 data.qfrc_applied[:] = 0.0
                 force = gain * wrench + pushed
                 mujoco.mj_applyFT(
-                    self.model, data, R @ force[:3] + hidden_W, R @ (force[3:] + hidden_B), data.qpos[:3], self.hull,
+                    self.model,
+                    data,
+                    R @ force[:3] + hidden_W,
+                    R @ (force[3:] + hidden_B),
+                    data.qpos[:3],
+                    self.hull,
                     data.qfrc_applied,
-                )  # fmt: skip
+                )
                 mujoco.mj_step(self.model, data)
             errors.append(self.hover.current(self.state) - self.flow)
         return np.array(errors)

@@ -388,10 +388,7 @@ def test_a_view_that_holds_not_all_of_the_pose_is_refused():
 def barrel_like_bar() -> TargetModel:
     vertices, triangles = revolve([(-1.5, 0.0), (-1.5, 0.1), (1.5, 0.1), (1.5, 0.0)], 60)
     return TargetModel(
-        name="bar",
-        vertices=vertices,
-        triangles=triangles,
-        symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0])),
+        name="bar", vertices=vertices, triangles=triangles, symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]))
     )
 
 

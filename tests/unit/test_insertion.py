@@ -71,28 +71,42 @@ class Script(Told):
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
             estimate = StateEstimate(
-                time=time, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=vehicle.q_home, qd=np.zeros(6),
+                time=time,
+                X_WB=X_WB,
+                v_WB_B=zero,
+                w_WB_B=zero,
+                a_WB_B=zero,
+                q=vehicle.q_home,
+                qd=np.zeros(6),
                 tau=np.zeros(6),
-            )  # fmt: skip
+            )
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, command)
             self.references.append(reference)
             X_WB = reference.X_WB
             if reference.scan and not scanning:
                 seen = Target(
-                    time=time, X_WT=X_WT, accepted=self.found, check_m=0.001, range_m=1.2,
+                    time=time,
+                    X_WT=X_WT,
+                    accepted=self.found,
+                    check_m=0.001,
+                    range_m=1.2,
                     reason="" if self.found else "too few points",
                     path=axis_path(X_WT, HOLE, 0.03) if self.found else None,
-                )  # fmt: skip
+                )
             scanning = reference.scan
             f_tip_W = zero
             if reference.X_WG is not None:
                 f_tip_W = X_WH[:3, :3] @ self.world((inverse(X_WH) @ reference.X_WG)[:3, 3], time)
             normal = 0.0 if reference.X_WG is None else -float(f_tip_W @ reference.X_WG[:3, 2])
             command = Command(
-                time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan, felt_normal=normal,
+                time=time,
+                joint_torque=np.zeros(6),
+                thrusters=np.zeros(6),
+                scan=reference.scan,
+                felt_normal=normal,
                 believed={"f_tip_W": f_tip_W},
-            )  # fmt: skip
+            )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
         return self
@@ -234,10 +248,13 @@ def test_without_compliance_nothing_gives_way():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"depth": 0.0}, "depth"), ({"speed": float("nan")}, "speed"), ({"force": 50.0}, "half the limit"),
-        ({"side_full": 4.0}, "side_full"), ({"guard": 0.1}, "standoff"),
+        ({"depth": 0.0}, "depth"),
+        ({"speed": float("nan")}, "speed"),
+        ({"force": 50.0}, "half the limit"),
+        ({"side_full": 4.0}, "side_full"),
+        ({"guard": 0.1}, "standoff"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_is_refused(change, said):
     with pytest.raises(ConfigurationError, match=said):
         InsertionJob(**change)
@@ -274,10 +291,13 @@ def test_failures_are_told_apart():
         return metrics
 
     trials = [
-        trial("not identified in 3 views: too few points"), trial("no hole within 16 mm of where it was found"),
-        trial("stopped at 34 mm, 3 times over"), trial("felt force 70 N is above the limit of 60 N"),
-        trial("", "done", "side force, peak: 23.10 N, bound 20.00"), crashed(1, "blew up"),
-    ]  # fmt: skip
+        trial("not identified in 3 views: too few points"),
+        trial("no hole within 16 mm of where it was found"),
+        trial("stopped at 34 mm, 3 times over"),
+        trial("felt force 70 N is above the limit of 60 N"),
+        trial("", "done", "side force, peak: 23.10 N, bound 20.00"),
+        crashed(1, "blew up"),
+    ]
     kinds = ["not identified", "hole not found", "jammed", "force limit", "side force, peak", "crashed"]
     assert summary(trials)["failures"] == dict.fromkeys(kinds, 1)
     good = {**crashed(3, ""), "accepted": True}

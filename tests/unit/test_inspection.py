@@ -138,9 +138,15 @@ class Script(Told):
         X_WB, state, seen = X_WB_scan, None, None
         for tick in range(8000):
             estimate = StateEstimate(
-                time=0.05 * tick, X_WB=X_WB, v_WB_B=ZERO, w_WB_B=ZERO, a_WB_B=ZERO, q=VEHICLE.q_home, qd=np.zeros(6),
+                time=0.05 * tick,
+                X_WB=X_WB,
+                v_WB_B=ZERO,
+                w_WB_B=ZERO,
+                a_WB_B=ZERO,
+                q=VEHICLE.q_home,
+                qd=np.zeros(6),
                 tau=np.zeros(6),
-            )  # fmt: skip
+            )
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, None)
             self.references.append(reference)
@@ -148,9 +154,14 @@ class Script(Told):
             X_WB[0, 3] -= lag
             if reference.scan:
                 seen = Target(
-                    time=0.05 * tick, X_WT=X_WT, accepted=not self.refusal, check_m=0.001, range_m=1.4,
-                    reason=self.refusal, path=None,
-                )  # fmt: skip
+                    time=0.05 * tick,
+                    X_WT=X_WT,
+                    accepted=not self.refusal,
+                    check_m=0.001,
+                    range_m=1.4,
+                    reason=self.refusal,
+                    path=None,
+                )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
         return self
@@ -158,9 +169,7 @@ class Script(Told):
 
 def test_it_flies_once_around_and_ends_where_it_began(within):
     script = Script().run()
-    assert script.states == [
-        WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.WORK, WorkState.DONE,
-    ]  # fmt: skip
+    assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.WORK, WorkState.DONE]
     work = script.of(WorkState.WORK)
     within("ends apart [m]", work[-1].X_WB - work[0].X_WB, 1e-3)
     assert max(np.ptp([r.X_WB[i, 3] for r in work]) for i in range(2)) > 1.5

@@ -17,8 +17,20 @@ WIDE, HIGH, DEEP = 0.2, 0.15, 0.05  # [m] half sizes of the slab
 def slab() -> ModelSurface:
     """A slab whose near face lies in z_T = 0."""
     x, y, z = np.meshgrid([-WIDE, WIDE], [-HIGH, HIGH], [0.0, DEEP], indexing="ij")
-    faces = [[0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 1, 3],
-             [0, 3, 2], [4, 6, 7], [4, 7, 5]]  # fmt: skip
+    faces = [
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+    ]
     vertices = np.column_stack([x.ravel(), y.ravel(), z.ravel()])
     return ModelSurface.of(TargetModel(name="slab", vertices=vertices, triangles=np.array(faces)))
 

@@ -48,9 +48,12 @@ def odd_arm(rng: np.random.Generator) -> mujoco.MjSpec:
     for name in ("hull", "arm_base", "l1", "l2", "l3"):
         L = rng.normal(size=(6, 6))
         bodies[name] = BodyHydrodynamics(
-            volume=2e-3, center_of_buoyancy=0.1 * rng.normal(size=3), added_mass=0.5 * L @ L.T,
-            linear_damping=rng.uniform(0.0, 2.0, 6), quadratic_damping=rng.uniform(0.0, 2.0, 6),
-        )  # fmt: skip
+            volume=2e-3,
+            center_of_buoyancy=0.1 * rng.normal(size=3),
+            added_mass=0.5 * L @ L.T,
+            linear_damping=rng.uniform(0.0, 2.0, 6),
+            quadratic_damping=rng.uniform(0.0, 2.0, 6),
+        )
     water.attach(spec, bodies)
     return spec
 
@@ -112,9 +115,15 @@ class Run:
 
 
 def run(
-    spec: mujoco.MjSpec, rng: np.random.Generator, *, step: float, seconds: float, push: Array,
-    current: Array = CURRENT, lag: float = LAG,
-) -> Run:  # fmt: skip
+    spec: mujoco.MjSpec,
+    rng: np.random.Generator,
+    *,
+    step: float,
+    seconds: float,
+    push: Array,
+    current: Array = CURRENT,
+    lag: float = LAG,
+) -> Run:
     """Hull adrift and turning, motors swinging the arm, and from half time on `push` (3,) [N] in W on the tip."""
     spec = spec.copy()
     spec.option.timestep = step
@@ -142,9 +151,7 @@ def run(
         )
         data.qfrc_applied[:] = 0.0
         if i >= steps // 2:
-            mujoco.mj_applyFT(
-                model, data, push, np.zeros(3), data.site_xpos[vehicle.tip], tip_body, data.qfrc_applied
-            )  # fmt: skip
+            mujoco.mj_applyFT(model, data, push, np.zeros(3), data.site_xpos[vehicle.tip], tip_body, data.qfrc_applied)
         true.append(data.qfrc_applied[vehicle.dof].copy())
         tau = swing * np.sin(beat * data.time + phase)
         data.ctrl[vehicle.actuators] = tau
@@ -245,9 +252,12 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
     vehicle, step, sigma = Vehicle.of(model), 0.002, 2e-4
     q, n, at = vehicle.q_limits.mean(axis=1), vehicle.joints.size, ArmDynamics(model)
     rest = {
-        "R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3),
+        "R_WB": np.eye(3),
+        "nu_B": np.zeros(6),
+        "a_B": np.zeros(6),
+        "v_current_W": np.zeros(3),
         "wrench_tip_G": np.zeros(6),
-    }  # fmt: skip
+    }
     static = at.inverse(q, np.zeros(n), np.zeros(n), **rest)[0]
     M = np.column_stack([at.inverse(q, np.zeros(n), u, **rest)[0] - static for u in np.eye(n)])
     M += np.diag(vehicle.armature)
@@ -282,9 +292,15 @@ def test_times_that_cannot_be(change):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("q", np.zeros(2)), ("qd", np.full(6, np.nan)), ("tau_motor", np.zeros(7)), ("R_WB", np.eye(4)),
-     ("nu_B", np.full(6, np.inf)), ("v_current_W", np.zeros(2))],
-)  # fmt: skip
+    [
+        ("q", np.zeros(2)),
+        ("qd", np.full(6, np.nan)),
+        ("tau_motor", np.zeros(7)),
+        ("R_WB", np.eye(4)),
+        ("nu_B", np.full(6, np.inf)),
+        ("v_current_W", np.zeros(2)),
+    ],
+)
 def test_measurements_that_cannot_be_leave_its_memory_alone(name, value):
     observer = LoadObserver(models.load("uuv_puma").compile(), period=0.002)
     state = observer.init()

@@ -344,8 +344,11 @@ def test_work_without_contact_is_judged_by_its_distance(within):
     within("RMS [m]", gap["error_rms_m"] - np.sqrt(0.98 * 0.001**2 + 0.02 * 0.003**2), 5e-5)
     assert gap["touched_s"] == 0.0
     assert assessment.metrics["contact"] == {
-        "force_error_rms_n": None, "force_error_max_n": None, "lost_s": None, "segments": [],
-    }  # fmt: skip
+        "force_error_rms_n": None,
+        "force_error_max_n": None,
+        "lost_s": None,
+        "segments": [],
+    }
 
     failed = assess(free(tip, np.where(near, 1.0, 0.0)), truth, seed=3, wall_s=0.5).failed
     assert [line for line in failed if line.startswith("touched: 0.2 s")]

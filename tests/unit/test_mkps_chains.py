@@ -170,8 +170,14 @@ def test_single_precision_is_single_throughout() -> None:
     mkps_sweeps.sweep(table, goal, one, kinematics.WITHIN, q, work)
     mkps_stages.place(table, goal, one, q, work)
     mkps_stages.align(table, one, one, one, one, one, one, one, q, work)
-    for loop in (kinematics.trace, kinematics.turn_left, mkps_descent.damped_step, mkps_sweeps.sweep,
-                 mkps_stages.place, mkps_stages.align):  # fmt: skip
+    for loop in (
+        kinematics.trace,
+        kinematics.turn_left,
+        mkps_descent.damped_step,
+        mkps_sweeps.sweep,
+        mkps_stages.place,
+        mkps_stages.align,
+    ):
         returned = [str(s.return_type) for s in loop.nopython_signatures if "float32" in str(s.args[0])]
         assert returned
         assert not any("float64" in kind for kind in returned), loop

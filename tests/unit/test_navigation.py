@@ -54,9 +54,16 @@ def body() -> list[Measurement]:
 
 
 def run(
-    motion: Motion, seconds: float, *, noise: float = 1.0, bias_W: Array | None = None, late: float = LATE,
-    start_error: Array | None = None, vision: bool = True, seed: int = 1,
-):  # fmt: skip
+    motion: Motion,
+    seconds: float,
+    *,
+    noise: float = 1.0,
+    bias_W: Array | None = None,
+    late: float = LATE,
+    start_error: Array | None = None,
+    vision: bool = True,
+    seed: int = 1,
+):
     """Places and velocities believed (N, 3) in W, the true places, and the last state. DVL and vision: 10 Hz."""
     rng, filter_ = np.random.default_rng(seed), Navigation()
     bias = np.zeros(3) if bias_W is None else bias_W
@@ -368,8 +375,13 @@ def test_a_late_imu_costs_no_more_than_the_way_it_must_look_ahead():
 
 
 def test_encoders_and_torques_that_are_not_numbers_are_left_aside():
-    state = Navigation().init([ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
-                               VisionMeasurement(time=0.0, p_WB=np.zeros(3)), *body()])  # fmt: skip
+    state = Navigation().init(
+        [
+            ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
+            VisionMeasurement(time=0.0, p_WB=np.zeros(3)),
+            *body(),
+        ]
+    )
     bad = [
         EncoderMeasurement(time=0.002, q=np.full(6, np.nan), qd=np.zeros(6)),
         TorqueMeasurement(time=0.002, tau=np.full(6, np.inf)),
@@ -394,8 +406,13 @@ def test_a_declared_wander_is_in_the_sigma_of_the_place():
 
 
 def test_joints_are_handed_through():
-    state = Navigation().init([ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
-                               VisionMeasurement(time=0.0, p_WB=np.zeros(3)), *body()])  # fmt: skip
+    state = Navigation().init(
+        [
+            ImuMeasurement(time=0.0, specific_force_B=UP, w_WB_B=np.zeros(3), R_WB=np.eye(3)),
+            VisionMeasurement(time=0.0, p_WB=np.zeros(3)),
+            *body(),
+        ]
+    )
     _, estimate = Navigation().step(state, [EncoderMeasurement(time=0.0, q=np.zeros(6), qd=np.full(6, 3.0))])
     assert not estimate.q.any()
     assert np.all(estimate.qd == 3.0)

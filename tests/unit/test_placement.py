@@ -35,14 +35,29 @@ def own() -> mujoco.MjModel:
 
 
 def found(
-    own: mujoco.MjModel, target: TargetModel, path: ToolPath, search: Search = COARSE, X_WT: Array = X_WT,
-    floor: float = -np.inf, travel: float = 0.0, holding: Holding | None = None,
-) -> tuple[Chain, Placement]:  # fmt: skip
+    own: mujoco.MjModel,
+    target: TargetModel,
+    path: ToolPath,
+    search: Search = COARSE,
+    X_WT: Array = X_WT,
+    floor: float = -np.inf,
+    travel: float = 0.0,
+    holding: Holding | None = None,
+) -> tuple[Chain, Placement]:
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     placement = place(
-        Vehicle.of(own), chain, path, obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, force=90.0,
-        standoff=STANDOFF, floor=floor, travel=travel, search=search, holding=holding,
-    )  # fmt: skip
+        Vehicle.of(own),
+        chain,
+        path,
+        obstacle=transform_points(X_WT, target.vertices),
+        hull_box=HULL_BOX,
+        force=90.0,
+        standoff=STANDOFF,
+        floor=floor,
+        travel=travel,
+        search=search,
+        holding=holding,
+    )
     return chain, placement
 
 

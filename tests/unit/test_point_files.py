@@ -112,9 +112,15 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name, content, words):
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [("z 0 0 1\n", "no point B"), ("z 0 0 0\n1 2 3\n", "zero"), ("z 0 0 1\nz 0 0 1\n1 2 3", "twice"),
-     ("1 nan 2\n", "finite"), ("1 2\n", "line 1"), ("", "empty")],
-)  # fmt: skip
+    [
+        ("z 0 0 1\n", "no point B"),
+        ("z 0 0 0\n1 2 3\n", "zero"),
+        ("z 0 0 1\nz 0 0 1\n1 2 3", "twice"),
+        ("1 nan 2\n", "finite"),
+        ("1 2\n", "line 1"),
+        ("", "empty"),
+    ],
+)
 def test_bad_targets_are_refused_with_their_line(tmp_path, content, words):
     (tmp_path / "t.txt").write_text(content, "utf-8")
     with pytest.raises(ConfigurationError, match=words):

@@ -139,9 +139,16 @@ def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back(
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("bandwidth", 0.0), ("proportional_time", float("nan")), ("derivative_time", -1e-9), ("limit", 0.0),
-     ("speed", -0.1), ("softest", 0.0), ("prior", float("nan"))],
-)  # fmt: skip
+    [
+        ("bandwidth", 0.0),
+        ("proportional_time", float("nan")),
+        ("derivative_time", -1e-9),
+        ("limit", 0.0),
+        ("speed", -0.1),
+        ("softest", 0.0),
+        ("prior", float("nan")),
+    ],
+)
 def test_gains_that_cannot_be(name, value):
     with pytest.raises(ConfigurationError, match=name):
         Displacement(**{name: value})
@@ -156,13 +163,31 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
     still, n = np.zeros(3), len(vehicle.joints)
     X_WG = pose(np.array(data.site_xmat[vehicle.tip]).reshape(3, 3), data.site_xpos[vehicle.tip])
     estimate = StateEstimate(
-        time=0.0, X_WB=np.eye(4), v_WB_B=still, w_WB_B=still, a_WB_B=still, q=vehicle.q_ready, qd=np.zeros(n),
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=still,
+        w_WB_B=still,
+        a_WB_B=still,
+        q=vehicle.q_ready,
+        qd=np.zeros(n),
         tau=np.zeros(n),
-    )  # fmt: skip
+    )
     press = Reference(
-        time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=still, X_WG=X_WG, v_WG_W=still, w_WG_W=still,
-        q=vehicle.q_ready, qd=np.zeros(n), force=60.0, force_control=True, tare=False, scan=False, path_s=0.0,
-    )  # fmt: skip
+        time=0.0,
+        state=WorkState.WORK,
+        X_WB=np.eye(4),
+        v_WB_W=still,
+        X_WG=X_WG,
+        v_WG_W=still,
+        w_WG_W=still,
+        q=vehicle.q_ready,
+        qd=np.zeros(n),
+        force=60.0,
+        force_control=True,
+        tare=False,
+        scan=False,
+        path_s=0.0,
+    )
     tuning = Tuning()
     controller = WorkController(own, tuning=tuning)
     state, softness = controller.init(estimate), []

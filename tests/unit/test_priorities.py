@@ -83,9 +83,13 @@ def test_axis_by_axis_is_what_linear_programmes_say_in_turn(rng, within):
             over = np.column_stack([np.vstack([A[row], -A[row]]), [-1.0, -1.0]])
             held = np.column_stack([A[:row], np.zeros(row)]) if row else None
             least = linprog(
-                np.append(np.zeros(m), 1.0), A_ub=over, b_ub=[b[row], -b[row]], A_eq=held,
-                b_eq=A[:row] @ x if row else None, bounds=[*zip(low, high, strict=True), (0.0, None)],
-            )  # fmt: skip
+                np.append(np.zeros(m), 1.0),
+                A_ub=over,
+                b_ub=[b[row], -b[row]],
+                A_eq=held,
+                b_eq=A[:row] @ x if row else None,
+                bounds=[*zip(low, high, strict=True), (0.0, None)],
+            )
             if least.status != 0:  # its own tolerance on the rows held; the conditions above are the exact test
                 continue
             scale = np.abs(b[row]) + np.abs(A).sum() * 60.0

@@ -23,12 +23,25 @@ class Run:
 
     def __init__(self) -> None:
         self.truth = SimpleNamespace(
-            time=0.0, contact_normal=0.0, contact_least=0.0, contact_most=0.0, saturated=False,
-            collision=False, p_pad=np.zeros(3), R_WG=np.eye(3), p_WB=np.zeros(3), contact_force_W=np.zeros(3),
+            time=0.0,
+            contact_normal=0.0,
+            contact_least=0.0,
+            contact_most=0.0,
+            saturated=False,
+            collision=False,
+            p_pad=np.zeros(3),
+            R_WG=np.eye(3),
+            p_WB=np.zeros(3),
+            contact_force_W=np.zeros(3),
             xpos=np.zeros((MODEL.nbody, 3)),
-            xquat=np.tile([1.0, 0.0, 0.0, 0.0], (MODEL.nbody, 1)), q=np.zeros(6), qd=np.zeros(6),
-            tau_drive=np.zeros(6), thrust=np.zeros(6), current_W=np.zeros(3), arm_wrench_B=np.zeros(6),
-        )  # fmt: skip
+            xquat=np.tile([1.0, 0.0, 0.0, 0.0], (MODEL.nbody, 1)),
+            q=np.zeros(6),
+            qd=np.zeros(6),
+            tau_drive=np.zeros(6),
+            thrust=np.zeros(6),
+            current_W=np.zeros(3),
+            arm_wrench_B=np.zeros(6),
+        )
         self.target: Target | None = None
         self.reference: Reference | None = None
 
@@ -44,20 +57,41 @@ class Run:
             truth.xpos[:] = tick
             if tick % PLANNER_TICKS == 0 or self.reference is None:
                 self.reference = Reference(
-                    time=truth.time, state=state, X_WB=np.eye(4), v_WB_W=np.zeros(3),
-                    X_WG=pose(p=[truth.time, 2.0, 3.0]), v_WG_W=np.array([1.0, 0.0, 0.0]), w_WG_W=np.zeros(3),
-                    q=np.zeros(6), qd=np.zeros(6), force=60.0, force_control=True, tare=False, scan=False,
-                    path_s=0.1, note=note,
-                )  # fmt: skip
+                    time=truth.time,
+                    state=state,
+                    X_WB=np.eye(4),
+                    v_WB_W=np.zeros(3),
+                    X_WG=pose(p=[truth.time, 2.0, 3.0]),
+                    v_WG_W=np.array([1.0, 0.0, 0.0]),
+                    w_WG_W=np.zeros(3),
+                    q=np.zeros(6),
+                    qd=np.zeros(6),
+                    force=60.0,
+                    force_control=True,
+                    tare=False,
+                    scan=False,
+                    path_s=0.1,
+                    note=note,
+                )
             estimate = StateEstimate(
-                time=truth.time, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3),
-                q=np.zeros(6), qd=np.zeros(6), tau=np.zeros(6),
-            )  # fmt: skip
+                time=truth.time,
+                X_WB=np.eye(4),
+                v_WB_B=np.zeros(3),
+                w_WB_B=np.zeros(3),
+                a_WB_B=np.zeros(3),
+                q=np.zeros(6),
+                qd=np.zeros(6),
+                tau=np.zeros(6),
+            )
             believed = {"f_tip_W": np.full(3, float(tick))}
             command = Command(
-                time=truth.time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False,
-                felt_normal=float(tick), believed=believed,
-            )  # fmt: skip
+                time=truth.time,
+                joint_torque=np.zeros(6),
+                thrusters=np.zeros(6),
+                scan=False,
+                felt_normal=float(tick),
+                believed=believed,
+            )
             recorder.observe(Moment(tick, truth, estimate, self.target, self.reference, command, None, None))
         truth.time += DT
 

@@ -60,9 +60,7 @@ def test_light_takes_the_fastest_way(within):
     for rho, z in ((0.1, 0.3), (0.5, 1.0), (2.0, 1.5)):
 
         def time(p: Array, rho: float = rho, z: float = z) -> float:
-            return (
-                np.hypot(p[0], 0.03) + 1.49 * np.hypot(p[1] - p[0], 0.02) + 1.333 * np.hypot(rho - p[1], z - 0.05)
-            )  # fmt: skip
+            return np.hypot(p[0], 0.03) + 1.49 * np.hypot(p[1] - p[0], 0.02) + 1.333 * np.hypot(rho - p[1], z - 0.05)
 
         best = optimize.minimize(time, [0.01, 0.02], method="Nelder-Mead", options={"xatol": 1e-11, "fatol": 1e-16})
         within(f"tangent at {rho}, {z} m", best.x[0] / 0.03 - float(port.tangent(rho, z)), 3e-5)  # 2e-6: flat minimum

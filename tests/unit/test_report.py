@@ -46,16 +46,26 @@ def recorded(state: WorkState, final: WorkState) -> Recording:
     time, ones = DT * np.arange(n, dtype=np.float64), np.ones((n, 1))
     tip = np.column_stack([0.02 * time, np.zeros(n), np.full(n, -1.2)])
     values = {
-        "state": STATES.index(state) * ones, "set_force": 60.0 * ones, "path_s": 0.02 * time[:, None],
+        "state": STATES.index(state) * ones,
+        "set_force": 60.0 * ones,
+        "path_s": 0.02 * time[:, None],
         **dict.fromkeys(
             ("contact_normal", "contact_least", "contact_most"), (60.0 if state is WorkState.WORK else 0.0) * ones
         ),
         "felt_normal": 60.0 * ones,
-        "felt_force": ones * [0, 0, 60.0], "contact_force": ones * [0, 0, 60.0], "saturated": 0 * ones,
-        "collision": 0 * ones, "p_command": tip, "v_command": ones * [0.02, 0, 0], "p_pad": tip,
-        "tool_axis": ones * [0, 0, -1.0], "p_WB": 0 * tip, "quat_WB_wxyz": ones * [1.0, 0, 0, 0],
-        "thrust": ones * np.arange(6.0), "tau_drive": ones * np.arange(6.0),
-    }  # fmt: skip
+        "felt_force": ones * [0, 0, 60.0],
+        "contact_force": ones * [0, 0, 60.0],
+        "saturated": 0 * ones,
+        "collision": 0 * ones,
+        "p_command": tip,
+        "v_command": ones * [0.02, 0, 0],
+        "p_pad": tip,
+        "tool_axis": ones * [0, 0, -1.0],
+        "p_WB": 0 * tip,
+        "quat_WB_wxyz": ones * [1.0, 0, 0, 0],
+        "thrust": ones * np.arange(6.0),
+        "tau_drive": ones * np.arange(6.0),
+    }
     labels = {"thrust": VEHICLE.thruster_names, "tau_drive": VEHICLE.joint_names}
     found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
     return Recording(
@@ -75,9 +85,13 @@ def written(folder: Path, recording: Recording) -> tuple[str, Assessment]:
     assessment = assess(recording, TRUTH, seed=0, wall_s=1.0)
     file = folder / "report.html"
     write_report(
-        file, recording, assessment, title="clean <barrel>", options={"path": "longitudinal"},
+        file,
+        recording,
+        assessment,
+        title="clean <barrel>",
+        options={"path": "longitudinal"},
         pictures=path_figures(recording, TRUTH),
-    )  # fmt: skip
+    )
     return file.read_text(encoding="utf-8"), assessment
 
 

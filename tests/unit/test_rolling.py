@@ -43,7 +43,10 @@ def test_is_a_morphological_closing(seed, within):
     ball = np.where(inside, np.sqrt(np.maximum(RADIUS**2 - square, 0.0)), 0.0)
     closed = ndimage.grey_erosion(
         ndimage.grey_dilation(height, footprint=inside, structure=ball, mode="constant", cval=-np.inf),
-        footprint=inside, structure=ball, mode="constant", cval=np.inf,
-    )  # fmt: skip
+        footprint=inside,
+        structure=ball,
+        mode="constant",
+        cval=np.inf,
+    )
     within("closing [m]", height + over - closed, 1e-12)
     assert over.max() > 1e-3, seed

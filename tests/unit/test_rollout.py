@@ -102,10 +102,21 @@ class Planner(Fake):
         self.note(tick, (None if target is None else round(target.time / STEP), last is not None))
         zero = np.zeros(3)
         reference = Reference(
-            time=estimate.time, state=WorkState.DONE if tick >= self.done_at else WorkState.WORK, X_WB=np.eye(4),
-            v_WB_W=zero, X_WG=None, v_WG_W=zero + (tick < self.at_rest_at), w_WG_W=zero, q=NONE, qd=NONE, force=0.0,
-            force_control=False, tare=False, scan=tick in self.scan, path_s=0.0,
-        )  # fmt: skip
+            time=estimate.time,
+            state=WorkState.DONE if tick >= self.done_at else WorkState.WORK,
+            X_WB=np.eye(4),
+            v_WB_W=zero,
+            X_WG=None,
+            v_WG_W=zero + (tick < self.at_rest_at),
+            w_WG_W=zero,
+            q=NONE,
+            qd=NONE,
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=tick in self.scan,
+            path_s=0.0,
+        )
         return state, reference
 
 
@@ -168,9 +179,15 @@ def test_order_of_calls_within_a_step():
     rig = Rig(planner={"scan": (2,)}).run()
     at_three = [(who, what) if who == "Plant" else (who, None) for who, tick, what in rig.diary if tick == 3]
     assert [(who, what) for who, what in at_three if (who, what) != ("Estimator", None)] == [
-        ("Plant", "observe"), ("Encoder", None), ("Camera", None), ("Finder", None), ("Planner", None),
-        ("Controller", None), ("Watcher", None), ("Plant", "step"),
-    ]  # fmt: skip
+        ("Plant", "observe"),
+        ("Encoder", None),
+        ("Camera", None),
+        ("Finder", None),
+        ("Planner", None),
+        ("Controller", None),
+        ("Watcher", None),
+        ("Plant", "step"),
+    ]
     names = [who for who, _ in at_three]
     assert names.index("Camera") < names.index("Estimator") < names.index("Finder")
 
@@ -179,9 +196,13 @@ def test_start():
     """First measurements, estimator, planner and controller once before the loop; no frame among the first."""
     diary = Rig(duration=STEP).run().diary
     assert diary[:6] == [
-        ("Plant", 0, "observe"), ("Encoder", 0, None), ("Estimator", -1, [0.0]),
-        ("Estimator", -1, [("EncoderMeasurement", 0)]), ("Planner", -1, 0.0), ("Controller", -1, 0.0),
-    ]  # fmt: skip
+        ("Plant", 0, "observe"),
+        ("Encoder", 0, None),
+        ("Estimator", -1, [0.0]),
+        ("Estimator", -1, [("EncoderMeasurement", 0)]),
+        ("Planner", -1, 0.0),
+        ("Controller", -1, 0.0),
+    ]
     planned = [what for who, tick, what in diary if who == "Planner" and tick == 0]
     assert planned == [(None, False)]  # neither target nor command yet
 

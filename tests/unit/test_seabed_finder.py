@@ -16,9 +16,15 @@ X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])
 X_BS = pose(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), [0.7, 0.0, -0.4])
 B_W = transform_points(X_WB, np.array([[0.5, -0.15, 0.0], [0.5, 0.15, 0.0]]))
 ESTIMATE = StateEstimate(
-    time=3.0, X_WB=X_WB, v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=np.zeros(6), qd=np.zeros(6),
+    time=3.0,
+    X_WB=X_WB,
+    v_WB_B=np.zeros(3),
+    w_WB_B=np.zeros(3),
+    a_WB_B=np.zeros(3),
+    q=np.zeros(6),
+    qd=np.zeros(6),
     tau=np.zeros(6),
-)  # fmt: skip
+)
 BEAMS = SonarBeams(rows=80, columns=80, elevation=np.radians(80.0), azimuth=np.radians(80.0))
 
 

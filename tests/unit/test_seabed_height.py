@@ -30,9 +30,12 @@ def straight(start, end):
     ones = np.ones((len(s), 1))
     scanned = np.ones(len(s), dtype=bool)
     return ToolPath(
-        s=readonly(s), p=readonly(np.asarray(start) + s[:, None] * x), z=readonly(ones * [0.0, 0.0, -1.0]),
-        x=readonly(ones * x), on_scan=scanned,
-    )  # fmt: skip
+        s=readonly(s),
+        p=readonly(np.asarray(start) + s[:, None] * x),
+        z=readonly(ones * [0.0, 0.0, -1.0]),
+        x=readonly(ones * x),
+        on_scan=scanned,
+    )
 
 
 def core(A, depth):

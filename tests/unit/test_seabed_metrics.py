@@ -21,9 +21,12 @@ ONES = np.ones((STEPS, 1))
 SLOPE = 0.1
 X = np.linspace(-2.0, 2.0, 41)
 TILTED = Seabed(
-    kind="slope", heights=np.tile(SLOPE * X, (41, 1)), half=2.0, center_W=np.array([0.0, 0.0, -5.0]),
+    kind="slope",
+    heights=np.tile(SLOPE * X, (41, 1)),
+    half=2.0,
+    center_W=np.array([0.0, 0.0, -5.0]),
     rocks=np.zeros((0, 3)),
-)  # fmt: skip
+)
 BOX = np.array([[-0.8, -0.4, -0.3], [0.8, 0.4, 0.4]])
 VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
 WORK = TIME >= 2.0  # the last 4 s; before, the tool goes in
@@ -43,11 +46,17 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
         asked = np.column_stack([0.5 + s, np.zeros(STEPS), -5.0 + SLOPE * (0.5 + s) - 0.03])
         speed[WORK] = [SPEED, 0.0, SPEED * SLOPE]
     values = {
-        "state": STATE[:, None], "contact_normal": 50.0 * ONES, "contact_force": ONES * [0.0, 3.0, 50.0],
-        "collision": 0.0 * ONES, "p_command": asked, "v_command": speed, "p_pad": asked,
-        "tool_axis": ONES * [0.0, 0.0, -1.0], "p_WB": ONES * [0.0, 0.0, -3.0],
+        "state": STATE[:, None],
+        "contact_normal": 50.0 * ONES,
+        "contact_force": ONES * [0.0, 3.0, 50.0],
+        "collision": 0.0 * ONES,
+        "p_command": asked,
+        "v_command": speed,
+        "p_pad": asked,
+        "tool_axis": ONES * [0.0, 0.0, -1.0],
+        "p_WB": ONES * [0.0, 0.0, -3.0],
         "quat_WB_wxyz": ONES * [1.0, 0.0, 0.0, 0.0],
-    }  # fmt: skip
+    }
     assert not changed.keys() - values.keys()
     values |= changed
     for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
@@ -60,17 +69,24 @@ def assess(core: bool = True, found: bool = True, final: WorkState = WorkState.D
     ends[:, 2] += 0.004
     ones = np.ones((2, 1))
     path = ToolPath(
-        s=np.array([0.0, 0.3]), p=readonly(ends), z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0],
+        s=np.array([0.0, 0.3]),
+        p=readonly(ends),
+        z=ones * [0.0, 0.0, -1.0],
+        x=ones * [1.0, 0.0, 0.0],
         on_scan=np.ones(2, dtype=bool),
-    )  # fmt: skip
+    )
     target = Target(
         time=0.0, X_WT=np.eye(4), accepted=found, check_m=0.002, range_m=2.0, reason="", path=path if found else None
     )
     recording = Recording(
-        timestep=DT, duration=STEPS * DT, vehicle=VEHICLE, series=MappingProxyType(series),
+        timestep=DT,
+        duration=STEPS * DT,
+        vehicle=VEHICLE,
+        series=MappingProxyType(series),
         events=(Event(time=0.0, state=final, note="two layers" if final is WorkState.ABORT else ""),),
-        targets=(target,), clouds=MappingProxyType({}),
-    )  # fmt: skip
+        targets=(target,),
+        clouds=MappingProxyType({}),
+    )
     truth = TrueGround(ground=TILTED, hull_box=BOX, push=50.0 if core else None, depth=0.18 if core else 0.03)
     result = assess_seabed_work(recording, truth, seed=1, wall_s=2.0)
     jsonschema.validate(result.metrics, schema())

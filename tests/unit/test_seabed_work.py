@@ -59,9 +59,15 @@ class Script(Told):
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
             estimate = StateEstimate(
-                time=time, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=VEHICLE.q_home, qd=np.zeros(6),
+                time=time,
+                X_WB=X_WB,
+                v_WB_B=zero,
+                w_WB_B=zero,
+                a_WB_B=zero,
+                q=VEHICLE.q_home,
+                qd=np.zeros(6),
                 tau=np.zeros(6),
-            )  # fmt: skip
+            )
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, command)
             self.references.append(reference)
@@ -70,9 +76,15 @@ class Script(Told):
                 X_WB[0, 3] += self.drift
             if reference.scan and not scanning:
                 seen = Target(
-                    time=time, X_WT=np.eye(4), accepted=not self.refusal, check_m=0.001, range_m=2.5,
-                    reason=self.refusal, path=None if self.refusal else self.path, ground=np.zeros((4, 3)),
-                )  # fmt: skip
+                    time=time,
+                    X_WT=np.eye(4),
+                    accepted=not self.refusal,
+                    check_m=0.001,
+                    range_m=2.5,
+                    reason=self.refusal,
+                    path=None if self.refusal else self.path,
+                    ground=np.zeros((4, 3)),
+                )
             scanning = reference.scan
             f_W, normal = zero, 0.0
             if reference.X_WG is not None:
@@ -82,9 +94,13 @@ class Script(Told):
                 k = k + 2e-4 * PERIOD * (reference.force - normal) if reference.force_control else 0.0
             self.forces.append(normal)
             command = Command(
-                time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan, felt_normal=normal,
+                time=time,
+                joint_torque=np.zeros(6),
+                thrusters=np.zeros(6),
+                scan=reference.scan,
+                felt_normal=normal,
                 believed={"f_tip_W": f_W},
-            )  # fmt: skip
+            )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
         return self

@@ -18,9 +18,13 @@ from sim.rollout import Parts, rollout
 SAMPLES = 20_000  # one sigma of a standard deviation is 0.5 %, less where axes are taken together
 R_WB = exp_so3([0.2, -0.1, 0.7])
 ALL: list[Any] = [
-    sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.PressureDepth(),
+    sensors.Encoders(),
+    sensors.JointTorqueSensors(),
+    sensors.Imu(),
+    sensors.Dvl(),
+    sensors.PressureDepth(),
     sensors.VisionDrift(),
-]  # fmt: skip
+]
 
 
 def truth() -> Truth:
@@ -157,10 +161,11 @@ def test_pressure_noise_bias_and_steps():
 @pytest.mark.parametrize(
     ("sensor", "field", "change", "expected"),
     [
-        (sensors.Encoders(), "q", "bias", 0.01), (sensors.Imu(), "w_WB_B", "rate_bias", 0.01),
+        (sensors.Encoders(), "q", "bias", 0.01),
+        (sensors.Imu(), "w_WB_B", "rate_bias", 0.01),
         (sensors.Dvl(), "v_WB_B", "bias", 0.01),
     ],
-)  # fmt: skip
+)
 def test_biases_that_are_off_by_default(sensor, field, change, expected):
     """Constant over a run, of the stated spread over runs; the noise stays what it was without them."""
     with_bias, without = (sample(s, field, 3, 200) for s in (replace(sensor, **{change: expected}), sensor))
@@ -175,11 +180,14 @@ def test_biases_that_are_off_by_default(sensor, field, change, expected):
 @pytest.mark.parametrize(
     ("sensor", "field", "change"),
     [
-        (sensors.Encoders(), "qd", "rate_resolution"), (sensors.JointTorqueSensors(), "tau", "resolution"),
-        (sensors.Imu(), "specific_force_B", "acceleration_resolution"), (sensors.Imu(), "w_WB_B", "rate_resolution"),
-        (sensors.Dvl(), "v_WB_B", "resolution"), (sensors.VisionDrift(), "p_WB", "resolution"),
+        (sensors.Encoders(), "qd", "rate_resolution"),
+        (sensors.JointTorqueSensors(), "tau", "resolution"),
+        (sensors.Imu(), "specific_force_B", "acceleration_resolution"),
+        (sensors.Imu(), "w_WB_B", "rate_resolution"),
+        (sensors.Dvl(), "v_WB_B", "resolution"),
+        (sensors.VisionDrift(), "p_WB", "resolution"),
     ],
-)  # fmt: skip
+)
 def test_quantisation(sensor, field, change):
     """Whole steps, and none farther than half a step from what would be there without."""
     fine, coarse = (sample(s, field, count=100) for s in (sensor, replace(sensor, **{change: 0.07})))
@@ -232,19 +240,36 @@ class Clock:
         self.arrived += [(type(m).__name__, self.tick * self.timestep, m.time) for m in given[1]]
         zero = np.zeros(3)
         return None, StateEstimate(
-            time=self.tick * self.timestep, X_WB=np.eye(4), v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=zero, qd=zero,
+            time=self.tick * self.timestep,
+            X_WB=np.eye(4),
+            v_WB_B=zero,
+            w_WB_B=zero,
+            a_WB_B=zero,
+            q=zero,
+            qd=zero,
             tau=zero,
-        )  # fmt: skip
+        )
 
 
 def test_measurements_come_at_their_rates_and_only_vision_comes_late():
     """By 0.1 s: what the fusion, the health checks and the force loop are tuned for. Counted over the loop's second."""
     clock: Any = Clock()
     still = Reference(
-        time=0.0, state=WorkState.WORK, X_WB=np.eye(4), v_WB_W=np.zeros(3), X_WG=None, v_WG_W=np.zeros(3),
-        w_WG_W=np.zeros(3), q=np.zeros(6), qd=np.zeros(6), force=0.0, force_control=False, tare=False, scan=False,
+        time=0.0,
+        state=WorkState.WORK,
+        X_WB=np.eye(4),
+        v_WB_W=np.zeros(3),
+        X_WG=None,
+        v_WG_W=np.zeros(3),
+        w_WG_W=np.zeros(3),
+        q=np.zeros(6),
+        qd=np.zeros(6),
+        force=0.0,
+        force_control=False,
+        tare=False,
+        scan=False,
         path_s=0.0,
-    )  # fmt: skip
+    )
     planner: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, still))
     command = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
     controller: Any = SimpleNamespace(period=0.002, init=lambda _: None, step=lambda *_: (None, command))

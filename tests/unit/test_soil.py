@@ -68,9 +68,15 @@ def test_figures_of_a_box(within):
 @pytest.mark.parametrize("degrees", [20.0, 32.0, 40.0])
 def test_a_smooth_upright_blade_bears_rankines_pressure(within, degrees):
     smooth = Soil(
-        cone=0.0, cone_growth=1e6, tip_factor=0.3, side_factor=0.0, passive=0.0, passive_growth=1e4, narrow=3.0,
+        cone=0.0,
+        cone_growth=1e6,
+        tip_factor=0.3,
+        side_factor=0.0,
+        passive=0.0,
+        passive_growth=1e4,
+        narrow=3.0,
         friction=float(np.radians(degrees)),
-    )  # fmt: skip
+    )
     within("of Rankine's in sand", cutting_factor(smooth, 0.5 * np.pi) - 1.0, 1e-5)  # the steps of the slip angle
     within("of Rankine's in clay", cutting_factor(mud(), 0.5 * np.pi) - 1.0, 1e-5)
     within("K_p", rankine(smooth.friction) - (1 + np.sin(smooth.friction)) / (1 - np.sin(smooth.friction)), 1e-12)
@@ -187,6 +193,12 @@ def test_what_cannot_be_is_refused():
         sand(growth=float("nan"))
     with pytest.raises(ConfigurationError, match="quake"):
         Soil(
-            cone=0.0, cone_growth=1e6, tip_factor=0.3, side_factor=0.0, passive=0.0, passive_growth=0.0, narrow=1.0,
+            cone=0.0,
+            cone_growth=1e6,
+            tip_factor=0.3,
+            side_factor=0.0,
+            passive=0.0,
+            passive_growth=0.0,
+            narrow=1.0,
             quake=0.0,
-        )  # fmt: skip
+        )

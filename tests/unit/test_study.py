@@ -132,9 +132,15 @@ def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
 # -- classes -----------------------------------------------------------------------------------------------------------
 
 GOOD = {
-    "force_rms_n": 0.5, "force_peak_n": 3.0, "lost_s": 0.0, "cross_max_m": 0.001, "along_max_m": 0.002,
-    "force_over_set": 1.1, "collision_s": 0.0, "simulated_s": 60.0,
-}  # fmt: skip
+    "force_rms_n": 0.5,
+    "force_peak_n": 3.0,
+    "lost_s": 0.0,
+    "cross_max_m": 0.001,
+    "along_max_m": 0.002,
+    "force_over_set": 1.1,
+    "collision_s": 0.0,
+    "simulated_s": 60.0,
+}
 
 
 def recording(states: list[WorkState], set_force: Any = 60.0, true: Any = 60.0, note: str = "") -> Recording:
@@ -179,17 +185,25 @@ WORKED = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WOR
         ([*WORKED, WorkState.DONE], "", {"collision_s": 0.01}, ("damage", "the vehicle touched what it should not")),
         ([*WORKED, WorkState.DONE], "", {"force_rms_n": np.inf}, ("diverged", "figures are no numbers")),
         ([*WORKED, WorkState.ABORT], "contact lost for 0.5 s", {}, ("broken off", "contact lost")),
-        ([*WORKED, WorkState.ABORT], "felt force 170 N is above the limit of 160 N", {},
-         ("broken off", "force above the limit")),
+        (
+            [*WORKED, WorkState.ABORT],
+            "felt force 170 N is above the limit of 160 N",
+            {},
+            ("broken off", "force above the limit"),
+        ),
         ([*WORKED, WorkState.ABORT], "", {"force_over_set": 2.5}, ("damage", "force above 2 times the set one")),
         ([*WORKED], "", {}, ("broken off", "not done in time")),
-        ([WorkState.SETTLE, WorkState.ABORT], "the hull did not become quiet within 60 s", {},
-         ("refused", "current too strong")),
+        (
+            [WorkState.SETTLE, WorkState.ABORT],
+            "the hull did not become quiet within 60 s",
+            {},
+            ("refused", "current too strong"),
+        ),
         ([WorkState.SCAN, WorkState.ABORT], "the path is out of reach: 3 cm too far", {}, ("refused", "out of reach")),
         ([WorkState.SCAN, WorkState.ABORT], "not identified in 3 views: -1.5e-3", {}, ("refused", "not identified")),
         ([WorkState.SCAN, WorkState.ABORT], "lamp 4 broke at 2.5 V", {}, ("refused", "lamp # broke at # V")),
     ],
-)  # fmt: skip
+)
 def test_what_came_of_a_run_has_a_class_and_a_kind(study, states, note, figures, expected):
     outcome = SimpleNamespace(recording=recording(states, note=note))
     found = study.classify(outcome, {**GOOD, **figures}, study.Bounds())
@@ -410,9 +424,15 @@ def test_log_goes_on_where_it_was_cut(log, tmp_path):
 
 def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
     return {
-        "run": run, "without": without, "path": "longitudinal", "class": "kept", "kind": "", "missed": [],
-        "varied": {"friction": 0.1 + 0.01 * run, "stiffness": 1e4}, "figures": {**GOOD, **figures},
-    }  # fmt: skip
+        "run": run,
+        "without": without,
+        "path": "longitudinal",
+        "class": "kept",
+        "kind": "",
+        "missed": [],
+        "varied": {"friction": 0.1 + 0.01 * run, "stiffness": 1e4},
+        "figures": {**GOOD, **figures},
+    }
 
 
 def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):

@@ -25,9 +25,15 @@ PERIOD = 0.01  # [s]
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])
 WORK_POSE = pose(p=[-0.6, 0.0, 0.3])
 JOURNEY = [
-    WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH, WorkState.PRESS,
-    WorkState.WORK, WorkState.RETREAT,
-]  # fmt: skip
+    WorkState.SETTLE,
+    WorkState.SCAN,
+    WorkState.CLOSE_IN,
+    WorkState.TARE,
+    WorkState.APPROACH,
+    WorkState.PRESS,
+    WorkState.WORK,
+    WorkState.RETREAT,
+]
 IN_CONTACT = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK]
 STIFFNESS = 3e4  # [N/m] of the pad
 
@@ -37,9 +43,12 @@ def straight(length: float = 0.12) -> ToolPath:
     s = np.linspace(0.0, length, 41)
     ones = np.ones((41, 1))
     return ToolPath(
-        s=s, p=s[:, None] * [1.0, 0.0, 0.0], z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0],
+        s=s,
+        p=s[:, None] * [1.0, 0.0, 0.0],
+        z=ones * [0.0, 0.0, -1.0],
+        x=ones * [1.0, 0.0, 0.0],
         on_scan=np.ones(41, dtype=bool),
-    )  # fmt: skip
+    )
 
 
 def tip(reference: Reference) -> Array:
@@ -50,10 +59,14 @@ def tip(reference: Reference) -> Array:
 def target(time: float, accepted: bool = True, x: float = 0.0) -> Target:
     path = straight()
     return Target(
-        time=time, X_WT=pose(p=[x, 0.0, 0.0]), accepted=accepted, check_m=0.001, range_m=1.2,
+        time=time,
+        X_WT=pose(p=[x, 0.0, 0.0]),
+        accepted=accepted,
+        check_m=0.001,
+        range_m=1.2,
         reason="" if accepted else "too few points",
         path=replace(path, p=path.p + np.array([x, 0.0, 0.0])) if accepted else None,
-    )  # fmt: skip
+    )
 
 
 def obedient(reference: Reference) -> float:
@@ -81,17 +94,29 @@ class Script(Told):
         chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
         vehicle = Vehicle.of(own)
         planner = SurfaceWork(
-            vehicle, chain, barrel(), self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD,
+            vehicle,
+            chain,
+            barrel(),
+            self.job,
+            X_WB_scan=SCAN_POSE,
+            hull_box=np.zeros((2, 3)),
+            period=PERIOD,
             holding=self.holding,
-        )  # fmt: skip
+        )
         X_WB, state, command, seen, scanning = SCAN_POSE, None, None, None, False
         looks, finds, faults = iter(self.looks), iter(self.finds), ()
         for tick in range(round(seconds / PERIOD)):
             time, zero = tick * PERIOD, np.zeros(3)
             estimate = StateEstimate(
-                time=time, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=vehicle.q_home, qd=np.zeros(6),
+                time=time,
+                X_WB=X_WB,
+                v_WB_B=zero,
+                w_WB_B=zero,
+                a_WB_B=zero,
+                q=vehicle.q_home,
+                qd=np.zeros(6),
                 tau=np.zeros(6),
-            )  # fmt: skip
+            )
             state = state or planner.init(estimate)
             state, reference = planner.step(state, estimate, seen, command)
             self.references.append(reference)
@@ -102,9 +127,13 @@ class Script(Told):
             if self.dead is not None and not faults and reference.path_s > 0.06:
                 faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
             command = Command(
-                time=time, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=reference.scan,
-                felt_normal=self.felt(reference), faults=faults,
-            )  # fmt: skip
+                time=time,
+                joint_torque=np.zeros(6),
+                thrusters=np.zeros(6),
+                scan=reference.scan,
+                felt_normal=self.felt(reference),
+                faults=faults,
+            )
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
                 break
         return self

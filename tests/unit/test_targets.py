@@ -60,9 +60,10 @@ def test_target_stands_in_a_scene():
 def test_mesh_target_stands_where_its_frame_says(within):
     """MuJoCo re-centres meshes; the geom must still lie where T says."""
     wedge = TargetModel(
-        name="wedge", vertices=np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.2, 0], [0, 0, 0.1]]),
+        name="wedge",
+        vertices=np.array([[0, 0, 0], [0.4, 0, 0], [0, 0.2, 0], [0, 0, 0.1]]),
         triangles=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]),
-    )  # fmt: skip
+    )
     spec = mujoco.MjSpec()
     wedge.add_to(spec, pose(p=[1.0, 2.0, 3.0]))
     model = spec.compile()

@@ -121,9 +121,14 @@ def test_thrusters_without_a_lag_get_what_is_wanted(vehicle):
 
 @pytest.mark.parametrize(
     ("figures", "named"),
-    [({"response": 0.0}, "response"), ({"response": np.inf}, "response"), ({"response": np.nan}, "response"),
-     ({"lag_error": -1.0}, "lag_error"), ({"lag_error": np.nan}, "lag_error")],
-)  # fmt: skip
+    [
+        ({"response": 0.0}, "response"),
+        ({"response": np.inf}, "response"),
+        ({"response": np.nan}, "response"),
+        ({"lag_error": -1.0}, "lag_error"),
+        ({"lag_error": np.nan}, "lag_error"),
+    ],
+)
 def test_figures_that_cannot_be(vehicle, figures, named):
     with pytest.raises(ConfigurationError, match=named):
         ThrusterLead(vehicle, **figures)

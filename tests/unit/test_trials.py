@@ -11,8 +11,12 @@ KINDS = (("jammed", "stuck"), ("jam", "near stuck"))
 
 def test_wilson_against_the_published(within):
     """Newcombe 1998, Statistics in Medicine 17:857, table I: 81 of 263, 15 of 148, 0 of 20, 1 of 29."""
-    for good, of, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611),
-                                (1, 29, 0.0061, 0.1718)):  # fmt: skip
+    for good, of, low, high in (
+        (81, 263, 0.2553, 0.3662),
+        (15, 148, 0.0624, 0.1605),
+        (0, 20, 0.0, 0.1611),
+        (1, 29, 0.0061, 0.1718),
+    ):
         within(f"{good} of {of}", np.subtract(wilson(good, of), (low, high)), 6e-5)
     with pytest.raises(ConfigurationError, match="good"):
         wilson(3, 2)
@@ -33,10 +37,14 @@ def test_the_first_words_found_tell_the_kind():
     said = [
         kind_of_failure(one, KINDS)
         for one in (
-            trial("abort", "it is jammed"), trial("abort", "a jam ahead"), trial("abort", "nobody knows"),
-            trial("done", failed="force: 3 N, allowed 2 N"), trial("crashed", "jammed"), trial("done", accepted=True),
+            trial("abort", "it is jammed"),
+            trial("abort", "a jam ahead"),
+            trial("abort", "nobody knows"),
+            trial("done", failed="force: 3 N, allowed 2 N"),
+            trial("crashed", "jammed"),
+            trial("done", accepted=True),
         )
-    ]  # fmt: skip
+    ]
     assert said == ["stuck", "near stuck", "not ended", "force", "crashed", ""]
 
 

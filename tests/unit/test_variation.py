@@ -35,9 +35,7 @@ def test_nominal_changes_nothing(variation):
 
 def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(variation):
     nominal = variation.Variation()
-    vision = sensors.VisionDrift(
-        period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise
-    )  # fmt: skip
+    vision = sensors.VisionDrift(period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise)
     assert vision == sensors.VisionDrift()
     torque = sensors.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
     assert torque == sensors.JointTorqueSensors()
@@ -122,9 +120,7 @@ def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[floa
     R, quat = np.array(data.site_xmat[tip]).reshape(3, 3), np.empty(4)
     mujoco.mju_mat2Quat(quat, R.ravel())
     plate = data.site_xpos[tip] + R[:, 2] * (0.1 - depth)
-    spec.worldbody.add_geom(
-        name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1], pos=plate, quat=quat
-    )  # fmt: skip
+    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.5, 0.5, 0.1], pos=plate, quat=quat)
     model = spec.compile()
     model.opt.gravity[:] = 0.0
     pad = model.body("pad").id
@@ -157,9 +153,12 @@ def test_steps_are_as_long_as_the_pad_allows(variation, rng):
         assert n == pytest.approx(round(n), rel=1e-12)
 
         def rests(
-            n: int, solref: float = solref, spring: float = spring, whole: float = old.opt.timestep,
+            n: int,
+            solref: float = solref,
+            spring: float = spring,
+            whole: float = old.opt.timestep,
             mass: float = new.body("pad").mass[0],
-        ) -> bool:  # fmt: skip
+        ) -> bool:
             dt = whole / n
             soft = solref * (1.0 + 1e-9) >= variation.STEPS_PER_SOLREF * dt
             return soft and spring * dt**2 <= variation.RESTLESS * mass * (1.0 + 1e-9)

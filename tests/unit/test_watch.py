@@ -17,9 +17,16 @@ JOB = Job(forces=(60.0,))
 def broken_off(work_state: WorkState, felt: float, seconds: float) -> tuple[float, str] | None:
     """When [s] and why the work is broken off under a constant felt force [N]; None: not within `seconds`."""
     state: Any = SimpleNamespace(
-        state=work_state, X_WB=np.eye(4), hull_move=None, joint_moves=(), still_since=0.0, hull_waited=0.0, force=60.0,
-        held_at=0.0, contact_at=0.0,
-    )  # fmt: skip
+        state=work_state,
+        X_WB=np.eye(4),
+        hull_move=None,
+        joint_moves=(),
+        still_since=0.0,
+        hull_waited=0.0,
+        force=60.0,
+        held_at=0.0,
+        contact_at=0.0,
+    )
     for tick in range(round(seconds / STEP)):
         estimate: Any = SimpleNamespace(time=tick * STEP, X_WB=np.eye(4))
         verdict = judge(JOB, state, estimate, felt, ())
@@ -31,11 +38,16 @@ def broken_off(work_state: WorkState, felt: float, seconds: float) -> tuple[floa
 @pytest.mark.parametrize(
     ("work_state", "within", "beyond", "after", "why"),
     [
-        (WorkState.WORK, (1.0 + JOB.excess) * 60.0 + 0.9 * JOB.touch, (1.0 + JOB.excess) * 60.0 + 1.1 * JOB.touch,
-         JOB.excess_time, "cannot be held"),
+        (
+            WorkState.WORK,
+            (1.0 + JOB.excess) * 60.0 + 0.9 * JOB.touch,
+            (1.0 + JOB.excess) * 60.0 + 1.1 * JOB.touch,
+            JOB.excess_time,
+            "cannot be held",
+        ),
         (WorkState.WORK, 0.55 * JOB.touch, 0.45 * JOB.touch, JOB.lost_time, "contact lost"),
     ],
-)  # fmt: skip
+)
 def test_a_force_beyond_its_bound_ends_the_work_in_its_time(work_state, within, beyond, after, why):
     assert broken_off(work_state, within, 4.0 * after + 1.0) is None
     found = broken_off(work_state, beyond, 4.0 * after + 1.0)

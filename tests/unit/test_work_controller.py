@@ -33,16 +33,26 @@ def chain() -> Chain:
 
 
 def estimate(X_WB: Array, q: Array, tau: Array, qd: Array = HELD) -> StateEstimate:
-    return StateEstimate(
-        time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=np.array(tau)
-    )  # fmt: skip
+    return StateEstimate(time=0.0, X_WB=X_WB, v_WB_B=STILL, w_WB_B=STILL, a_WB_B=STILL, q=q, qd=qd, tau=np.array(tau))
 
 
 def reference(X_WB: Array, q: Array, X_WG: Array | None = None, force: float = 0.0) -> Reference:
     return Reference(
-        time=0.0, state=WorkState.WORK, X_WB=X_WB, v_WB_W=STILL, X_WG=X_WG, v_WG_W=STILL, w_WG_W=STILL, q=q, qd=HELD,
-        force=force, force_control=False, tare=False, scan=False, path_s=0.0,
-    )  # fmt: skip
+        time=0.0,
+        state=WorkState.WORK,
+        X_WB=X_WB,
+        v_WB_W=STILL,
+        X_WG=X_WG,
+        v_WG_W=STILL,
+        w_WG_W=STILL,
+        q=q,
+        qd=HELD,
+        force=force,
+        force_control=False,
+        tare=False,
+        scan=False,
+        path_s=0.0,
+    )
 
 
 def anywhere(rng: np.random.Generator) -> Array:
@@ -76,9 +86,11 @@ def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(con
     X_WB = anywhere(rng)
     drifted = X_WB @ pose(exp_so3(rng.uniform(-0.04, 0.04, 3)), rng.uniform(-0.05, 0.05, 3))
     X_WG = X_WB @ VEHICLE.X_BA @ chain.forward(VEHICLE.q_ready)
-    seen = estimate(drifted, VEHICLE.q_ready, ARM.inverse(
-        VEHICLE.q_ready, HELD, HELD, R_WB=drifted[:3, :3], wrench_tip_G=np.zeros(6), **AT_REST
-    )[0])  # fmt: skip
+    seen = estimate(
+        drifted,
+        VEHICLE.q_ready,
+        ARM.inverse(VEHICLE.q_ready, HELD, HELD, R_WB=drifted[:3, :3], wrench_tip_G=np.zeros(6), **AT_REST)[0],
+    )
     state, asked = controller.init(seen), reference(X_WB, VEHICLE.q_ready, X_WG)
     for _ in range(2500):  # 5 s: the blend from the held angles has died away
         state, _ = controller.step(state, seen, asked)

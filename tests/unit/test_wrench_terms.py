@@ -22,9 +22,7 @@ def total(arm: ArmDynamics, hull: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd
     R, nu, nudot = hull[:9].reshape(3, 3), hull[9:15], hull[15:21]
     # `inverse` takes the acceleration of the origin, the block of numbers the rate of its components.
     a = np.concatenate([nudot[:3] + np.cross(nu[3:], nu[:3]), nudot[3:]])
-    return arm.inverse(
-        q, qd, qdd, R_WB=R, nu_B=nu, a_B=a, v_current_W=hull[21:], wrench_tip_G=np.zeros(6)
-    )[1]  # fmt: skip
+    return arm.inverse(q, qd, qdd, R_WB=R, nu_B=nu, a_B=a, v_current_W=hull[21:], wrench_tip_G=np.zeros(6))[1]
 
 
 def dry_twin() -> ArmDynamics:

@@ -20,7 +20,7 @@ import yaml
 
 from calib.arm import Arm
 from calib.kernels import ROW
-from models import arm_geometry
+from models.arms import dh_geometry as arm_geometry
 from models.mjcf_files import read_mjcf
 from models.vehicle import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError

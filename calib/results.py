@@ -14,7 +14,7 @@ from calib.arm import Arm
 from calib.arm_files import ArmSource, mjcf_geometry, to_geometry, urdf_chain
 from calib.identification import Calibration
 from calib.kernels import ALPHA, BETA, THETA, A, D
-from models import arm_geometry
+from models.arms import dh_geometry as arm_geometry
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
 
 CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"

@@ -15,11 +15,11 @@ from typing import Any, Literal, NamedTuple, NoReturn, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers import mkps_kinematics as kernels
-from controllers.mkps_chain import Chain
-from controllers.mkps_descent import SETTLE_STEPS
-from controllers.mkps_entries import entry
-from controllers.mkps_tracking import Track, Tracker, TrackState, TrackStep, track
+from controllers.ik import kinematics as kernels
+from controllers.ik.chain import Chain
+from controllers.ik.damped_descent import SETTLE_STEPS
+from controllers.ik.entries import entry
+from controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
     Array,

@@ -16,21 +16,21 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from controllers.allocation import WITHOUT_ONE, Allocation
-from controllers.arm_dynamics import ArmDynamics
-from controllers.compliance import ComplianceState, LateralCompliance
-from controllers.drive import aim, drive, feel, lost_in_gears, resolve
-from controllers.force_estimate import Tare, force_covariance
-from controllers.friction import doubt, dry_friction
-from controllers.hover import Hover, HoverState
-from controllers.load_observer import SMOOTHING, LoadObserver, LoadObserverState
+from controllers.arm.believed_friction import doubt, dry_friction
+from controllers.arm.compliance import ComplianceState, LateralCompliance
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.joint_servo import aim, drive, feel, lost_in_gears, resolve
+from controllers.arm.position_force import Displacement, DisplacementState
+from controllers.arm.tool_motion import blended, moved_on
+from controllers.arm.wrench_terms import WrenchTerms
+from controllers.estimation.contact_force import Tare, force_covariance
+from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
+from controllers.estimation.payload_identification import Weighing, WeighingState
+from controllers.hull.allocation import WITHOUT_ONE, Allocation
+from controllers.hull.station_keeping import Hover, HoverState
+from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
-from controllers.position_force import Displacement, DisplacementState
-from controllers.thruster_lead import ThrusterLead, ThrusterLeadState
-from controllers.tool_motion import blended, moved_on
-from controllers.weighing import Weighing, WeighingState
-from controllers.wrench_terms import WrenchTerms
-from models.gear_friction import DryFriction
+from models.arms.gear_friction import DryFriction
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, inverse, skew
@@ -42,7 +42,7 @@ Method = Literal[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuning:
-    """Gains of the arm's side; the hover has its own (`controllers.hover`)."""
+    """Gains of the arm's side; the hover has its own (`controllers.hull.station_keeping`)."""
 
     joint_frequency: float = 60.0  # [rad/s] of the joint servo
     joint_damping: float = 2.0  # less, and the tip chatters on a stiff surface, through what is lost in the gears
@@ -74,7 +74,7 @@ class Tuning:
 
     @property
     def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `controllers.drive`, its limit [rad s]."""
+        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad s]."""
         w = self.joint_frequency
         return np.array([w**2, 2.0 * self.joint_damping * w, w**2 / self.joint_integral_time, self.integral_limit])
 
@@ -102,14 +102,14 @@ class WorkControllerState:
     current_W: Array  # (3,) [m/s] of the water
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
-    yielding: Array  # (2, n) how the joints move the tip along its axis, see `controllers.drive.aim`
+    yielding: Array  # (2, n) how the joints move the tip along its axis, see `controllers.arm.joint_servo.aim`
     softness: float  # share of the servo's stiffness that is given up now along the tool axis
     servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
     w_slow_B: Array  # (3,) [rad/s] filtered turn of the hull, alike
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
-    numbers: Array  # of the arm, as it was weighed (`controllers.arm_dynamics`)
+    numbers: Array  # of the arm, as it was weighed (`controllers.arm.inverse_dynamics`)
     weighing: WeighingState | None  # until the arm is at its work
     tau: Array  # (n,) [N m] last asked of the motors
     friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models import bluerov2_heavy, hydrodynamics, phoenix_smart3s, reach_alpha_5, thrusters, uuv_puma
+from models import hydrodynamics
 from models.vehicle import HULL_BODY
+from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, uuv_puma
+from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
 

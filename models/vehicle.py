@@ -1,9 +1,9 @@
 """Where things are in a compiled model of a vehicle: the one place that looks names up.
 
-A vehicle is any MJCF with a free body `hull`, thruster actuators with a table of `models.thrusters`, and, if it has an
-arm, a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and a site
-`tip` (z out of the tool). Jobs want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind the face
-of the pad.
+A vehicle is any MJCF with a free body `hull`, thruster actuators with a table of `models.water.thrusters`, and, if it
+has an arm, a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and
+a site `tip` (z out of the tool). Jobs want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind
+the face of the pad.
 """
 
 from collections.abc import Collection
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from models import gear_friction, thrusters
+from models.arms import gear_friction
+from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, readonly
 
@@ -91,7 +92,7 @@ class Vehicle:
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
-    thruster_table: Array  # (m, ...) rows of models.thrusters
+    thruster_table: Array  # (m, ...) rows of models.water.thrusters
     thruster_wrench: Array  # (6, m) wrench on the hull at its origin per newton of thrust, in hull axes
     thruster_names: tuple[str, ...]
 

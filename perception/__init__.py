@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any
 import sim.interfaces  # noqa: F401  decides where compiled loops are kept
 
 if TYPE_CHECKING:
-    from perception.identification import Identification, identify
-    from perception.scan import Scan, SensorModel
+    from perception.clouds.scan import Scan, SensorModel
+    from perception.registration.identification import Identification, identify
     from perception.target_finder import KnownObjectFinder
-    from perception.toolpath import plan_path
+    from perception.toolpath.path_planner import plan_path
 
 _HOME = {
-    "Identification": "perception.identification",
+    "Identification": "perception.registration.identification",
     "KnownObjectFinder": "perception.target_finder",
-    "Scan": "perception.scan",
-    "SensorModel": "perception.scan",
-    "identify": "perception.identification",
-    "plan_path": "perception.toolpath",
+    "Scan": "perception.clouds.scan",
+    "SensorModel": "perception.clouds.scan",
+    "identify": "perception.registration.identification",
+    "plan_path": "perception.toolpath.path_planner",
 }
 __all__ = ["Identification", "KnownObjectFinder", "Scan", "SensorModel", "identify", "plan_path"]
 

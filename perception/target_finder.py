@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.targets import ModelPath, TargetModel
-from perception.identification import APPROACH_ERROR, Identification, identify
-from perception.looks import Look, on_all_looks
-from perception.registration import ModelSurface
-from perception.scan import Scan, SensorModel
-from perception.sonar_cloud import without_lone_echoes
-from perception.toolpath import plan_path
+from models.objects.targets import ModelPath, TargetModel
+from perception.clouds.scan import Scan, SensorModel
+from perception.clouds.sonar_cloud import without_lone_echoes
+from perception.registration.fine_fit import ModelSurface
+from perception.registration.identification import APPROACH_ERROR, Identification, identify
+from perception.registration.multi_frame import Look, on_all_looks
+from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points

@@ -6,14 +6,13 @@ vehicle's own with the errors of a workshop, with a hand's noise or by contact i
     calibrate_arm.py --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import datetime
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import _calibration
 import mujoco
 import numpy as np
 from rich.console import Console
@@ -23,10 +22,11 @@ from rich.text import Text
 from calib import report
 from calib.results import write_results
 from calib.touch_files import write_touches
+from scenarios import calibration_input as _calibration
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
-from sim.provenance import provenance
-from sim.saving import write_json
+from sim.runs.provenance import provenance
+from sim.runs.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code
 _MOST_POINTS, _MOST_POSES = 100, 10_000
@@ -102,7 +102,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
     logs: list[Any] = []
 
     def watch(model: mujoco.MjModel) -> Any:
-        from sim.rerun_log import RerunLog
+        from sim.reporting.rerun_log import RerunLog
 
         logs.append(RerunLog(folder / "run.rrd", model, title=f"Touching, {options.touching}", view=options.view))
         return logs[0]

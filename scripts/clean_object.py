@@ -4,18 +4,18 @@ As clean_barrel.py, but for the object. A named object is worked along one of it
 the path is a line over its top, along x, laid on the mesh from above.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
 
 import numpy as np
-from _contact_options import ContactOptions
-from _job import ContactJob, run_contact_job
 
-from models import targets
-from models.targets import TargetModel
-from perception.path_shapes import laid_on, line
+from models.objects import targets
+from models.objects.targets import TargetModel
+from perception.toolpath.path_shapes import laid_on, line
+from scenarios.contact_job import ContactJob, run_contact_job
+from scenarios.contact_options import ContactOptions
 from sim.interfaces.spatial import exp_so3, pose
 
 
@@ -24,7 +24,7 @@ class Options(ContactOptions):
     """Clean a known object with a set force."""
 
     object: str = "rock"
-    """A name of models.targets.available(), or a mesh file."""
+    """A name of models.objects.targets.available(), or a mesh file."""
     path: str | None = None
     """Name of one of the object's paths; the first of them by default."""
     length: float = 0.3

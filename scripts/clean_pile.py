@@ -3,17 +3,17 @@
 As clean_barrel.py, but for the object: a pile 3 m long, seen in part. Its flange tells the height of what is seen.
 """
 
-from _start import parse, run_scenario  # isort: skip
+from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from _contact_options import ContactOptions
-from _job import ContactJob, run_contact_job
 
-from models.targets import helix, pile, ring, vertical
+from models.objects.targets import helix, pile, ring, vertical
+from scenarios.contact_job import ContactJob, run_contact_job
+from scenarios.contact_options import ContactOptions
 from sim.interfaces.spatial import exp_so3, pose
 
 

@@ -6,30 +6,30 @@ The object is one of the library by name, or a mesh file. Coordinates are those 
 ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
 """
 
-from _start import new_folder, parse, run_scenario  # isort: skip
+from scenarios.start import new_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from _contact_options import left_by_the_sea
-from _deformation_report import figures, picture_of_deviations, save_cloud, table
-from _object_scenes import object_scene
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from models import targets
-from models.ply_files import write_ply
-from models.targets import TargetModel
-from perception.check import Check
-from perception.cloud_files import load_cloud
-from perception.deformation import map_deformation
-from perception.identification import Identification, Method, identify
-from perception.scan import SIGMA_ALLOWED, SensorModel
+from models.meshes.ply_files import write_ply
+from models.objects import targets
+from models.objects.targets import TargetModel
+from perception.clouds.cloud_files import load_cloud
+from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
+from perception.registration.identification import Identification, Method, identify
+from perception.registration.pose_check import Check
+from perception.toolpath.deformation import map_deformation
+from scenarios.contact_options import left_by_the_sea
+from scenarios.deformation_report import figures, picture_of_deviations, save_cloud, table
+from scenarios.object_scenes import object_scene
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
-from sim.saving import write_json
+from sim.runs.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code
 _TOO_LARGE = 20.0  # times the cloud's extent: an object of which nothing could be told
@@ -41,7 +41,7 @@ class Options:
     """Find a known object in a cloud."""
 
     object: str = "barrel"
-    """A name of models.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
+    """A name of models.objects.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
     cloud: Path | None = None
     """Text (x y z a line), PLY or PCD, in the sensor's frame; a simulated scene by default."""
     scale: float | None = None

@@ -5,17 +5,17 @@ sampler before the hole, and lets it in: along the axis as the force allows, acr
 With --trials N, N seeds from --seed on run on all cores, and a table says how many went well.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
 from typing import Literal
 
-from _insertion import Setting, run_and_write, run_trials
-from _trials import check_trials
 from rich.console import Console
 
-from sim.provenance import provenance
+from scenarios.campaigns.trials import check_trials
+from scenarios.insertion import Setting, run_and_write, run_trials
+from sim.runs.provenance import provenance
 
 
 @dataclass(kw_only=True)

@@ -4,7 +4,7 @@ The object lies on the seabed; the vehicle knows its model and, coarsely, where 
 hull or arm too near, it stays where it is, one line says why, exit code 2.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import time
 from collections.abc import Iterator
@@ -12,28 +12,30 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from _contact_options import coarse_detection
-from _job_parts import controller, hull_box, scan_pose, undriven, with_parts
-from _variation import NOMINAL
-from _whole_run import Judging, Ready, run_shown
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from controllers.inspection import Inspection, InspectionJob
 from controllers.mkps import Chain
-from models import scenes, targets
+from controllers.tasks.inspection import Inspection, InspectionJob
+from models.objects import targets
+from models.site import scenes
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find, pose_in_body
-from perception.navigation import Navigation
+from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
-from sim import hydrodynamics, sensors
-from sim.current import Current
-from sim.depth_camera import DepthCamera
-from sim.inspection_metrics import TrueInspection, assess_inspection
+from scenarios.campaigns.variation import NOMINAL
+from scenarios.contact_options import coarse_detection
+from scenarios.contact_parts import controller, hull_box, scan_pose, undriven, with_parts
+from scenarios.runner import Judging, Ready, run_shown
+from sim import hydrodynamics
+from sim.evaluation.inspection_metrics import TrueInspection, assess_inspection
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import exp_so3, pose, transform_points
-from sim.plant import Plant
-from sim.recording import Recording
-from sim.rollout import Parts
+from sim.loop.recording import Recording
+from sim.loop.rollout import Parts
+from sim.plant.plant import Plant
+from sim.sensors import proprioception as sensors
+from sim.sensors.depth_camera import DepthCamera
+from sim.water.current import Current
 
 FAR = 5.0  # [m] at which the camera still tells something of a surface
 

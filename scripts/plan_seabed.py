@@ -4,7 +4,7 @@ The cloud is a text file (x y z a line), PLY or PCD; the targets are a text file
 (paper 004). A cloud that is no surface, a hole under a target, a relief that is too rough: one line and exit code 2.
 """
 
-from _start import new_folder, parse, run_scenario  # isort: skip
+from scenarios.start import new_folder, parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from perception.point_files import read_cloud, read_targets
-from perception.terrain_path import FASTEST, NARROWEST, SLOWEST, WIDEST, SeabedPlan, plan_seabed_work, speed_law
+from perception.clouds.point_files import read_cloud, read_targets
+from perception.seabed.terrain_path import FASTEST, NARROWEST, SLOWEST, WIDEST, SeabedPlan, plan_seabed_work, speed_law
 from sim.interfaces.spatial import finite_number
 
 

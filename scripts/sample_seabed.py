@@ -6,25 +6,25 @@ or drags a box along the profile between two targets at a set depth, and draws i
 ground that is not fit for it: it stays where it is, one line says why, exit code 2.
 """
 
-from _start import ScenarioOptions, parse, run_scenario  # isort: skip
+from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
 
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from _seabed_job import Setting, Story, prepare, run_trials
-from _trials import check_trials
-from _whole_run import Judging, run_shown
 from rich.console import Console
 
-from controllers.seabed_work import SeabedJob
+from controllers.tasks.seabed_work import SeabedJob
 from controllers.work_controller import Method
-from models.seabed import Kind
+from models.site.seabed import Kind
+from scenarios.campaigns.trials import check_trials
+from scenarios.runner import Judging, run_shown
+from scenarios.seabed_work import Setting, Story, prepare, run_trials
+from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
-from sim.provenance import provenance
-from sim.seabed_figures import seabed_figures
-from sim.seabed_metrics import assess_seabed_work
+from sim.reporting.seabed_figures import seabed_figures
+from sim.runs.provenance import provenance
 
 
 @dataclass(kw_only=True)
@@ -34,7 +34,7 @@ class Options(ScenarioOptions):
     terrain: Kind | Literal["any"] = "ripples"
     """Of the seabed, drawn from the seed; any: the kinds in turn."""
     soil: Literal["sand", "mud"] = "sand"
-    """That it is of (models/soil.py)."""
+    """That it is of (models/site/soil.py)."""
     work: Literal["core", "drag"] = "core"
     """Push a tube in and draw it out, or drag a box along the profile between the targets."""
     push: float = 50.0

@@ -5,11 +5,11 @@
 
 from dataclasses import dataclass
 
-from _start import parse, run_scenario
 from rich.console import Console
 from rich.table import Table
 
 import models
+from scenarios.start import parse, run_scenario
 
 
 @dataclass

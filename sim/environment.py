@@ -5,8 +5,8 @@
     while not timestep.last():
         timestep = environment.step(policy(timestep.observation))
 
-An agent is given the truth, not measurements: noise, delay and estimation belong to `sim.rollout`. Frames: W world,
-B hull, H the hull pose to hold.
+An agent is given the truth, not measurements: noise, delay and estimation belong to `sim.loop.rollout`. Frames: W
+world, B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict
@@ -15,14 +15,14 @@ from importlib.metadata import version
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models import scenes
+from models.site import scenes
 from sim import hydrodynamics
-from sim.current import Current
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, MissingLibraryError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, log_so3, pose
-from sim.plant import Plant, Truth
-from sim.rollout import ticks_per_period
+from sim.loop.rollout import ticks_per_period
+from sim.plant.plant import Plant, Truth
+from sim.water.current import Current
 
 try:
     from dm_control.rl import control
@@ -45,7 +45,7 @@ Observation = OrderedDict[str, Array]
 
 
 class PlantPhysics(control.Physics):
-    """The plant behind dm_control's interface: `observe` and `step` in the order of `sim.rollout`.
+    """The plant behind dm_control's interface: `observe` and `step` in the order of `sim.loop.rollout`.
 
     The control signal is one command per thruster. The arm is held at home by a PD at the physics rate that asks for
     a drive's whole torque at `HOLD_ANGLE`, and never for more, so that its stiffness follows from the vehicle's limits.
@@ -69,7 +69,7 @@ class PlantPhysics(control.Physics):
 
     @property
     def truth(self) -> Truth:
-        """The true state now. Live views, as `sim.plant.Truth` says."""
+        """The true state now. Live views, as `sim.plant.plant.Truth` says."""
         return self._plant.truth
 
     def place(self, *, current: Current, X_WB: Array | None = None) -> None:

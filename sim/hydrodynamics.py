@@ -50,9 +50,10 @@ from models.hydrodynamics import (
     water_density,
     world_row,
 )
-from sim import hydrodynamics_kernel, mujoco_layout
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
+from sim.water import mujoco_layout
+from sim.water import passive_callback as hydrodynamics_kernel
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
 
@@ -246,7 +247,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     if blind:
         found.append(
             f"force and torque sensors that do not see the water: {', '.join(blind)}; "
-            "take the wrench on a wet body from sim.reaction"
+            "take the wrench on a wet body from sim.plant.reaction"
         )
     return found
 

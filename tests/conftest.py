@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import sim
-from models import open3d_loader
+from models.meshes import open3d_loader
 from sim.interfaces.errors import MissingLibraryError
-from sim.startup import run_scenario
+from sim.runs.startup import run_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)
@@ -154,8 +154,7 @@ class Run(NamedTuple):
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """`script(name, *arguments)`: what scripts/name.py does, in this process, since starting one takes seconds."""
-    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    """`script("studies.contact", *arguments)`: what scripts/studies/contact.py does, in this process."""
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "200")
 

@@ -35,8 +35,14 @@ def folders() -> list[Path]:
     """Folders that hold our loops' machine code, or will."""
     given = os.environ.get(VARIABLE)
     if given:  # numba puts the name of a source's folder before a hash of its path
-        return [path for room in ROOMS_WITH_LOOPS for path in Path(given).glob(f"{room}_*")]
-    return [HOME / room / "__pycache__" for room in ROOMS_WITH_LOOPS]
+        return [path for name in {folder.name for folder in _sources()} for path in Path(given).glob(f"{name}_*")]
+    return [folder / "__pycache__" for folder in _sources()]
+
+
+def _sources() -> list[Path]:
+    """Folders of the rooms that have loops, and the folders in them."""
+    rooms = [HOME / room for room in ROOMS_WITH_LOOPS]
+    return [*rooms, *(file.parent for room in rooms for file in sorted(room.glob("*/__init__.py")))]
 
 
 def is_kept(module: str) -> bool:

@@ -1,6 +1,6 @@
 """The shapes of pluggable parts. Each has explicit state, so a run can be replayed and shared.
 
-`period` [s] is a whole multiple of the plant's step; `sim.rollout` checks it and calls `step` at that rate.
+`period` [s] is a whole multiple of the plant's step; `sim.loop.rollout` checks it and calls `step` at that rate.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,9 @@ from sim.interfaces.messages import Command, Measurement, Reference, StateEstima
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Truth in, one measurement out, or None where no message comes. `truth` is `sim.plant.Truth`; only `sim` may look
-    into it.
+    """Truth in, one measurement out, or None where no message comes.
+
+    `truth` is `sim.plant.plant.Truth`; only `sim` may look into it.
     """
 
     @property

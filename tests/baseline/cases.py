@@ -4,7 +4,6 @@ They come in by the doors that users take (the scenarios' own options, `percepti
 `controllers.mkps.solve`) and give back every number that a run's metrics hold, but its wall times.
 """
 
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
@@ -12,48 +11,45 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bands import Figures, numbers_of
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "scripts"))
 
 import inspect_object
-from _calibration import nominal, simulated
-from _insertion import Setting as InsertionSetting
-from _insertion import judge as judge_insertion
-from _insertion import prepare as prepare_insertion
-from _job import Built, ContactJob, build, judge
-from _object_scenes import object_scene
-from _pool import run_all
-from _pushing import Case as Push
-from _pushing import run as push
-from _pushing import sphere
-from _seabed_job import Setting as SeabedSetting
-from _seabed_job import prepare as prepare_seabed
-from _steps import figures as figures_of_step
-from _steps import steps_up
-from _whole_run import Ran, Ready, run_through
-from clean_barrel import Options as BarrelOptions
-from clean_barrel import barrel_job
+from bands import Figures, numbers_of
+from calib import identify as calibrate
+from calib.simulation import HAND_NOISE
+from calib.verification import kabsch
 from clean_object import Options as ObjectOptions
 from clean_object import object_job
 from clean_pile import Options as PileOptions
 from clean_pile import pile_job
-from study_hover import POSTURES, flow
-
-from calib import identify as calibrate
-from calib.simulation import HAND_NOISE
-from calib.verification import kabsch
 from controllers.mkps import Chain, solve
-from controllers.seabed_work import SeabedJob
-from models import arms
+from controllers.tasks.seabed_work import SeabedJob
+from models.arms import published_arms as arms
 from perception import identify
-from sim.inspection_metrics import assess_inspection
+from scenarios.barrel import Options as BarrelOptions
+from scenarios.barrel import barrel_job
+from scenarios.calibration_input import nominal, simulated
+from scenarios.campaigns.pool import run_all
+from scenarios.contact_job import Built, ContactJob, build, judge
+from scenarios.force_steps import figures as figures_of_step
+from scenarios.force_steps import steps_up
+from scenarios.insertion import Setting as InsertionSetting
+from scenarios.insertion import judge as judge_insertion
+from scenarios.insertion import prepare as prepare_insertion
+from scenarios.object_scenes import object_scene
+from scenarios.pushing import Case as Push
+from scenarios.pushing import run as push
+from scenarios.pushing import sphere
+from scenarios.runner import Ran, Ready, run_through
+from scenarios.seabed_work import Setting as SeabedSetting
+from scenarios.seabed_work import prepare as prepare_seabed
+from sim.evaluation.inspection_metrics import assess_inspection
+from sim.evaluation.metrics import Assessment
+from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
-from sim.metrics import Assessment
-from sim.recording import Recorder
-from sim.seabed_metrics import assess_seabed_work
-from sim.startup import ScenarioOptions
+from sim.loop.recording import Recorder
+from sim.runs.startup import ScenarioOptions
+from studies.hover import POSTURES, flow
 
 __all__ = ["CASES", "run_all"]
 

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import norm
+
 import store
 from bands import FALSE_ALARMS, Band, bands_of, faults, numbers_of
 from cases import CASES
-from scipy.stats import norm
 
 
 def test_a_figure_that_no_seed_changes_is_held_to_rounding():

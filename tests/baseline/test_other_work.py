@@ -1,7 +1,8 @@
 """Insertion, the seabed, inspection: figures of short runs against the behaviour baseline."""
 
-import holding
 import pytest
+
+import holding
 
 
 @pytest.mark.parametrize("name", ["insertion", "core", "drag", "inspection"])

@@ -1,7 +1,8 @@
 """Identification, calibration, inverse kinematics, the hover: figures of short runs against the behaviour baseline."""
 
-import holding
 import pytest
+
+import holding
 
 
 @pytest.mark.parametrize(

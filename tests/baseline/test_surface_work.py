@@ -1,7 +1,8 @@
 """Work on surfaces: figures of short runs against the behaviour baseline."""
 
-import holding
 import pytest
+
+import holding
 import traces
 
 

@@ -1,6 +1,7 @@
 """Open-loop trajectories against those held: samples everywhere, bits on the platform that wrote them."""
 
 import pytest
+
 import traces
 
 

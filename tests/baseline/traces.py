@@ -19,9 +19,9 @@ import mujoco
 import numba
 import numpy as np
 import pytest
-from cases import barrel_longitudinal_run
 
 import models
+from cases import barrel_longitudinal_run
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array
 

@@ -38,19 +38,22 @@ from calib.arm import Arm  # noqa: E402
 from calib.arm_files import read_arm  # noqa: E402
 from calib.touch_files import read_touches  # noqa: E402
 from controllers.mkps import Chain, Tracker, solve, solve_many  # noqa: E402
-from models import arms, deformed, scenes, targets, thrusters  # noqa: E402
-from models.target_model import ModelPath, Symmetry, TargetModel  # noqa: E402
+from models.arms import published_arms as arms  # noqa: E402
+from models.objects import deformed, targets  # noqa: E402
+from models.objects.target_model import ModelPath, Symmetry, TargetModel  # noqa: E402
+from models.site import scenes  # noqa: E402
 from models.vehicle import Vehicle  # noqa: E402
+from models.water import thrusters  # noqa: E402
 from perception import identify  # noqa: E402
-from perception.cloud_files import load_cloud  # noqa: E402
-from perception.path_shapes import circle, laid_on, line, raster  # noqa: E402
-from perception.point_files import read_targets  # noqa: E402
-from perception.scan import Scan, SensorModel  # noqa: E402
-from perception.terrain_path import plan_seabed_work  # noqa: E402
-from sim import startup  # noqa: E402
-from sim.current import Current  # noqa: E402
+from perception.clouds.cloud_files import load_cloud  # noqa: E402
+from perception.clouds.point_files import read_targets  # noqa: E402
+from perception.clouds.scan import Scan, SensorModel  # noqa: E402
+from perception.seabed.terrain_path import plan_seabed_work  # noqa: E402
+from perception.toolpath.path_shapes import circle, laid_on, line, raster  # noqa: E402
 from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE  # noqa: E402
 from sim.interfaces.errors import UuvError  # noqa: E402
+from sim.runs import startup  # noqa: E402
+from sim.water.current import Current  # noqa: E402
 
 _WARMED: set[str] = set()
 LONGEST = 10.0  # [s] for one input

@@ -22,9 +22,10 @@ from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 from calib import identify as calibrate
 from calib.arm import Arm
 from controllers.mkps import Chain, solve
-from models import arms, targets
-from models.targets import TargetModel
-from perception.path_shapes import line, raster
+from models.arms import published_arms as arms
+from models.objects import targets
+from models.objects.targets import TargetModel
+from perception.toolpath.path_shapes import line, raster
 from sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
 
 INPUTS = int(os.environ.get("UUV_FUZZ", "12"))

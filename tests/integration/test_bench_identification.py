@@ -14,7 +14,7 @@ def test_one_scene(root: Path, tmp_path: Path):
     run = subprocess.run(
         [
             sys.executable,
-            "scripts/bench_identification.py",
+            "scripts/benchmarks/identification.py",
             "--objects",
             "manifold",
             "--scenes",

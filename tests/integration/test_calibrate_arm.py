@@ -13,7 +13,7 @@ from calib import simulation
 from calib.arm import Arm
 from calib.arm_files import read_arm
 from calib.touch_files import write_touches
-from models import arms
+from models.arms import published_arms as arms
 
 # A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
 REAL = os.environ.get("UUV_REAL_TOUCHES", "")

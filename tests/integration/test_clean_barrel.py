@@ -12,7 +12,7 @@ import pytest
 
 import models
 from sim import hydrodynamics
-from sim.metrics import Bounds, schema
+from sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
 RUNS = ("once", "again")

@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from sim import hydrodynamics
-from sim.metrics import Bounds, schema
+from sim.evaluation.metrics import Bounds, schema
 
 BOUNDS = Bounds()
 RUNS = {"ring": ("--path", "ring"), "contactless": ("--contactless", "0.03")}

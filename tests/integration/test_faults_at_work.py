@@ -10,18 +10,17 @@ from sim.interfaces.messages import WorkState
 
 
 @pytest.fixture
-def scripts(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(root / "scripts"))
-    monkeypatch.setattr(sys, "argv", ["study_faults.py"])
+def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["scripts/studies/faults.py"])
 
 
 @pytest.mark.usefixtures("scripts")
 def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat(tmp_path: Path):
-    import clean_barrel
-    from _fault_cases import Trace, run_branched
-    from _job import build
+    from scenarios import barrel
+    from scenarios.campaigns.fault_cases import Trace, run_branched
+    from scenarios.contact_job import build
 
-    options = clean_barrel.Options(seed=0, forces=(90.0,), record=False, quick=True, out=tmp_path)
+    options = barrel.Options(seed=0, forces=(90.0,), record=False, quick=True, out=tmp_path)
     rng = np.random.default_rng(options.seed)
     traces: dict[str, Trace] = {}
 
@@ -29,7 +28,7 @@ def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_
         traces[trace.case] = trace
 
     cases = ("torque sensor 2 frozen", "thruster heave_front dead")
-    run_branched(build(clean_barrel.barrel_job(options, rng), options, rng), cases, keep)
+    run_branched(build(barrel.barrel_job(options, rng), options, rng), cases, keep)
     frozen, lost = (traces[case] for case in cases)
 
     assert frozen.found[0][1:] == ("torque sensor", "joint2")

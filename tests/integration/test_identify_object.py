@@ -1,17 +1,12 @@
 """Finding an object in a cloud or a scene: what comes out, and inputs that end in one line."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from models import targets
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
-
-from _object_scenes import object_scene
+from models.objects import targets
+from scenarios.object_scenes import object_scene
 
 
 @pytest.fixture(scope="module")

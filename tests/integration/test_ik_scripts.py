@@ -7,7 +7,7 @@ import pytest
 
 
 def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path) -> None:
-    done = script("track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
+    done = script("papers.track_singularity", "--quick", "--speed-limit", "0.12", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     runs = json.loads((tmp_path / "metrics.json").read_text())["runs"]
@@ -22,7 +22,7 @@ def test_the_gimbal_lock_is_passed_within_the_speed_limit(script, tmp_path: Path
 
 
 def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> None:
-    done = script("servo_arm", "--quick", "--out", tmp_path)
+    done = script("papers.servo_arm", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     metrics = json.loads((tmp_path / "metrics.json").read_text())
@@ -37,7 +37,7 @@ def test_the_servo_arm_does_all_three_experiments(script, tmp_path: Path) -> Non
 
 def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
     options = ("--arms", "puma560", "--targets", "10", "--rates", "50", "--limits", "180", "--links", "6", "24", "48")
-    done = script("bench_ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
+    done = script("benchmarks.ik", *options, "--repeats", "1", "--no-peers", "--out", tmp_path)
     assert done.returncode in (0, 1), done.stdout + done.stderr  # 1: too few targets for the rate of jacobian_free
     assert done.stderr == ""
     results = json.loads((tmp_path / "bench_ik.json").read_text())

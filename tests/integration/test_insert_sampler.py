@@ -6,7 +6,7 @@ import jsonschema
 import pytest
 
 from sim import hydrodynamics
-from sim.insertion_metrics import InsertionBounds, crashed, schema
+from sim.evaluation.insertion_metrics import InsertionBounds, crashed, schema
 
 BOUNDS = InsertionBounds()
 

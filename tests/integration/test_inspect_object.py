@@ -6,7 +6,7 @@ import jsonschema
 import pytest
 
 from sim import hydrodynamics
-from sim.inspection_metrics import InspectionBounds, schema
+from sim.evaluation.inspection_metrics import InspectionBounds, schema
 
 BOUNDS = InspectionBounds()
 

@@ -1,23 +1,18 @@
 """What jobs on fouled, dented and free-form objects are made of, without running them."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-from models.closed_shells import sphere
-from models.ply_files import write_ply
-from models.targets import TargetModel, barrel, rock
-from sim.interfaces.errors import ConfigurationError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+from tests.unit.surface_distance import signed_distance
 
 import clean_barrel
 import clean_object
-import study_paths
-
-from tests.unit.surface_distance import signed_distance
+from models.meshes.closed_shells import sphere
+from models.meshes.ply_files import write_ply
+from models.objects.targets import TargetModel, barrel, rock
+from sim.interfaces.errors import ConfigurationError
+from studies import paths as study_paths
 
 
 def test_true_surface_of_a_ball(within):

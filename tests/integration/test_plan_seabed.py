@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from models.seabed import seabed
+from models.site.seabed import seabed
 
 
 @pytest.fixture
@@ -41,7 +41,7 @@ def test_bad_files_end_in_one_line(script, files):
 
 
 def test_study_of_terrains(script, tmp_path):
-    done = script("study_seabed", "--terrains", 2, "--beam", 2, "--out", tmp_path)
+    done = script("studies.seabed", "--terrains", 2, "--beam", 2, "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     runs = json.loads((tmp_path / "study.json").read_text("utf-8"))["runs"]
     assert [run["kind"] for run in runs] == ["flat", "ripples"]

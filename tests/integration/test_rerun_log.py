@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import models
-from models.targets import barrel
-from sim import rerun_log
+from models.objects.targets import barrel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import pose, transform_points
-from sim.rerun_log import RerunLog
-from sim.rollout import Moment
+from sim.loop.rollout import Moment
+from sim.reporting import rerun_log
+from sim.reporting.rerun_log import RerunLog
 
 X_WT = pose(p=[1.0, 0.1, -1.5])
 PERIOD = 0.002  # [s]

@@ -7,10 +7,10 @@ import jsonschema
 import numpy as np
 import pytest
 
-from perception.seabed_finder import SeabedFinder
+from perception.seabed.seabed_finder import SeabedFinder
 from sim import hydrodynamics
+from sim.evaluation.seabed_metrics import SeabedBounds, schema
 from sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
-from sim.seabed_metrics import SeabedBounds, schema
 
 BOUNDS = SeabedBounds()
 
@@ -120,10 +120,9 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
     assert not (tmp_path / "out" / "metrics.json").exists()
 
 
-def test_the_story_of_a_drag_has_its_profile_with_both_axes(monkeypatch, root):
+def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
-    monkeypatch.syspath_prepend(str(root / "scripts"))
-    from _seabed_job import Story
+    from scenarios.seabed_work import Story
 
     rng = np.random.default_rng(2)
     finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))

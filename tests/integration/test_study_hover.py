@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm_dynamics import ArmDynamics
+from controllers.arm.inverse_dynamics import ArmDynamics
 from models.vehicle import Vehicle
 
 AHEAD = np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0])  # [rad] laid out straight
 
 
 @pytest.fixture
-def pushing(root, monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(root / "scripts")
-    return import_module("_pushing")
+def pushing() -> Any:
+    return import_module("scenarios.pushing")
 
 
 @pytest.fixture

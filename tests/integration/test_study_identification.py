@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
-    run = script("study_identification", "--objects", "manifold", "--scenes", 1, "--out", tmp_path)
+    run = script("studies.identification", "--objects", "manifold", "--scenes", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     rows = json.loads((tmp_path / "scenes.json").read_text())
     assert [row["sensor"] for row in rows] == ["sonar", "stereo", "white"]
@@ -17,6 +17,6 @@ def test_one_scene_of_each_sensor(script, tmp_path: Path):
 
 
 def test_unknown_object_is_refused(script):
-    run = script("study_identification", "--objects", "teapot")
+    run = script("studies.identification", "--objects", "teapot")
     assert run.returncode == 2
     assert "manifold" in run.stderr

@@ -5,7 +5,7 @@ from pathlib import Path
 
 
 def test_one_scene(script, tmp_path: Path):
-    run = script("study_sensors", "--runs", 1, "--out", tmp_path)
+    run = script("studies.sensors", "--runs", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
     rows = {name: rows[0] for name, rows in json.loads((tmp_path / "sensors.json").read_text()).items()}
     wrong = rows["port, calibrated in air"]
@@ -16,6 +16,6 @@ def test_one_scene(script, tmp_path: Path):
 
 
 def test_no_scenes_are_refused(script):
-    run = script("study_sensors", "--runs", 0)
+    run = script("studies.sensors", "--runs", 0)
     assert run.returncode == 2
     assert "--runs" in run.stderr

@@ -50,6 +50,7 @@ class Reach:
     def _read(self, root: Path, path: Path) -> None:
         relative = path.relative_to(root)
         parts = relative.with_suffix("").parts
+        parts = parts[1:] if parts[0] == "scripts" else parts  # as they import one another
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
         module = _Module(name, str(relative), ast.parse(path.read_text()))
         for statement in module.tree.body:
@@ -73,7 +74,7 @@ class Reach:
             module = module.rpartition(".")[0]
         if not module:  # tests and scripts import their neighbours by a bare name
             first, _, rest = dotted.partition(".")
-            found = [n for n in self._by_stem.get(first, ()) if n.startswith(("tests", "scripts"))]
+            found = [n for n in self._by_stem.get(first, ()) if self._modules[n].path.startswith(("tests", "scripts"))]
             return [node for n in found for node in self._find(f"{n}.{rest}" if rest else n)]
         name = dotted[len(module) + 1 :].partition(".")[0]
         if not name:
@@ -105,7 +106,7 @@ class Reach:
                     found.update((m, name) for m in self._by_stem["conftest"] if name in self._modules[m].names)
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
                 for named in self._by_stem.get(node.value, ()):
-                    if named.startswith(("models.", "scripts.")):
+                    if self._modules[named].path.startswith(("models/", "scripts/")):
                         found.update(self._find(named))
             if dotted:
                 found.update(self._find(dotted))
@@ -132,11 +133,12 @@ class Reach:
                 if user not in steps:
                     steps[user] = steps[node] + 1
                     queue.append(user)
-        stem = Path(path).stem.removesuffix("_kernel")
+        stem, mirror = Path(path).stem.removesuffix("_kernel"), f"tests/unit/{Path(path).parent.as_posix()}/"
         ranked = []
         for (name, top), count in steps.items():
             module = self._modules[name]
             if top.startswith("test_") and Path(module.path).name.startswith("test_"):
                 own = stem in Path(module.path).stem
-                ranked.append((not own, "integration" in module.path, count, module.path, top))
+                whole = "integration" in module.path or "baseline" in module.path
+                ranked.append((not own, whole, not module.path.startswith(mirror), count, module.path, top))
         return [f"{path}::{top}" for *_, path, top in sorted(ranked)]

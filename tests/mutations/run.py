@@ -139,7 +139,7 @@ def run_tests(folder: Path, tests: list[str], budget: float, *options: str) -> d
         fate = "unseen"  # within the budget; more tests are left
     elif status == 0:
         fate = "survived"
-    elif status < 0 or status in (1, 2):  # failed, or did not even collect, or crashed
+    elif status < 0 or status in (1, 2) or found["by"]:  # failed, or crashed, or did not even collect
         fate, found["by"] = "killed", found["by"] or f"exit {status}"
     else:
         fate = f"pytest's exit code {status}"

@@ -12,8 +12,8 @@ import pytest
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics
 from sim import hydrodynamics
-from sim.current import Current
 from sim.interfaces.spatial import Array
+from sim.water.current import Current
 
 NEWER = tuple(int(x) for x in mujoco.__version__.split(".")[:2]) >= (4, 0)
 INTEGRATORS = ["EULER", "RK4", "IMPLICIT", "IMPLICITFAST"]

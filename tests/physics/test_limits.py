@@ -15,10 +15,10 @@ import models
 from models import hydrodynamics as water
 from models.hydrodynamics import LAYOUT, BodyHydrodynamics
 from sim import hydrodynamics
-from sim.current import Current
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.messages import Command
-from sim.plant import Plant
+from sim.plant.plant import Plant
+from sim.water.current import Current
 
 pytestmark = pytest.mark.filterwarnings("error::sim.interfaces.errors.PhysicsWarning")
 

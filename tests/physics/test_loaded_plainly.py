@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm_dynamics import ArmDynamics
-from controllers.hover import Hover
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.hull.station_keeping import Hover
 from models import hydrodynamics as water
 from models.vehicle import Vehicle
 from sim import hydrodynamics
-from sim.current import Current
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
-from sim.plant import Plant
-from sim.reaction import wrench
+from sim.plant.plant import Plant
+from sim.plant.reaction import wrench
+from sim.water.current import Current
 
 TILTED = exp_so3([0.3, -0.2, 0.5])
 REST = np.zeros(6)

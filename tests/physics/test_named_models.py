@@ -14,20 +14,20 @@ import numpy as np
 import pytest
 
 import models
-from controllers.allocation import Allocation
-from controllers.arm_dynamics import ArmDynamics
-from controllers.hover import Hover
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.hull.allocation import Allocation
+from controllers.hull.station_keeping import Hover
 from models import hydrodynamics as water
-from models import published
 from models.hydrodynamics import BodyHydrodynamics, unpack
 from models.vehicle import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE, Vehicle
+from models.vehicles import published_hulls as published
 from sim import hydrodynamics
-from sim.current import Current
-from sim.depth_camera import DepthCamera
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, rotation_angle, skew
-from sim.plant import Plant, Truth
+from sim.plant.plant import Plant, Truth
+from sim.sensors.depth_camera import DepthCamera
+from sim.water.current import Current
 
 NAMES = sorted({models.describe(name).name for name in models.available()})  # without the aliases
 FLOATING = [name for name in NAMES if models.describe(name).floating]
@@ -566,8 +566,7 @@ def test_vehicle_of_the_readme_floats_and_hovers(root, within, capfd):
     within("README: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
 
 
-def test_script_lists_every_model(root, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(root / "scripts")
+def test_script_lists_every_model(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["show_models.py"])
     monkeypatch.setenv("COLUMNS", "200")
     assert import_module("show_models").main() == 0

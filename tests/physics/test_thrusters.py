@@ -8,15 +8,15 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 
 import models
-from models import thrusters
 from models.hydrodynamics import LAYOUT, unpack
-from models.thruster_curves import command_for, thrust_at
-from models.thrusters import Thruster
 from models.vehicle import HOME_KEY, Vehicle
+from models.water import thrusters
+from models.water.thruster_curves import command_for, thrust_at
+from models.water.thrusters import Thruster
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, rotation_angle
-from sim.thrusters import Thrusters
+from sim.plant.thrusters import Thrusters
 
 STEP = 0.002  # [s]
 STILL = (np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))  # attitude, velocities, current

@@ -1,0 +1,1 @@
+"""Control of the arm: inverse dynamics, joint servo, force loop, compliance."""

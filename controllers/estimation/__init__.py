@@ -1,0 +1,1 @@
+"""Estimates that control needs: contact force, disturbance of the hull, payload, friction."""

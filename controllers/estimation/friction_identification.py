@@ -1,0 +1,197 @@
+"""Friction of the arm's gears, identified in the water from motions of free joints.
+
+    motion = FrictionMotion(vehicle, X_WB)                  # a planner: one joint after another, slow and fast
+    result = identify(qd, qdd, tau_motor, tau_gear, armature)   # what was recorded while it ran
+    WorkController(model, friction=result.dry)
+
+With torque sensors on the gear outputs what a gear takes is measured, tau_motor - I_rotor qdd - tau_gear; without them
+tau_gear is that of the arm's inverse dynamics, and errors of the model enter. Per joint, at the moving samples,
+
+    lost = b + viscous qd + sign(qd) (coulomb + (stiction - coulomb) exp(-(qd / stribeck_speed)^2))
+
+is linear but for the speed, over which it is searched (variable projection; Golub, Pereyra 1973). b is the sensor's
+bias.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.arms.gear_friction import DryFriction
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import Array, checked, readonly
+
+_LEAST_SPEED = 2e-3  # [rad/s] below which a sample may be of a joint at rest
+_FEWEST = 200  # moving samples of a joint, and each way a tenth of them
+_NAMES = ("bias", "viscous", "coulomb", "stiction", "stribeck_speed")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IdentifiedFriction:
+    """Friction of all gears, with its uncertainty; arrays (n,), read-only."""
+
+    viscous: Array  # [N m s/rad]
+    dry: DryFriction
+    bias: Array  # [N m] of the torque sensors
+    covariance: Array  # (n, 5, 5) of bias, viscous, coulomb, stiction, stribeck_speed
+    residual: Array  # [N m] standard deviation of what is left
+
+    def sigma(self, name: str) -> Array:
+        """Standard deviation (n,) of bias, viscous, coulomb, stiction or stribeck_speed."""
+        if name not in _NAMES:
+            raise ConfigurationError(f"identified friction: allowed {', '.join(_NAMES)}, got {name!r}")
+        at = _NAMES.index(name)
+        return np.sqrt(self.covariance[:, at, at])
+
+
+def identify(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
+    """Fit each gear's friction to a recorded motion.
+
+    Args:
+        qd, qdd: joint speeds and accelerations (N, n) [rad/s, rad/s^2].
+        tau_motor: torques of the motors (N, n) [N m].
+        tau_gear: torques past the gears (N, n) [N m], measured or modelled.
+        armature: (n,) inertia of the rotors at the joints [kg m^2].
+
+    Raises ConfigurationError for arrays that do not fit, and for a joint that moved too little, either way.
+    """
+    qd = np.asarray(qd, dtype=np.float64)
+    shape = qd.shape
+    if len(shape) != 2:
+        raise ConfigurationError(f"friction qd: must be (N, n), got {shape}")
+    qd, qdd = checked(qd, shape, "friction qd"), checked(qdd, shape, "friction qdd")
+    tau_motor, tau_gear = checked(tau_motor, shape, "friction tau_motor"), checked(tau_gear, shape, "friction tau_gear")
+    armature = checked(armature, shape[1:], "friction armature")
+    lost = tau_motor - armature * qdd - tau_gear
+    fits = [_fit(j, qd[:, j], lost[:, j]) for j in range(shape[1])]
+    best = np.array([fit[0] for fit in fits])
+    coulomb = np.maximum(best[:, 2], 0.0)
+    return IdentifiedFriction(
+        viscous=readonly(best[:, 1]),
+        dry=DryFriction(
+            coulomb=readonly(coulomb),
+            stiction=readonly(np.maximum(best[:, 3], coulomb)),
+            stribeck_speed=readonly(best[:, 4]),
+        ),
+        bias=readonly(best[:, 0]),
+        covariance=readonly(np.stack([fit[1] for fit in fits])),
+        residual=readonly(np.array([fit[2] for fit in fits])),
+    )
+
+
+def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
+    """The five numbers of one joint, their covariance, and what is left."""
+    moving = np.abs(qd) > _LEAST_SPEED
+    qd, lost = qd[moving], lost[moving]
+    fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
+    if len(qd) < _FEWEST or fewest < _FEWEST // 10:
+        raise ConfigurationError(
+            f"friction of joint {joint + 1}: {len(qd)} samples faster than {_LEAST_SPEED} rad/s, {fewest} of them the "
+            f"rarer way; at least {_FEWEST} and {_FEWEST // 10} are needed"
+        )
+
+    def columns(over: float) -> Array:
+        share = np.exp(-((qd / over) ** 2))
+        return np.column_stack([np.ones_like(qd), qd, np.sign(qd) * (1.0 - share), np.sign(qd) * share])
+
+    def left(over: float) -> float:
+        A = columns(over)
+        return float(np.sum((lost - A @ np.linalg.lstsq(A, lost, rcond=None)[0]) ** 2))
+
+    grid = np.geomspace(2.0 * _LEAST_SPEED, np.quantile(np.abs(qd), 0.9), 24)
+    for _ in range(3):  # ever finer about the best
+        at = int(np.argmin([left(over) for over in grid]))
+        grid = np.geomspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 12)
+    over = float(grid[int(np.argmin([left(value) for value in grid]))])
+    A = columns(over)
+    x = np.linalg.lstsq(A, lost, rcond=None)[0]
+    slope = (x[3] - x[2]) * np.sign(qd) * np.exp(-((qd / over) ** 2)) * 2.0 * qd**2 / over**3
+    full = np.column_stack([A, slope])
+    variance = float(np.sum((lost - A @ x) ** 2)) / max(len(qd) - 5, 1)
+    scale = np.linalg.norm(full, axis=0)
+    scale[scale == 0.0] = 1.0
+    information = (full / scale).T @ (full / scale)
+    covariance = variance * np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
+    return np.append(x, over), covariance, float(np.sqrt(variance))
+
+
+class FrictionMotion:
+    """Planner (`sim.interfaces.protocols.Planner`): joints swing together, slowly and then fast, the hull hovers."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        X_WB: Array,
+        *,
+        swing: float = 0.25,
+        slow: float = 20.0,
+        fast: float = 5.0,
+        period: float = 0.01,
+    ) -> None:
+        """Swing each joint by `swing` [rad] about the ready posture, or less between its limits, one slow and two fast
+        turns of `slow` and `fast` [s], at rates a little different, so that no two move alike. `X_WB` (4, 4) is held.
+
+        Raises ConfigurationError for numbers that are not > 0.
+        """
+        for name, value in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise ConfigurationError(f"friction motion {name}: must be finite and > 0, got {value}")
+        self.period = period
+        limits = vehicle.q_limits
+        room = np.minimum(vehicle.q_ready - limits[:, 0], limits[:, 1] - vehicle.q_ready)
+        self._middle = np.array(vehicle.q_ready)
+        self._swing = np.minimum(swing, np.maximum(0.9 * room, 0.0))
+        self._home, self._X_WB = np.array(vehicle.q_home), np.array(X_WB)
+        self._slow, self._fast = slow, fast
+        self._rate = 1.0 + 0.05 * np.arange(len(self._middle))
+        self._unfold = 4.0  # [s]
+
+    @property
+    def recorded(self) -> tuple[float, float]:
+        """Beginning and end of the swings [s] since the motion began."""
+        return self._unfold, self._unfold + self._slow + 2.0 * self._fast
+
+    def init(self, estimate: StateEstimate) -> float:
+        return estimate.time
+
+    def step(
+        self, state: float, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[float, Reference]:
+        del target, last
+        time = estimate.time - state
+        begin, end = self.recorded
+        qd = np.zeros(len(self._middle))
+        work = WorkState.CLOSE_IN
+        if time < begin:
+            s = time / begin
+            way = self._middle - self._home
+            q = self._home + s**3 * (10.0 - 15.0 * s + 6.0 * s * s) * way
+            qd = 30.0 * s * s * (1.0 - s) ** 2 / begin * way
+        elif time < end:
+            since, turn, before = time - begin, self._slow, 0.0
+            if since > self._slow:
+                since, turn, before = since - self._slow, self._fast, 2.0 * np.pi
+            rate = 2.0 * np.pi / turn * self._rate
+            phase = rate * since + before * self._rate
+            q, qd = self._middle + self._swing * np.sin(phase), self._swing * (rate * np.cos(phase))
+        else:
+            phase = 2.0 * np.pi * 3.0 * self._rate
+            q, work = self._middle + self._swing * np.sin(phase), WorkState.DONE
+        return state, Reference(
+            time=estimate.time,
+            state=work,
+            X_WB=self._X_WB,
+            v_WB_W=np.zeros(3),
+            X_WG=None,
+            v_WG_W=np.zeros(3),
+            w_WG_W=np.zeros(3),
+            q=q,
+            qd=np.array(qd, dtype=np.float64),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )

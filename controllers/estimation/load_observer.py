@@ -1,0 +1,246 @@
+"""External joint torques without accelerations or torque sensors: an observer of the arm's generalised momentum.
+
+Lagrange's equation of joint j of an arm on a hull that moves by itself, with T the kinetic energy of rigid bodies and
+water (added mass included) and p = dT/dqd, is
+
+    dp/dt = tau + dT/dq - g(q) - d(q, qd, nu) - friction + tau_e,
+
+where the hull's velocity nu enters p and T but none of its accelerations appears. Integrated beside the measured p, the
+right side without tau_e lacks just that, and r = K (p - integral of (right side + r)) follows tau_e with a first-order
+lag 1/K (De Luca, Mattone 2003, Actuator failure detection and isolation using generalized momenta; here with a moving
+base). A steady current is a choice of the frame: the arm's equations hold unchanged in one that drifts with the water.
+
+With s_j the joint's axis, h_j the momentum of all that it carries and v_j the twist of its body (six-vectors at the
+joint), p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): turning a joint turns the twists of all bodies beyond it.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numba
+import numpy as np
+
+from controllers.arm.believed_friction import dry_friction
+from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from models.arms.gear_friction import DryFriction
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array, fitting
+
+SMOOTHING = 1e-3  # [rad/s] over which dry friction turns round: five times the noise of the encoders' speed
+_HINGE = 1  # the kind in `layout` of controllers.arm.inverse_dynamics; other joints slide
+
+
+@dataclass(slots=True, eq=False)
+class LoadObserverState:
+    """Memory of the observer."""
+
+    integral: Array  # (n,) [N m s] momentum that the known torques account for
+    known: Array  # (n,) [N m] what acts besides the motors, at the last step
+    tau_e: Array  # (n,) [N m] observed
+    started: bool = False
+
+
+class LoadObserver:
+    """External torque on every joint of a vehicle's arm from motor torques, joint and hull velocities."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        period: float,
+        time_constant: float = 0.012,
+        water_error: float = 0.0,
+        friction: DryFriction | None = None,
+    ) -> None:
+        """Take the arm of the vehicle in `model`, the `period` [s] of its steps, and the lag [s] of what it shows.
+
+        `water_error` makes the hydrodynamic coefficients wrong by that share; `friction` is that of the gears as it is
+        believed (default: the model's). At rest it may be anything below stiction, and is taken for none.
+
+        Raises ConfigurationError for times that are not positive.
+        """
+        for name, value in (("period", period), ("time_constant", time_constant)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise ConfigurationError(f"load observer {name}: must be finite and > 0 s, got {value}")
+        vehicle = Vehicle.of(model)
+        self._arm = arm = ArmDynamics(model, water_error=water_error)
+        self._bare = arm.numbers.copy()  # the same arm without weight, buoyancy and drag
+        for drag in arm.of_bodies(self._bare, "linear", "quadratic"):
+            drag[:] = 0.0
+        arm.weightless(self._bare)
+        self._armature, self._friction = np.array(vehicle.armature), np.array(vehicle.joint_damping)
+        self._dry = friction or vehicle.dry_friction
+        self._period = period
+        self._gain = -np.expm1(-period / time_constant) / period  # [1/s], its pole exactly exp(-period / time_constant)
+        self._hull = np.zeros(24)
+
+    def init(self) -> LoadObserverState:
+        n = self._arm.n
+        return LoadObserverState(np.zeros(n), np.zeros(n), np.zeros(n))
+
+    def step(
+        self,
+        state: LoadObserverState,
+        q: Array,
+        qd: Array,
+        tau_motor: Array,
+        *,
+        R_WB: Array,
+        nu_B: Array,
+        v_current_W: Array,
+    ) -> Array:
+        """External torques (n,) [N m], J^T f of what the world does to the arm; `state` moves on by one period.
+
+        Args:
+            state: of `init`, or as the last step left it.
+            q, qd: joint motion now (n,) [rad, rad/s].
+            tau_motor: torques of the motors (n,) [N m] over the period that has just ended.
+            R_WB: hull attitude (3, 3).
+            nu_B: hull velocity (6,), (linear; angular), hull axes [m/s, rad/s].
+            v_current_W: steady current (3,) [m/s].
+
+        Raises ConfigurationError for a shape that is not so or a number that is not finite.
+        """
+        arm, hull = self._arm, self._hull
+        joints = (arm.n,)
+        q, qd = fitting(q, joints, "load observer q"), fitting(qd, joints, "load observer qd")
+        tau_motor = fitting(tau_motor, joints, "load observer tau_motor")
+        R_WB = fitting(R_WB, (3, 3), "load observer R_WB")
+        nu_B = fitting(nu_B, (6,), "load observer nu_B")
+        v_current_W = fitting(v_current_W, (3,), "load observer v_current_W")
+        hull[:9] = R_WB.ravel()
+        hull[9:15] = nu_B
+        hull[9:12] -= R_WB.T @ v_current_W
+        dry = self._dry
+        _observe(
+            arm.layout,
+            arm.numbers,
+            self._bare,
+            arm.stations,
+            arm.work,
+            hull,
+            q,
+            qd,
+            tau_motor,
+            self._armature,
+            self._friction,
+            dry.coulomb,
+            dry.stiction,
+            dry.stribeck_speed,
+            self._period,
+            self._gain,
+            not state.started,
+            state.integral,
+            state.known,
+            state.tau_e,
+        )
+        state.started = True
+        return state.tau_e.copy()
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _observe(
+    layout,
+    numbers,
+    bare,
+    stations,
+    work,
+    hull,
+    q,
+    qd,
+    tau_motor,
+    armature,
+    viscous,
+    coulomb,
+    stiction,
+    stribeck_speed,
+    dt,
+    gain,
+    first,
+    integral,
+    known,
+    tau_e,
+):
+    """One step of the observer; with `first` it only begins: nothing is known of the past."""
+    n = q.shape[0]
+    still, no_contact, wrench_B = np.zeros(n), np.zeros(6), np.empty(6)
+    static, velocity, p, turning = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    newton_euler(layout, numbers, stations, q, qd, still, hull, no_contact, work, static, wrench_B)
+    newton_euler(layout, bare, stations[:0], q, qd, still, hull, no_contact, work, velocity, wrench_B)
+    momentum(layout, numbers, work, p, turning)
+    dry = np.empty(n)
+    dry_friction(coulomb, stiction, stribeck_speed, SMOOTHING, qd, dry)
+    for j in range(n):
+        p[j] += armature[j] * qd[j]
+        now = turning[j] - (static[j] - velocity[j]) - viscous[j] * qd[j] - dry[j]
+        if first:
+            integral[j], tau_e[j] = p[j], 0.0
+        else:
+            # Motors hold their torque over a step; all else runs on, so the mean of its ends is second order.
+            integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + now) + tau_e[j])
+            tau_e[j] = gain * (p[j] - integral[j])
+        known[j] = now
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def momentum(layout, numbers, work, p_joint, turning):
+    """Generalised momentum of every joint `p_joint` (n,) [N m s] and dT/dq `turning` (n,) [N m], still water.
+
+    Reads the joint rotations, places and twists that `newton_euler` left in `work`.
+    """
+    nb = layout.shape[1]
+    parent, kind, column = layout[0], layout[1], layout[2]
+    axis = numbers[0 : 3 * nb].reshape(nb, 3)
+    mass = numbers[15 * nb : 16 * nb]
+    com = numbers[16 * nb : 19 * nb].reshape(nb, 3)
+    inertia = numbers[19 * nb : 28 * nb].reshape(nb, 3, 3)
+    added = numbers[28 * nb : 64 * nb].reshape(nb, 6, 6)
+    origin = numbers[110 * nb : 113 * nb].reshape(nb, 3)
+    R = work[: 9 * nb].reshape(nb, 3, 3)
+    p = work[9 * nb : 12 * nb].reshape(nb, 3)
+    nu = work[21 * nb : 27 * nb].reshape(nb, 6)
+    h = np.zeros((nb, 6))
+    at_origin, water = np.empty(6), np.empty(6)
+    for b in range(nb - 1, -1, -1):
+        v, w, c, o = nu[b, :3], nu[b, 3:], com[b], origin[b]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            h[b, i] += mass[b] * (v[i] + w[j] * c[k] - w[k] * c[j])
+            h[b, 3 + i] += mass[b] * (c[j] * v[k] - c[k] * v[j])
+            for m in range(3):
+                h[b, 3 + i] += inertia[b, i, m] * w[m]
+            at_origin[i], at_origin[3 + i] = v[i] + w[j] * o[k] - w[k] * o[j], w[i]
+        for i in range(6):
+            water[i] = 0.0
+            for m in range(6):
+                water[i] += added[b, i, m] * at_origin[m]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            h[b, i] += water[i]
+            h[b, 3 + i] += water[3 + i] + o[j] * water[k] - o[k] * water[j]
+        if column[b] >= 0:
+            u, at = axis[b], column[b]
+            p_joint[at] = turning[at] = 0.0
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                about = w[j] * u[k] - w[k] * u[j]
+                if kind[b] == _HINGE:
+                    p_joint[at] += u[i] * h[b, 3 + i]
+                    turning[at] += h[b, i] * (v[j] * u[k] - v[k] * u[j]) + h[b, 3 + i] * about
+                else:
+                    p_joint[at] += u[i] * h[b, i]
+                    turning[at] += h[b, i] * about
+        up = parent[b]
+        if up < 0:
+            continue
+        for i in range(3):  # R h, moved to the parent's joint
+            for m in range(3):
+                h[up, i] += R[b, i, m] * h[b, m]
+                h[up, 3 + i] += R[b, i, m] * h[b, 3 + m]
+            j, k = (i + 1) % 3, (i + 2) % 3
+            for m in range(3):
+                h[up, 3 + i] += (p[b, j] * R[b, k, m] - p[b, k] * R[b, j, m]) * h[b, m]

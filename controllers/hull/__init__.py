@@ -1,0 +1,1 @@
+"""Control of the hull: station keeping, thrust allocation, thrust margin."""

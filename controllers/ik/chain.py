@@ -1,0 +1,411 @@
+"""Serial chains for the inverse kinematics in `controllers.mkps`, and the doors that build them.
+
+Joints are hinges [rad], slides [m] and pantograph links [rad] (a link that swings while what it carries keeps its
+direction). The base frame is whatever the chain was given in; the tip frame is the tool G of `design`.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Self
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from controllers.ik import kinematics as kernels
+from controllers.ik.entries import entry
+from controllers.ik.urdf import TIP_SITE, model_from_urdf
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import (
+    FARTHEST,
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    real_array,
+    shown,
+)
+
+_KINDS = {"r": kernels.HINGE, "p": kernels.SLIDE, "o": kernels.PANTOGRAPH}
+_JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Chain:
+    """A serial chain from a base frame to a tip frame, described where all its joint values are zero.
+
+    Build it by `from_dh`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are read-only, in base axes.
+    """
+
+    joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
+    axes: Array  # (n, 3) unit joint axes
+    points: Array  # (n, 3) [m] a point on each axis
+    links: Array  # (n, 3) [m] the swinging vector of each pantograph link, zero elsewhere
+    X_base_tip0: Array  # (4, 4) tip pose at zero
+    limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
+    names: tuple[str, ...]  # of the joints
+    n: int = field(init=False)  # number of joint values
+    _scale: float = field(init=False, repr=False)
+    _memory: Array = field(init=False, repr=False)  # of the kernels; touched by calls that hold the GIL only
+    _single: list[NDArray[np.float32]] = field(init=False, repr=False)  # the same in single precision, if asked for
+    _no_trail: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        set_field = partial(object.__setattr__, self)
+        if not (np.isfinite(self.axes).all() and np.isfinite(self.X_base_tip0).all()):
+            raise ConfigurationError(
+                "a chain's axes and its tip at zero must be finite: a length or angle is beyond reason"
+            )
+        largest = float(max(np.abs(self.points).max(initial=0.0), np.abs(self.X_base_tip0[:3, 3]).max()))
+        if not largest <= FARTHEST:
+            raise ConfigurationError(f"a chain must lie within {FARTHEST:g} m of its base, got {largest:g} m")
+        set_field("n", len(self.joint_types))
+        set_field("_scale", _scale(self))
+        set_field("_memory", memory_of(self, self._scale))
+        set_field("_single", [])
+        set_field("_no_trail", np.empty((0, self.n)))
+
+    @classmethod
+    def from_dh(
+        cls,
+        dh: ArrayLike,
+        joint_types: str | None = None,
+        limits: ArrayLike | None = None,
+        tool: ArrayLike | None = None,
+    ) -> Self:
+        """A chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]).
+
+        `dh` is (n, 4); row i moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha), a slide by Tz(d + q) instead, a pantograph
+        link by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha). `joint_types` has a letter a row: r, p or o, default all r.
+        `limits` is (n, 2) [rad] or [m], infinite (and by default) for none; `tool` (4, 4) is the tip in the last frame.
+
+        Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown letters and crossed limits.
+        """
+        rows = checked_rows(dh, 4, "dh")
+        if np.abs(rows).max() > FARTHEST:
+            raise ConfigurationError(f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}")
+        types = _letters(joint_types, len(rows))
+        axes, points, links = np.empty((3, len(rows), 3))
+        X = np.eye(4)
+        for i, (theta, d, a, alpha) in enumerate(rows):
+            axes[i], points[i] = X[:3, 2], X[:3, 3]
+            X = X @ pose(exp_so3([0.0, 0.0, theta]))
+            links[i] = X[:3, :3] @ [a, 0.0, 0.0] if types[i] == "o" else 0.0
+            X = X @ pose(exp_so3([alpha, 0.0, 0.0]), [a, 0.0, d])
+        return cls(
+            joint_types=types,
+            axes=readonly(axes),
+            points=readonly(points),
+            links=readonly(links),
+            X_base_tip0=readonly(X @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            limits=_checked_limits(limits, len(rows)),
+            names=tuple(f"joint{i + 1}" for i in range(len(rows))),
+        )
+
+    @classmethod
+    def from_vectors(
+        cls, M: ArrayLike, e: ArrayLike, p: ArrayLike, L: ArrayLike | None = None, tool: ArrayLike | None = None
+    ) -> Self:
+        """A chain from the vector model of paper 003 (chapter 2, fig. 1), in its initial position.
+
+        `M` (n, 3) [m] is the link vector from each joint to the next (the last to the tip), `e` (n, 3) the joint axes
+        (any length but zero), `p` (n,) the kinds: 1 hinge, 0 slide, 2 pantograph link; `L` (2, n) the lower limits over
+        the upper ones [rad] or [m], default none. A slide moves its link by +q e. Joint 1 is at the base origin. The
+        tip's z is along the last link (the paper's E_x), its x along the part of e_n across it (the paper's E_z), or,
+        if they are parallel, along the base axis most across it. `tool` (4, 4) is a last move from there.
+
+        Raises ConfigurationError for wrong shapes, zero axes, a last link without length, unknown kinds and crossed
+        limits.
+        """
+        vectors = checked_rows(M, 3, "M")
+        n = len(vectors)
+        directions = checked(e, (n, 3), "e")
+        directions = directions / np.maximum(np.abs(directions).max(axis=1, keepdims=True), 1e-9)
+        kinds = checked(p, (n,), "p")
+        lengths = np.linalg.norm(directions, axis=1)
+        if not np.all(lengths > 1e-9):
+            raise ConfigurationError(f"e: every joint axis needs a length, row {int(np.argmin(lengths))} has none")
+        if not np.all(np.isin(kinds, (0.0, 1.0, 2.0))):
+            raise ConfigurationError(f"p: allowed 1 (hinge), 0 (slide), 2 (pantograph link), got {kinds.tolist()}")
+        last = float(np.linalg.norm(vectors[-1]))
+        if not last > 1e-12:
+            raise ConfigurationError("M: the last link needs a length, for it is the tool's axis")
+        axes = directions / lengths[:, None]
+        z = vectors[-1] / last
+        across = axes[-1] - (axes[-1] @ z) * z
+        if np.linalg.norm(across) < 1e-6:
+            across = np.eye(3)[int(np.argmin(np.abs(z)))]
+            across = across - (across @ z) * z
+        x = across / np.linalg.norm(across)
+        points = np.vstack([np.zeros(3), np.cumsum(vectors, axis=0)])
+        X_base_tip0 = pose(np.column_stack([x, np.cross(z, x), z]), points[-1])
+        limits = None if L is None else _bounds(L, (2, n), "L").T
+        return cls(
+            joint_types="".join("pro"[int(kind)] for kind in kinds),
+            axes=readonly(axes),
+            points=readonly(points[:-1]),
+            links=readonly(np.where(kinds[:, None] == 2.0, vectors, 0.0)),
+            X_base_tip0=readonly(X_base_tip0 @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
+            limits=_checked_limits(limits, n),
+            names=tuple(f"joint{i + 1}" for i in range(n)),
+        )
+
+    @classmethod
+    def from_mjcf(cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()) -> Self:
+        """The chain of joints between a body and a site of a compiled model, in the frame of that body.
+
+        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Joints
+        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part. Two hinges in a row,
+        turned against each other by an active joint equality, are one pantograph link, named and measured by the first.
+
+        Raises ConfigurationError for an unknown body, site or joint, a site that is not beyond the body, ball and free
+        joints and other couplings of two joints on the way, and a chain without joints.
+        """
+        base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
+        site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
+        if isinstance(exclude, str) or not isinstance(exclude, Iterable):
+            raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
+        excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
+        bodies = []
+        body = int(model.site_bodyid[site])
+        while body not in (base, 0):
+            bodies.append(body)
+            body = int(model.body_parentid[body])
+        if body != base:
+            raise ConfigurationError(
+                f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
+            )
+        joints = [
+            j
+            for body in reversed(bodies)
+            for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+            if j not in excluded
+        ]
+        names = [model.joint(j).name for j in joints]
+        kinds = [int(model.jnt_type[j]) for j in joints]
+        letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
+        for name, kind in zip(names, kinds, strict=True):
+            if kind not in letters:
+                raise ConfigurationError(f"joint {name!r}: only hinges and slides can be solved for, not ball or free")
+        if not joints:
+            raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
+        data = mujoco.MjData(model)
+        data.qpos[:] = model.qpos0
+        data.qpos[model.jnt_qposadr[joints]] = 0.0
+        followers = _followers(model, joints)
+        for follower, (_, constant, _) in followers.items():
+            data.qpos[model.jnt_qposadr[follower]] = constant
+        mujoco.mj_kinematics(model, data)
+        limits = np.where(model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf])
+        links = np.zeros((len(joints), 3))
+        types = [letters[kind] for kind in kinds]
+        for follower, (leader, constant, ratio) in followers.items():
+            i = joints.index(leader)
+            if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
+                raise ConfigurationError(
+                    f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they carry parallel"
+                )
+            types[i] = "o"
+            links[i] = data.xanchor[follower] - data.xanchor[leader]
+            bounds = np.sort((limits[i + 1] - constant) / ratio)
+            limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
+        own = [i for i, j in enumerate(joints) if j not in followers]
+        ids = [joints[i] for i in own]
+        X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
+        X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+        R_W_base = X_W_base[:3, :3]
+        return cls(
+            joint_types="".join(types[i] for i in own),
+            axes=readonly(data.xaxis[ids] @ R_W_base),
+            points=readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
+            links=readonly(links[own] @ R_W_base),
+            X_base_tip0=readonly(inverse(X_W_base) @ X_W_tip),
+            limits=_checked_limits(limits[own], len(own)),
+            names=tuple(names[i] for i in own),
+        )
+
+    @classmethod
+    def from_urdf(cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()) -> Self:
+        """The chain of joints between two links of a URDF (a file, or its text), from frame to frame, by `from_mjcf`.
+
+        Fixed joints take no part, `continuous` ones have no limits; two hinges in a row of which the second mimics the
+        first, turning the other way about the same direction, are one pantograph link.
+
+        Raises ConfigurationError as `from_mjcf`, and for what is not a URDF of one tree (see `mkps_urdf`).
+        """
+        model, root = model_from_urdf(urdf, base_link, tip_link)
+        return cls.from_mjcf(model, "world" if base_link == root else base_link, TIP_SITE, exclude)
+
+    def forward(self, q: ArrayLike) -> Array:
+        """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""
+        return self.kinematics(q)[0]
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Jacobian (6, n) of the tip (linear; angular), in base axes at the tip; ConfigurationError for a bad `q`."""
+        return self.kinematics(q)[1]
+
+    def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
+        """`forward` and `jacobian` at once, for the price of one."""
+        X_base_tip, J = np.empty((4, 4)), np.empty((6, self.n))
+        entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
+        return X_base_tip, J
+
+    def single(self) -> NDArray[np.float32]:
+        """Kernel memory in single precision, its limits rounded inwards."""
+        if not self._single:
+            memory = self._memory.astype(np.float32)
+            for column, bounds, inwards in (
+                (kernels.LOWER, self.limits[:, 0], np.inf),
+                (kernels.UPPER, self.limits[:, 1], -np.inf),
+            ):
+                rounded = bounds.astype(np.float32)
+                beyond = rounded < bounds if inwards > 0 else rounded > bounds
+                rounded[beyond] = np.nextafter(rounded[beyond], np.float32(inwards))
+                set_limits(memory, column, rounded)
+            self._single.append(memory)
+        return self._single[0]
+
+
+def _scale(chain: Chain) -> float:
+    """The power of two that makes the chain about one unit long."""
+    size = _length(chain)
+    return 2.0 ** -round(np.log2(size)) if size > 0.0 else 1.0
+
+
+def _length(chain: Chain) -> float:
+    path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+
+
+def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArray[np.float32]) -> None:
+    """Write the limits (n,) of one `column`, LOWER or UPPER, into kernel memory."""
+    n = len(bounds)
+    memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)[kernels.HEAD :, column] = bounds
+
+
+def memory_of(chain: Chain, scale: float) -> Array:
+    """Kernel memory (see `mkps_kinematics`) for a chain, its lengths multiplied by `scale`."""
+    n = chain.n
+    memory = np.zeros(kernels.memory_size(n))
+    table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)
+    joints = table[kernels.HEAD :]
+    path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
+    R = _frame_with_z(chain.axes[0])
+    table[0, :12] = np.column_stack([R, scale * chain.points[0]]).ravel()
+    for i in range(n):
+        axis, x = chain.axes[i], R[:, 0]
+        following = chain.axes[i + 1] if i + 1 < n else axis
+        across = np.cross(axis, following)
+        sine = float(np.linalg.norm(across))
+        # Parallel axes leave x free; any small cross product still gives an exact, if arbitrary, common normal.
+        x_after = across / sine if sine > 1e-15 else x
+        x_after = x_after - (x_after @ axis) * axis
+        x_after /= np.linalg.norm(x_after)
+        offset = np.arctan2(axis @ np.cross(x, x_after), x @ x_after)
+        alpha = np.arctan2(x_after @ across, axis @ following)
+        R_after = np.column_stack([x_after, np.cross(axis, x_after), axis])
+        link = R_after.T @ (path[i + 1] - path[i])
+        after = np.zeros(3)
+        if chain.joint_types[i] == "o":
+            swinging = R_after.T @ chain.links[i]
+            link, after = swinging, link - swinging
+        joints[i, kernels.KIND] = _KINDS[chain.joint_types[i]]
+        joints[i, kernels.OFFSET] = offset
+        joints[i, kernels.COS_OFFSET], joints[i, kernels.SIN_OFFSET] = np.cos(offset), np.sin(offset)
+        joints[i, kernels.COS_ALPHA], joints[i, kernels.SIN_ALPHA] = np.cos(alpha), np.sin(alpha)
+        joints[i, kernels.LINK : kernels.LINK + 3] = scale * link
+        joints[i, kernels.AFTER : kernels.AFTER + 3] = scale * after
+        joints[i, kernels.LOWER], joints[i, kernels.UPPER] = chain.limits[i]
+        R = R_after @ exp_so3([alpha, 0.0, 0.0])
+    table[1, :9] = (R.T @ chain.X_base_tip0[:3, :3]).ravel()
+    strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
+    table[0, kernels.SCALE] = scale
+    table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
+    # Measured: full sweeps curl the tip of long chains, and drive joints onto narrow limits.
+    turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
+    table[1, kernels.SWEEPS] = n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p")
+    return memory
+
+
+def _frame_with_z(z: Array) -> Array:
+    across = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    x = across / np.linalg.norm(across)
+    return readonly(np.column_stack([x, np.cross(z, x), z]))
+
+
+def _letters(joint_types: str | None, n: int) -> str:
+    if joint_types is None:
+        return "r" * n
+    if not isinstance(joint_types, str) or len(joint_types) != n or not set(joint_types) <= set(_KINDS):
+        raise ConfigurationError(f"joint_types: expected {n} letters out of {_JOINT_LETTERS}, got {shown(joint_types)}")
+    return joint_types
+
+
+def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Like `checked`, but infinities mean "no limit"."""
+    given = real_array(values, name, f"{shape} numbers")
+    checked(np.nan_to_num(given, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
+    return readonly(given)
+
+
+def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
+    if limits is None:
+        return readonly(np.tile([-np.inf, np.inf], (n, 1)))
+    bounds = _bounds(limits, (n, 2), "limits")
+    for i, (lower, upper) in enumerate(bounds):
+        if not lower <= upper:
+            raise ConfigurationError(
+                f"limits: row {i} must not have its lower limit {lower} above its upper one {upper}"
+            )
+    return bounds
+
+
+def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
+    """Hinges that follow the one before: {follower: (leader, constant, ratio)}, q = constant + ratio * q_leader."""
+    followers = {}
+    for e in range(model.neq):
+        pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
+        coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
+        if not coupled or not set(pair) <= set(joints):
+            continue
+        # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., with q_0 the joint's value at qpos0
+        c0, c1 = model.eq_data[e, :2]
+        first, second = sorted(pair, key=joints.index)
+        hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
+        if (
+            not hinges
+            or joints.index(second) != joints.index(first) + 1
+            or abs(c1) != 1.0
+            or np.any(model.eq_data[e, 2:5])
+        ):
+            raise ConfigurationError(
+                f"joints {model.joint(first).name!r} and {model.joint(second).name!r}: the only coupling known is a"
+                f" pantograph link (two hinges in a row, polycoef c 1 or c -1), got {model.eq_data[e, :5].tolist()}"
+            )
+        at_rest = {j: float(model.qpos0[model.jnt_qposadr[j]]) for j in pair}
+        shift = c0 if pair[0] == second else -c0 * c1
+        followers[second] = (first, at_rest[second] + shift - c1 * at_rest[first], c1)
+    return followers
+
+
+def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
+    if not isinstance(model, mujoco.MjModel):
+        raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
+    if not isinstance(name, str) or not name.isprintable():  # MuJoCo does not survive None
+        raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
+    found = mujoco.mj_name2id(model, kind, name)
+    if found < 0:
+        count = {
+            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
+            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
+            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
+        }[kind]
+        known = [mujoco.mj_id2name(model, kind, i) or "" for i in range(count)]
+        raise ConfigurationError(f"{argument}: the model has {', '.join(filter(None, known))}, got {shown(name)}")
+    return found

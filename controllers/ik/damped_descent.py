@@ -1,0 +1,337 @@
+"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), begun by a combined sweep where that pays.
+
+Arrays are those of `mkps_kinematics`.
+"""
+
+import numpy as np
+
+from controllers.ik.kinematics import (
+    ALONG,
+    BAD_TARGET,
+    BEST,
+    BRANCH_LOST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    KIND,
+    LOWER,
+    OUT_OF_REACH,
+    SCALE,
+    SLIDE,
+    STALLED,
+    STEP,
+    SWEEPS,
+    THROUGH,
+    TWO_PI,
+    UPPER,
+    WITHIN,
+    admit,
+    begin,
+    branch_left,
+    chord_squared,
+    column,
+    errors,
+    fold,
+    hand_over,
+    jit,
+    note,
+    partition,
+    recall,
+    scatter,
+    trace,
+    turn_left,
+)
+from controllers.ik.sweeps import sweep
+
+# Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
+DAMPING = 0.1  # of the squared error
+LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on its branch
+FAR = 0.1  # squared error of a start from which a sweep pays off before a descent
+FAR_WEIGHT = 0.1  # [1/rad^2] of the tool axes against the scaled position in that sweep
+STALL_WINDOW, STALL_FACTOR = 4, 0.5  # when a descent with restarts left is given up
+SETTLE_STEPS = 200  # longest creep to the nearest pose
+SETTLE_GAIN = 1e-7  # of the squared error, under which the creep is over
+
+
+@jit
+def damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work):
+    """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`; returns its largest entry.
+
+    A joint that stands on a limit and would leave it leaves the problem instead (its column is set to zero).
+    """
+    n = q.shape[0]
+    # J J^T by its lower half, row by row. Scalars, for they stay in registers: twice as fast as an array.
+    none = damping - damping
+    a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = none
+    a00 = a11 = a22 = a33 = a44 = a55 = damping
+    for i in range(n):
+        c0, c1, c2, c3, c4, c5 = column(table, work, i, px, py, pz)
+        if limited or table[HEAD + i, KIND] == SLIDE:
+            slope = c0 * ex + c1 * ey + c2 * ez + c3 * wx + c4 * wy + c5 * wz
+            if (slope < none and q[i] <= table[HEAD + i, LOWER]) or (slope > none and q[i] >= table[HEAD + i, UPPER]):
+                c0 = c1 = c2 = c3 = c4 = c5 = none
+        work[i, 0], work[i, 1], work[i, 2], work[i, 3], work[i, 4], work[i, 5] = c0, c1, c2, c3, c4, c5
+        a00 += c0 * c0
+        a10 += c1 * c0
+        a11 += c1 * c1
+        a20 += c2 * c0
+        a21 += c2 * c1
+        a22 += c2 * c2
+        a30 += c3 * c0
+        a31 += c3 * c1
+        a32 += c3 * c2
+        a33 += c3 * c3
+        a40 += c4 * c0
+        a41 += c4 * c1
+        a42 += c4 * c2
+        a43 += c4 * c3
+        a44 += c4 * c4
+        a50 += c5 * c0
+        a51 += c5 * c1
+        a52 += c5 * c2
+        a53 += c5 * c3
+        a54 += c5 * c4
+        a55 += c5 * c5
+    # L D L^T by columns: l = a / d, then the rest less l times the column; the right-hand side goes along.
+    one = table.dtype.type(1.0)
+    d = one / a00
+    l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
+    a11 -= l1 * a10
+    a21 -= l2 * a10
+    a22 -= l2 * a20
+    a31 -= l3 * a10
+    a32 -= l3 * a20
+    a33 -= l3 * a30
+    a41 -= l4 * a10
+    a42 -= l4 * a20
+    a43 -= l4 * a30
+    a44 -= l4 * a40
+    a51 -= l5 * a10
+    a52 -= l5 * a20
+    a53 -= l5 * a30
+    a54 -= l5 * a40
+    a55 -= l5 * a50
+    y0, y1, y2, y3, y4, y5 = ex, ey - l1 * ex, ez - l2 * ex, wx - l3 * ex, wy - l4 * ex, wz - l5 * ex
+    y0 *= d
+    d = one / a11
+    m2, m3, m4, m5 = a21 * d, a31 * d, a41 * d, a51 * d
+    a22 -= m2 * a21
+    a32 -= m3 * a21
+    a33 -= m3 * a31
+    a42 -= m4 * a21
+    a43 -= m4 * a31
+    a44 -= m4 * a41
+    a52 -= m5 * a21
+    a53 -= m5 * a31
+    a54 -= m5 * a41
+    a55 -= m5 * a51
+    y2 -= m2 * y1
+    y3 -= m3 * y1
+    y4 -= m4 * y1
+    y5 -= m5 * y1
+    y1 *= d
+    d = one / a22
+    n3, n4, n5 = a32 * d, a42 * d, a52 * d
+    a33 -= n3 * a32
+    a43 -= n4 * a32
+    a44 -= n4 * a42
+    a53 -= n5 * a32
+    a54 -= n5 * a42
+    a55 -= n5 * a52
+    y3 -= n3 * y2
+    y4 -= n4 * y2
+    y5 -= n5 * y2
+    y2 *= d
+    d = one / a33
+    o4, o5 = a43 * d, a53 * d
+    a44 -= o4 * a43
+    a54 -= o5 * a43
+    a55 -= o5 * a53
+    y4 -= o4 * y3
+    y5 -= o5 * y3
+    y3 *= d
+    d = one / a44
+    p5 = a54 * d
+    a55 -= p5 * a54
+    y5 -= p5 * y4
+    y4 *= d
+    y5 /= a55
+    y4 -= p5 * y5
+    y3 -= o4 * y4 + o5 * y5
+    y2 -= n3 * y3 + n4 * y4 + n5 * y5
+    y1 -= m2 * y2 + m3 * y3 + m4 * y4 + m5 * y5
+    y0 -= l1 * y1 + l2 * y2 + l3 * y3 + l4 * y4 + l5 * y5
+    largest = none
+    for i in range(n):
+        step = work[i, 0] * y0 + work[i, 1] * y1 + work[i, 2] * y2 + work[i, 3] * y3 + work[i, 4] * y4 + work[i, 5] * y5
+        work[i, STEP] = step
+        largest = max(largest, abs(step))
+    return largest
+
+
+@jit
+def take_step(table, cap, largest, mode, work, q):
+    """Move `q` by `work[:, STEP]`, shortened so that no joint moves by more than `cap`, as `mode` allows."""
+    real = q.dtype.type
+    limited = mode != THROUGH
+    factor = real(1.0) if largest <= real(cap) else real(cap) / largest
+    for i in range(q.shape[0]):
+        value = q[i] + factor * work[i, STEP]
+        row = table[HEAD + i]
+        slide = row[KIND] == SLIDE
+        if limited or slide:
+            value = admit(value, row[LOWER], row[UPPER], mode == WITHIN and not slide, real(TWO_PI))
+        q[i] = value
+
+
+@jit
+def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail, row):
+    """Levenberg-Marquardt from `q` until the squared errors are within `near_p` and `near_r`, their sum stalls, or
+    `limit` steps are spent.
+
+    `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
+    their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`. A stall is a
+    squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps. `trail` takes the joint values
+    from its row `row` on, one a step, as far as it has rows.
+
+    Returns (code, steps, least squared error, squared position error, squared chord); `q` is where the last two were
+    measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
+    """
+    real = q.dtype.type
+    limited = mode != THROUGH
+    # Rounding of J J^T must stay under the damping, or a singular one is no longer positive.
+    floor = real(4.0) * np.finfo(q.dtype).eps
+    mark = real(np.inf)
+    steps = 0
+    while True:
+        note(q, trail, row + steps)
+        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+        p2 = ex * ex + ey * ey + ez * ez
+        error2 = p2 + chord2
+        if p2 <= near_p and chord2 <= near_r:
+            code = CONVERGED if limited or fold(table, q) else STALLED
+            return code, steps, best2, p2, chord2
+        if limited and error2 < best2:
+            best2 = error2
+            for i in range(q.shape[0]):
+                work[i, BEST] = q[i]
+        if steps % STALL_WINDOW == 0:
+            if not error2 < real(STALL_FACTOR) * mark:
+                return STALLED, steps, best2, p2, chord2
+            mark = error2
+        if steps >= limit:
+            return EXHAUSTED, steps, best2, p2, chord2
+        damping = real(DAMPING) * error2 + floor
+        largest = damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
+        take_step(table, cap, largest, mode, work, q)
+        steps += 1
+
+
+@jit
+def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
+    """From the best joint values seen to the bottom of their valley, within the limits: every step goes down.
+
+    Returns (code, steps, squared position error, squared chord).
+    """
+    real = q.dtype.type
+    n = q.shape[0]
+    for i in range(n):
+        q[i] = work[i, BEST]
+    share = real(DAMPING)
+    best2 = real(np.inf)
+    quiet, steps = 0, 0
+    while steps < SETTLE_STEPS and quiet < 4 and share < real(1e6):
+        note(q, trail, row + steps)
+        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+        p2 = ex * ex + ey * ey + ez * ez
+        error2 = p2 + chord2
+        if p2 <= near_p and chord2 <= near_r:
+            return CONVERGED, steps, p2, chord2
+        if error2 < best2:
+            quiet = quiet + 1 if error2 > (real(1.0) - real(SETTLE_GAIN)) * best2 else 0
+            best2 = error2
+            for i in range(n):
+                work[i, BEST] = q[i]
+            share = max(share * real(0.2), real(1e-9))
+        else:  # too far: back, and a shorter step
+            share *= real(5.0)
+            for i in range(n):
+                q[i] = work[i, BEST]
+            px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+            wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+            ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+        damping = share * best2 + real(4.0) * np.finfo(q.dtype).eps
+        largest = damped_step(table, q, True, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
+        take_step(table, SHORT_STEP, largest, ALONG, work, q)
+        steps += 1
+    p2, chord2 = recall(table, goal, work, q)
+    return STALLED, steps, p2, chord2
+
+
+@jit
+def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    """A combined sweep from a far start, then Levenberg-Marquardt, then restarts, every other one THROUGH the limits.
+
+    Target `X` (4, 4) in [m], tolerances in [m] and [rad]; the answer goes to `out` (n,).
+    Returns (code, steps, restarts, position error [m], orientation error [rad]).
+    """
+    table, goal, _, work, _, q = partition(memory, out.shape[0])
+    options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
+    fault = begin(table, X, q0, options_good, True, goal, work, q)
+    if fault >= BAD_TARGET:
+        return fault, 0, 0, 0.0, 0.0
+    real = q.dtype.type
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    if fault == OUT_OF_REACH:
+        restarts = min(restarts, 4)
+    steps, restart, best2 = 0, 0, real(np.inf)
+    while True:
+        mode = WITHIN if restart % 2 == 0 else THROUGH
+        if restart == 0 and table[1, SWEEPS] > 0.0:
+            p2, chord2 = errors(table, goal, q, work)
+            if p2 + chord2 > real(FAR):
+                note(q, trail, steps)
+                sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
+                steps += 1
+        code, spent, best2, p2, chord2 = descend(
+            table, goal, near_p, near_r, limit - steps, LONG_STEP, mode, best2, work, q, trail, steps
+        )
+        steps += spent
+        if code == CONVERGED or steps >= limit or restart >= restarts:
+            break
+        restart += 1
+        scatter(table, restart, work, q)
+    if code != CONVERGED:
+        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        if code != CONVERGED:
+            code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
+        steps += spent
+    return hand_over(table, q, p2, chord2, code, steps, restart, out)
+
+
+@jit
+def solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    """Levenberg-Marquardt by short steps from `q0`, without leaps or restarts. As `solve_hybrid`."""
+    table, goal, normal, work, past, q = partition(memory, out.shape[0])
+    options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
+    fault = begin(table, X, q0, options_good, False, goal, work, q)
+    if fault >= BAD_TARGET:
+        return fault, 0, 0, 0.0, 0.0
+    real = q.dtype.type
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    code, steps, best2, p2, chord2 = descend(
+        table, goal, near_p, near_r, limit, SHORT_STEP, ALONG, real(np.inf), work, q, trail, 0
+    )
+    if code != CONVERGED:
+        stopped = EXHAUSTED if code == EXHAUSTED else STALLED
+        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        steps += spent
+        if code != CONVERGED:
+            code = OUT_OF_REACH if fault == OUT_OF_REACH else stopped
+    if code == CONVERGED and branch_left(table, q, SHORT_STEP, work, past, normal):
+        code = BRANCH_LOST
+    return hand_over(table, q, p2, chord2, code, steps, 0, out)

@@ -1,0 +1,142 @@
+"""What Python calls of the compiled inverse kinematics, behind `controllers.mkps`: the cached entries.
+
+The entries for one target hold the GIL on purpose: they may then share the memory of their chain, and a solve is far
+shorter than the switch to another thread. The entry for many targets releases it, and wants memory of its own.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numpy.typing import DTypeLike
+
+from controllers.ik.damped_descent import solve_hybrid, solve_keep
+from controllers.ik.kinematics import SCALE, forward, partition, set_goal
+from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
+from controllers.ik.sweeps import solve_jacobian_free
+from sim.interfaces.kernels import imports_stamp
+
+HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2
+
+_VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
+_GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # takes writable ones too
+_REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
+_ONE = (_GIVEN[2], _GIVEN[1], _REAL, _REAL)
+_holding = njit(cache=True, error_model="numpy")
+_releasing = njit(cache=True, nogil=True, error_model="numpy")
+
+
+def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
+    """The entries with the types of their arguments after `memory`.
+
+    Numba keys its cache by the file of a function and by the variables that it closes over: so each closes over
+    `stamp`, or a change in another file would go unseen.
+    """
+
+    @_holding
+    def kinematics(memory, q, X, J):
+        _ = stamp
+        table, _, _, work, _, _ = partition(memory, q.shape[0])
+        forward(table, q, work, X, J)
+
+    @_holding
+    def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        _ = stamp
+        trail = memory[:0].reshape(0, 1)
+        return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
+        _ = stamp
+        trail = memory[:0].reshape(0, 1)
+        return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def traced_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+        _ = stamp
+        return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def traced_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+        _ = stamp
+        return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+
+    @_holding
+    def jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out):
+        _ = stamp
+        return solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out)
+
+    @_holding
+    def plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out):
+        _ = stamp
+        return solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out)
+
+    @_holding
+    def goals(memory, X, tip_axes, trail, out):
+        """F_R [m], F_alpha1 and F_alpha2 [rad] (paper 003, (6)) of each row of `trail` (N, n) into `out` (N, 3)."""
+        _ = stamp
+        table, goal, _, work, _, q = partition(memory, trail.shape[1])
+        set_goal(table, X, goal)
+        for row in range(trail.shape[0]):
+            for i in range(q.shape[0]):
+                q[i] = trail[row, i]
+            lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
+            p2, out[row, 1], out[row, 2], _ = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
+            out[row, 0] = math.sqrt(p2) / table[0, SCALE]
+
+    @_releasing
+    def many(
+        memory, method, X, q0, tol_p, tol_r, tol_1, tol_2, limit, restarts, keep, tip_axes, first, last, trail, q, out
+    ):
+        """Targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n) into `q` (N, n) and, what the solver of one
+        target returns, `out` (N, 5).
+        """
+        _ = stamp
+        for i in range(first, last):
+            if method == JACOBIAN_FREE:
+                outcome = solve_jacobian_free(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, keep, trail, q[i])
+            elif method == PLAIN:
+                outcome = solve_plain(
+                    memory, X[i], q0[i], tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, q[i]
+                )
+            elif keep:
+                outcome = solve_keep(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, trail, q[i])
+            else:
+                outcome = solve_hybrid(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, trail, q[i])
+            out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = outcome
+
+    stages = (_REAL, _REAL, _COUNT, _FLAG, _FLAG)
+    return {
+        "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
+        "hybrid": (hybrid, (*_ONE, _COUNT, _COUNT, _VECTOR)),
+        "keep": (keep, (*_ONE, _COUNT, _COUNT, _VECTOR)),
+        "traced_hybrid": (traced_hybrid, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
+        "traced_keep": (traced_keep, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
+        "jacobian_free": (jacobian_free, (*_ONE, _COUNT, _COUNT, _FLAG, _TABLE, _VECTOR)),
+        "plain": (plain, (*_ONE, *stages, _TABLE, _VECTOR)),
+        "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),
+        "many": (
+            many,
+            (_COUNT, _GIVEN[3], _GIVEN[2], *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG, _COUNT, _COUNT, *(_TABLE,) * 3),
+        ),
+    }
+
+
+_ENTRIES = _make_entries(int(imports_stamp(globals()), 16))
+
+
+def entry(name: str, precision: DTypeLike = np.float64) -> Any:
+    """The entry `name`, compiled for memory of `precision` or loaded from numba's cache.
+
+    It has these types and no others: it refuses strange arguments by TypeError, at no cost to the good ones, where
+    numba would compile another copy of the solver for each.
+    """
+    function, rest = _ENTRIES[name]
+    memory = types.float32[::1] if np.dtype(precision) == np.float32 else _VECTOR
+    if (memory, *rest) not in function.overloads:
+        if function.signatures:
+            function.disable_compile(False)
+        function.compile((memory, *rest))
+        function.disable_compile()
+    return function

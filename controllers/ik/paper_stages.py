@@ -1,0 +1,218 @@
+"""Compiled loops of plain MKPS: the three stages of paper 003, chapter 3, with the signs of its formulas put right.
+
+In formula (2) the modulus loses the sign of the step, which is atan2(e.(S x K), S.K - (e.S)(e.K)); its check (1) takes
+the farthest position of a joint for the nearest. Turning all links beyond a joint is O(n) a step: carrying only the tip
+point and the tool axes gives the same iterates in O(n) a sweep. Arrays are those of `mkps_kinematics`.
+"""
+
+import math
+
+import numpy as np
+
+from controllers.ik.kinematics import (
+    AXIS,
+    BAD_TARGET,
+    BEST,
+    BRANCH_LOST,
+    CONVERGED,
+    EXHAUSTED,
+    HEAD,
+    HINGE,
+    KIND,
+    LOWER,
+    OUT_OF_REACH,
+    PANTOGRAPH,
+    POINT,
+    SCALE,
+    SLIDE,
+    UPPER,
+    begin,
+    branch_left,
+    chord_squared,
+    hand_over,
+    jit,
+    note,
+    partition,
+    recall,
+    trace,
+    turn_left,
+)
+from controllers.ik.sweeps import SHORT_WAY, turn
+
+STAGE_SWEEPS = 10  # longest run of one stage
+
+
+@jit
+def place(table, goal, near_p, q, work):
+    """One sweep of the position stage, base to tip: formulas (2) to (4) of paper 003; returns F_R^2, scaled.
+
+    The target is carried instead of the links: turning all that lies beyond a joint by d is turning the target by -d.
+    """
+    nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
+    px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
+    rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+    for i in range(q.shape[0]):
+        if rx * rx + ry * ry + rz * rz <= near_p:
+            break
+        row = table[HEAD + i]
+        kind, lower, upper = row[KIND], row[LOWER], row[UPPER]
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        if kind == SLIDE:
+            moved = min(max(q[i] + (ex * rx + ey * ry + ez * rz) / table[0, SCALE], lower), upper)
+            d = table[0, SCALE] * (moved - q[i])
+            q[i] = moved
+            rx, ry, rz = rx - d * ex, ry - d * ey, rz - d * ez
+            continue
+        sx, sy, sz = work[i, POINT], work[i, POINT + 1], work[i, POINT + 2]
+        if kind == HINGE:
+            sx, sy, sz = px - sx, py - sy, pz - sz
+        kx, ky, kz = sx + rx, sy + ry, sz + rz
+        near = sx * kx + sy * ky + sz * kz - (ex * sx + ey * sy + ez * sz) * (ex * kx + ey * ky + ez * kz)
+        across = ex * (sy * kz - sz * ky) + ey * (sz * kx - sx * kz) + ez * (sx * ky - sy * kx)
+        if near * near + across * across < nothing:
+            continue
+        moved = min(max(q[i] + math.atan2(across, near), lower), upper)
+        c, s = math.cos(moved - q[i]), math.sin(moved - q[i])
+        q[i] = moved
+        if kind == PANTOGRAPH:
+            lx, ly, lz = turn(sx, sy, sz, ex, ey, ez, c, s)
+            rx, ry, rz = kx - lx, ky - ly, kz - lz
+        else:
+            kx, ky, kz = turn(kx, ky, kz, ex, ey, ez, c, -s)
+            rx, ry, rz = kx - sx, ky - sy, kz - sz
+    return rx * rx + ry * ry + rz * rz
+
+
+@jit
+def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
+    """One sweep of an axis stage, tip to base: bring the axis u of the last joint frame to t; returns their angle."""
+    nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
+    angle = angle_between(ax, ay, az, tx, ty, tz)
+    for i in range(q.shape[0] - 1, -1, -1):
+        if angle <= tolerance:
+            break
+        if table[HEAD + i, KIND] != HINGE:
+            continue
+        ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
+        near = ax * tx + ay * ty + az * tz - (ex * ax + ey * ay + ez * az) * (ex * tx + ey * ty + ez * tz)
+        across = ex * (ay * tz - az * ty) + ey * (az * tx - ax * tz) + ez * (ax * ty - ay * tx)
+        if near * near + across * across < nothing:
+            continue
+        moved = min(max(q[i] + math.atan2(across, near), table[HEAD + i, LOWER]), table[HEAD + i, UPPER])
+        ax, ay, az = turn(ax, ay, az, ex, ey, ez, math.cos(moved - q[i]), math.sin(moved - q[i]))
+        q[i] = moved
+        angle = angle_between(ax, ay, az, tx, ty, tz)
+    return angle
+
+
+@jit
+def angle_between(ax, ay, az, tx, ty, tz):
+    cx, cy, cz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
+    return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * tx + ay * ty + az * tz)
+
+
+@jit
+def in_frame(vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz):
+    """The vector with components v along the axes x, y and z."""
+    return vx * xx + vy * yx + vz * zx, vx * xy + vy * yy + vz * zy, vx * xz + vy * yz + vz * zz
+
+
+@jit
+def stage_axes(table, tip_axes, q, work):
+    """The axes E_x and E_z of the two axis stages, in the last joint frame.
+
+    With `tip_axes` the tool's own, z along and x across. Else E_z is the axis of the last hinge and E_x an axis across
+    it: unless one tool axis is parallel to that axis, the two stages undo each other.
+    """
+    if tip_axes:
+        return table[1, 2], table[1, 5], table[1, 8], table[1, 0], table[1, 3], table[1, 6]
+    last = q.shape[0] - 1
+    while last > 0 and table[HEAD + last, KIND] != HINGE:
+        last -= 1
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
+    # z, unless slides or pantograph links lie beyond the hinge
+    ux, uy, uz = ex * xx + ey * xy + ez * xz, ex * yx + ey * yy + ez * yz, ex * zx + ey * zy + ez * zz
+    none = ux - ux
+    if abs(ux) < abs(uy):
+        length = math.sqrt(uy * uy + uz * uz)
+        return none, uz / length, -uy / length, ux, uy, uz
+    length = math.sqrt(ux * ux + uz * uz)
+    return uz / length, none, -ux / length, ux, uy, uz
+
+
+@jit
+def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
+    """F_R^2 [scaled], F_alpha1 and F_alpha2 [rad] of formula (6), and the squared chord of the whole rotation error."""
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+    ax, ay, az = in_frame(lx, ly, lz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+    bx, by, bz = in_frame(ux, uy, uz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    vx, vy, vz = goal[2, 0], goal[2, 1], goal[2, 2]
+    wx, wy, wz = goal[3, 0], goal[3, 1], goal[3, 2]
+    mx, my, mz = in_frame(lx, ly, lz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    nx, ny, nz = in_frame(ux, uy, uz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    return (
+        rx * rx + ry * ry + rz * rz,
+        angle_between(ax, ay, az, mx, my, mz),
+        angle_between(bx, by, bz, nx, ny, nz),
+        turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3],
+    )
+
+
+@jit
+def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out):
+    """The stages of paper 003, chapter 3, in turn until all three inequalities (6) hold.
+
+    Axis tolerances `tol_1` and `tol_2` [rad]; a whole rotation error within `tol_r` will do too. `tip_axes` as for
+    `stage_axes`. Else as `solve_hybrid`.
+    """
+    table, goal, normal, work, past, q = partition(memory, out.shape[0])
+    options_good = tol_p > 0.0 and tol_r > 0.0 and tol_1 > 0.0 and tol_2 > 0.0 and limit >= 1
+    fault = begin(table, X, q0, options_good, not keep, goal, work, q)
+    if fault >= BAD_TARGET:
+        return fault, 0, 0, 0.0, 0.0
+    real = q.dtype.type
+    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    near_1, near_2 = real(tol_1), real(tol_2)
+    lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
+    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
+    vx, vy, vz = goal[2, 0], goal[2, 1], goal[2, 2]
+    wx, wy, wz = goal[3, 0], goal[3, 1], goal[3, 2]
+    mx, my, mz = in_frame(lx, ly, lz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    nx, ny, nz = in_frame(ux, uy, uz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    sweeps, best2 = 0, real(np.inf)
+    while True:
+        note(q, trail, sweeps)
+        p2, angle_1, angle_2, chord2 = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
+        if p2 <= near_p and (chord2 <= near_r or (angle_1 <= near_1 and angle_2 <= near_2)):
+            code = BRANCH_LOST if keep and branch_left(table, q, SHORT_WAY, work, past, normal) else CONVERGED
+            break
+        error2 = p2 + chord2
+        if error2 < best2:
+            best2 = error2
+            for i in range(q.shape[0]):
+                work[i, BEST] = q[i]
+        if sweeps >= limit:
+            p2, chord2 = recall(table, goal, work, q)
+            code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED
+            break
+        for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
+            sweeps += 1
+            if place(table, goal, near_p, q, work) <= near_p:
+                break
+        for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
+            sweeps += 1
+            if align(table, lx, ly, lz, mx, my, mz, near_1, q, work) <= near_1:
+                break
+        for _ in range(STAGE_SWEEPS):
+            note(q, trail, sweeps)
+            sweeps += 1
+            if align(table, ux, uy, uz, nx, ny, nz, near_2, q, work) <= near_2:
+                break
+    return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

@@ -1,0 +1,397 @@
+"""Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
+
+Candidates of the arm's base around the path are tried, each with the hull level. Where the base looks down (or up) the
+hull is turned so that the arm reaches forward, or square to that; where it looks aside, so that it faces the surface.
+Along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to joint
+limits, to singular postures, to torque limits under the set force, to the object, and to what the thrusters can bear of
+that force and the friction that goes with it. The last decides how the hull is turned: what is pushed and dragged a
+metre under a hull tilts it, and against roll its thrusters have the shorter levers.
+
+Where that margin is small the hull may travel while the tool works (paper 004, sixth section): straight, by a share of
+the way from the path's one end to the other, at the pace of the tool. The arm then stands before every point nearly as
+before the middle, drives keep off their limits, and the path may be longer than the arm.
+"""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from controllers.hull.thrust_margin import Holding
+from controllers.mkps import Chain, solve
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ReachError
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+
+_SKIN_STEP = 0.15  # [m]
+_STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
+_ROOMY_THRUST = 0.4  # share of a thruster left for the current that counts as roomy
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Placement:
+    """A hull pose from which the whole path can be worked."""
+
+    X_WB: Array  # (4, 4) at the path's start
+    travel_W: Array  # (3,) [m] of the hull by the path's end
+    roll: float  # [rad] turn of the tool about its own axis against the path's x
+    q_start: Array  # (n,) [rad] at the stand-off before the path's first point
+    margin: float  # smallest of the margins along the path, 1 is roomy, 0 is at a limit
+    reached: float  # share of the path that is within reach
+    held: bool = True  # the thrusters bear the push and its friction all along, or were not asked
+
+    def hull_at(self, share: float) -> Array:
+        """Hull pose (4, 4) when the tool has done `share` of the path."""
+        X_WB = self.X_WB.copy()
+        X_WB[:3, 3] += share * self.travel_W
+        return X_WB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """What is tried, relative to the middle of the path; heights and radii in lengths of the arm laid out straight."""
+
+    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # arm base before the middle, against its own axis
+    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # aside from the middle, across that axis
+    bearings: int = 12  # directions around the middle
+    asides: int = 6  # directions across a base's axis that looks sideways,
+    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] of the hull from where the arm reaches forward
+    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] and how it is turned from facing the surface
+    refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
+    rolls: int = 4  # turns of the tool about its axis
+    clearance: float = 0.25  # [m] hull to object
+    arm_clearance: float = 0.06  # [m] joint centres to object
+    samples: int = 15  # poses checked along the path
+
+
+def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
+    """Tool pose (4, 4) at arc length `s` [m]; its change with `s`: of the point (3,), and of the axes (3,) [rad/m]."""
+    X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
+    _tool_pose(path.s, path.p, path.z, path.x, s, roll, X, tangent, turn)
+    return X, tangent, turn
+
+
+def middle_part(path: ToolPath, share: float) -> ToolPath:
+    """The middle `share` of a path, its arc length counted anew from 0."""
+    if share >= 1.0:
+        return path
+    cut = 0.5 * (1.0 - share) * float(path.s[-1])
+    keep = (path.s >= cut) & (path.s <= float(path.s[-1]) - cut)
+    return ToolPath(
+        s=path.s[keep] - path.s[keep][0], p=path.p[keep], z=path.z[keep], x=path.x[keep], on_scan=path.on_scan[keep]
+    )
+
+
+_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] that weighs turning against moving
+_HALF_STEP = 2e-3  # [m] over which the change along the path is taken
+
+
+@numba.njit(cache=True)
+def _tool_pose(path_s, path_p, path_z, path_x, s, roll, X, tangent, turn):
+    low, high = max(0.0, s - _HALF_STEP), min(path_s[-1], s + _HALF_STEP)
+    R_low, p_low = _frame(path_s, path_p, path_z, path_x, low, roll)
+    R_high, p_high = _frame(path_s, path_p, path_z, path_x, high, roll)
+    X[:3, :3], X[:3, 3] = _frame(path_s, path_p, path_z, path_x, s, roll)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        total = 0.0
+        for m in range(3):  # vee of the antisymmetric part of R_high R_low^T
+            total += R_high[k, m] * R_low[j, m] - R_high[j, m] * R_low[k, m]
+        turn[i] = 0.5 * total / (high - low)
+        tangent[i] = (p_high[i] - p_low[i]) / (high - low)
+
+
+@numba.njit(cache=True)
+def _frame(path_s, path_p, path_z, path_x, s, roll):
+    """Axes (3, 3) and place (3,) of the tool at `s`, between the path's samples."""
+    i = min(max(np.searchsorted(path_s, s) - 1, 0), path_s.shape[0] - 2)
+    share = (s - path_s[i]) / (path_s[i + 1] - path_s[i])
+    p = (1.0 - share) * path_p[i] + share * path_p[i + 1]
+    z = (1.0 - share) * path_z[i] + share * path_z[i + 1]
+    z /= np.sqrt((z * z).sum())
+    x = (1.0 - share) * path_x[i] + share * path_x[i + 1]
+    x -= (x * z).sum() * z
+    x /= np.sqrt((x * x).sum())
+    y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
+    c, sn = np.cos(roll), np.sin(roll)
+    R = np.empty((3, 3))
+    R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
+    return R, p
+
+
+def place(
+    vehicle: Vehicle,
+    chain: Chain,
+    path: ToolPath,
+    *,
+    obstacle: Array,
+    hull_box: Array,
+    force: float,
+    standoff: float,
+    floor: float = -np.inf,
+    travel: float = 0.0,
+    search: Search | None = None,
+    holding: Holding | None = None,
+) -> Placement:
+    """The best hull pose for `path`.
+
+    Args:
+        vehicle, chain: the vehicle, and its arm from base to tip.
+        path: in W.
+        obstacle: (k, 3) [m] points of the object in W; its convex hull is kept clear of.
+        hull_box: (2, 3) [m] corners of the hull in B.
+        force: [N] largest set force.
+        standoff: [m] from which the tool approaches.
+        floor: [m] height in W of the seabed, over which the hull keeps its clearance.
+        travel: share of the way between the path's ends that the hull goes while the tool works.
+        holding: what the thrusters can bear; None: they are not asked.
+
+    Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
+    """
+    search = search or Search()
+    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
+    middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
+    hull = ConvexHull(obstacle)
+    planes, skin = hull.equations, skin_of(obstacle, hull)
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
+    travel_W = travel * (path.p[-1] - path.p[0])
+    # As the hull sees them: on a path that comes towards it as it goes.
+    done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
+    gone = done[:, None] * travel_W
+    poses = [_seen(tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
+    loads = [_loads(path, shares, roll, force, holding.drag if holding else 0.0) for roll in rolls]
+    mounting = _Mounting.of(vehicle.X_BA)
+    ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
+    best: Placement | None = None
+    best_yaw, furthest = 0.0, 0.0
+
+    def consider(base: Array, yaw: float) -> bool:
+        """Try all turns of the tool from this place of the arm's base, the hull turned by `yaw`."""
+        nonlocal best, best_yaw, furthest
+        R_WB = exp_so3([0.0, 0.0, yaw])
+        X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
+        if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + hull_box[0, 2] < floor + search.clearance:
+            return False
+        if min(hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
+            return False
+        better = False
+        for roll, tool, load in zip(rolls, poses, loads, strict=True):
+            margin, reached, q_start = try_poses(
+                vehicle,
+                chain,
+                X_WB,
+                tool,
+                planes,
+                gone,
+                force,
+                search.arm_clearance,
+                best.margin if best else 0.0,
+                holding,
+                load,
+            )
+            furthest = max(furthest, reached)
+            if q_start is not None and (best is None or margin > best.margin):
+                best = Placement(
+                    X_WB=X_WB, travel_W=travel_W, roll=roll, q_start=q_start, margin=margin, reached=reached
+                )
+                best_yaw, better = yaw, True
+        return better
+
+    for base, yaw in mounting.candidates(path, middle, reach(chain), search):
+        consider(base, yaw)
+    for step in search.refinements:
+        while best is not None:
+            base = best.X_WB[:3, :3] @ vehicle.X_BA[:3, 3] + best.X_WB[:3, 3]
+            better = [consider(*near) for near in mounting.neighbours(base, best_yaw, middle, step)]
+            if not any(better):
+                break
+    if best is None:
+        held = " while the thrusters hold it" if holding else ""
+        raise ReachError(
+            f"the tool path is out of reach: no place of the hull lets the arm take all of it{held}, at best "
+            f"{furthest:.0%}"
+        )
+    start = best.X_WB.copy()
+    start[:3, 3] -= 0.5 * travel_W
+    return replace(best, X_WB=start)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Mounting:
+    """How the arm's base stands on a level hull."""
+
+    axis_B: Array  # (3,) the base's own axis, z_A
+    R_BA: Array  # (3, 3)
+    upright: bool  # the axis is more upright than level: turning the hull is then turning about it
+    forward: float  # [rad] heading of the arm's forward direction, or of the axis where that is level, on the hull
+
+    @classmethod
+    def of(cls, X_BA: Array) -> "_Mounting":
+        axis, reach = X_BA[:3, 2], X_BA[:3, 0]
+        upright = bool(abs(axis[2]) > np.sqrt(0.5))
+        ahead = reach if upright else axis
+        return cls(axis_B=axis, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0])))
+
+    def candidates(self, path: ToolPath, middle: Array, reach: float, search: Search) -> Iterator[tuple[Array, float]]:
+        """Places (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
+        if self.upright:
+            # Bearings are counted from the path's own direction, so that the search turns with the object.
+            chord = path.p[-1] - path.p[0]
+            start = np.arctan2(chord[1], chord[0])
+            bearings = start + np.arange(search.bearings) * (2.0 * np.pi / search.bearings)
+            up = -np.sign(self.axis_B[2])
+            aside = itertools.product(search.turns, search.heights, search.radii, bearings)
+            for turn, height, radius, bearing in aside:
+                base = middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), up * height])
+                yield base, self._facing(base, middle) + turn
+            return
+        into = path.z.mean(axis=0)  # the way that the tool looks, on the whole
+        facing = float(np.arctan2(into[1], into[0])) - self.forward
+        asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
+        for turn, height, radius, aside in itertools.product(search.headings, search.heights, search.radii, asides):
+            R_WA = exp_so3([0.0, 0.0, facing + turn]) @ self.R_BA
+            yield middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -height], facing + turn
+
+    def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
+        """Candidates `step` [m] off a good one."""
+        moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
+        turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
+        if self.upright:
+            aside = yaw - self._facing(base, middle)
+            return [(near, self._facing(near, middle) + aside) for near in moved] + turned
+        return [(near, yaw) for near in moved] + turned
+
+    def _facing(self, base: Array, middle: Array) -> float:
+        """Yaw [rad] of the hull with which the arm reaches forward from `base` to `middle`."""
+        away = base - middle
+        return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
+
+
+def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
+    """Points (k, 3) [m] all over the convex hull's edges, no further apart than _SKIN_STEP."""
+    edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
+    count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
+    points = [obstacle[hull.vertices]]
+    for n in np.unique(count[count > 1]):
+        share = np.arange(1, n)[:, None, None] / n
+        rows = count == n
+        points.append((start[rows] + share * (end[rows] - start[rows])).reshape(-1, 3))
+    return np.vstack(points)
+
+
+def try_poses(
+    vehicle: Vehicle,
+    chain: Chain,
+    X_WB: Array,
+    poses: list[Array],
+    planes: Array,
+    gone: Array,
+    force: float,
+    clearance: float,
+    to_beat: float,
+    holding: Holding | None = None,
+    loads: Array | None = None,
+) -> tuple[float, float, Array | None]:
+    """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good).
+
+    `loads` (k, 3) [N] on the tip, tool axes, is what `holding` asks the thrusters to bear at each of them.
+    """
+    X_AW = inverse(X_WB @ vehicle.X_BA)
+    margin = np.inf
+    low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
+    floor = max(to_beat, 0.05)
+    q = vehicle.q_ready
+    q_start = None
+    for i, X_WG in enumerate(poses):
+        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60)
+        if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
+            return 0.0, i / len(poses), None
+        q = result.q
+        margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
+        if margin <= floor:  # the cheap margins first: most candidates end here
+            return 0.0, i / len(poses), None
+        X_AG, J = chain.kinematics(q)
+        torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * force) / vehicle.torque_limits).max()
+        smallest = np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12
+        margin = min(margin, smallest, 3.0 * torque)
+        if margin <= floor:
+            return 0.0, i / len(poses), None
+        margin = min(margin, _arm_gap(chain, q, X_AW, planes, gone[i]) / clearance)
+        if margin <= floor:
+            return 0.0, i / len(poses), None
+        if holding is not None and loads is not None:
+            margin = min(margin, (1.0 - holding.used(q, X_WB[:3, :3], loads[i])) / _ROOMY_THRUST)
+            if margin <= floor:
+                return 0.0, i / len(poses), None
+        if i == 0:
+            q_start = q
+    return float(margin), 1.0, q_start
+
+
+def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
+    """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m], then back off it."""
+    along = [tool_pose(path, s, roll)[0] for s in shares]
+    steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
+    down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
+    return down[::-1] + along + up
+
+
+def _loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
+    """What the surface does to the tip (k, 3) [N], tool axes, at each of `tool_poses`: none before it is touched."""
+    loads = np.zeros((len(shares) + 2 * _STANDOFF_STEPS, 3))
+    for load, s in zip(loads[_STANDOFF_STEPS:], shares, strict=False):
+        X, tangent, _ = tool_pose(path, s, roll)
+        load[:] = -force * (np.array([0.0, 0.0, 1.0]) + drag * X[:3, :3].T @ tangent)
+    return loads
+
+
+def _seen(poses: list[Array], gone: Array) -> list[Array]:
+    """`poses` from a hull that has `gone` (one row each) [m] since the middle of its way."""
+    for X, way in zip(poses, gone, strict=True):
+        X[:3, 3] -= way
+    return poses
+
+
+def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
+    """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
+    p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
+    outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
+    inside = float(outside.max(axis=1).min())
+    return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
+
+
+def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf if there are none.
+
+    Left out are the first two, which hardly move, and the last two, which go with the tool that is there to touch.
+    """
+    moved = joint_centres(chain, q)[2 : chain.n - 2]
+    if not len(moved):
+        return np.inf
+    p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
+    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+
+
+def joint_centres(chain: Chain, q: Array) -> Array:
+    """Places (n, 3) [m] of the joints in the arm's base at angles `q` (n,)."""
+    centres = np.empty((chain.n, 3))  # a joint's centre is moved by the joints before it
+    X = np.eye(4)
+    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
+        centres[i] = X[:3, :3] @ point + X[:3, 3]
+        if kind == "p":
+            X = X @ pose(p=axis * q[i])
+        else:
+            R = exp_so3(axis * q[i])
+            X = X @ pose(R, point - R @ point)
+    return centres
+
+
+def reach(chain: Chain) -> float:
+    """Length [m] of the arm laid out straight: from joint to joint, to the tip."""
+    stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
+    return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())

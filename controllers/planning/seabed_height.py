@@ -1,0 +1,209 @@
+"""How high the vehicle hovers over the seabed to work on it (paper 004, first section).
+
+Keeping its heading the vehicle goes down until every point of the path lies in the arm's working zone, with a margin,
+while its hull keeps clear of the ground and the jets of its thrusters do not stir it up. Where no height over the
+place will do, places aside of it are tried; where none will, the work is refused with what stands against it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from controllers.mkps import Chain, solve
+from controllers.planning.hull_placement import Placement, joint_centres, reach, tool_poses, try_poses
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, checked, inverse, readonly
+
+# Largest shear under a round turbulent jet that strikes a wall at right angles from H: 0.16 rho U0^2 (d / H)^2
+# (Beltaos and Rajaratnam 1974, Impinging circular turbulent jets); with its thrust rho U0^2 pi d^2 / 4 no diameter
+# is left.
+_SHEAR = 0.16 * 4.0 / np.pi
+
+
+def jet_shear(thrust: float, height: float) -> float:
+    """Largest shear stress [Pa] on the ground under a jet of `thrust` [N] straight down from `height` [m]."""
+    return _SHEAR * thrust / height**2
+
+
+def silt_height(thrust: float, critical_shear: float) -> float:
+    """Height [m] from which a jet of `thrust` [N] straight down does not move ground of `critical_shear` [Pa]."""
+    return float(np.sqrt(_SHEAR * thrust / critical_shear))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightSearch:
+    """What is tried, and what must be kept."""
+
+    clearance: float = 0.3  # [m] hull to ground
+    arm_clearance: float = 0.06  # [m] joint centres to ground
+    margin: float = (
+        0.1  # of the placement (`controllers.planning.hull_placement`), below which the arm is too near a limit
+    )
+    roomy: float = 0.5  # margin at which no better place is looked for
+    step: float = 0.04  # [m] of the descent
+    asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)  # [m] off the place, the nearest first
+    directions: int = 8  # in which it is left
+    rolls: int = 4  # turns of the tool about its axis
+    samples: int = 15  # poses checked along the path
+    jet: float = 1.0  # [N] of the strongest thruster that blows down while the hull is held,
+    jets_above: float = 0.0  # [m] its height over the hull's underside
+    critical_shear: float = 0.2  # [Pa] at which the ground moves: fine sand of 0.2 mm (Soulsby 1997, ch. 6.4)
+
+    def __post_init__(self) -> None:
+        for name in ("clearance", "arm_clearance", "margin", "step", "critical_shear"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"height search: {name} must be > 0, got {getattr(self, name)}")
+        if not self.jet >= 0.0:
+            raise ConfigurationError(f"height search: jet must be >= 0 N, got {self.jet}")
+        if min(self.directions, self.rolls, self.samples, len(self.asides)) < 1:
+            raise ConfigurationError("height search: directions, rolls, samples and asides must be at least one each")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorkHeight:
+    """Where the vehicle hovers, and what that keeps."""
+
+    placement: Placement
+    aside: float  # [m] from the place over which it was asked to go down
+    hull_gap: float  # [m] hull to the highest ground under it or within the clearance beside it
+    jet_height: float  # [m] thrusters to the ground under them on the whole: rocks are not stirred up
+    shear: float  # [Pa] on the ground under the jet
+
+
+def choose_height(
+    vehicle: Vehicle,
+    chain: Chain,
+    path: ToolPath,
+    *,
+    ground: Array,
+    hull_box: Array,
+    X_WB: Array,
+    force: float,
+    standoff: float,
+    search: HeightSearch | None = None,
+) -> WorkHeight:
+    """The highest place over `path` from which the arm takes all of it with room, or the roomiest there is.
+
+    Args:
+        vehicle, chain: the vehicle, and its arm from base to tip.
+        path: in W; from the surface into the ground for a core sampler, along it for a box.
+        ground: (V, 3) [m] points of the seabed in W, close enough to show what stands out of it.
+        hull_box: (2, 3) [m] corners of the hull in B.
+        X_WB: (4, 4) level hull pose over the work site: its place on the ground and its heading are kept.
+        force: [N] of the largest push.
+        standoff: [m] from which the tool approaches.
+
+    Raises ReachError with the reason if there is none.
+    """
+    search = search or HeightSearch()
+    start = np.array(checked(X_WB, (4, 4), "X_WB"))
+    points = np.asarray(ground, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.all(np.isfinite(points)):
+        raise ConfigurationError(f"ground: expected finite points (V, 3), V > 0, got shape {points.shape}")
+    if start[2, 2] < np.cos(np.radians(5.0)):
+        raise ConfigurationError("X_WB: the hull must be level to go down")
+    shares = np.linspace(0.0, float(path.s[-1]), search.samples)
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
+    poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
+    still = np.zeros((len(poses[0]), 3))
+    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # the arm's gap is told apart, below
+    highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
+    calm = silt_height(search.jet, search.critical_shear)
+    best: WorkHeight | None = None
+    furthest, room, silt, hit, known = 0.0, -np.inf, False, False, False
+
+    for aside in search.asides:
+        for i in range(search.directions if aside else 1):
+            bearing = 2.0 * np.pi * i / search.directions
+            X = start.copy()
+            X[:3, 3] += aside * (start[:3, :3] @ [np.cos(bearing), np.sin(bearing), 0.0])
+            X[2, 3] = highest
+            gap, over = _hull_gaps(X, hull_box, points, search.clearance)
+            if gap == np.inf:
+                continue  # nobody knows what it would come down on
+            known = True
+            over += search.jets_above
+            if min(gap - search.clearance, over - calm) > room:
+                room, silt = min(gap - search.clearance, over - calm), over - calm < gap - search.clearance
+            while gap >= search.clearance and over >= calm:
+                for roll, tool in zip(rolls, poses, strict=True):
+                    margin, reached, q_start = try_poses(
+                        vehicle,
+                        chain,
+                        X,
+                        tool,
+                        nowhere,
+                        still,
+                        force,
+                        search.arm_clearance,
+                        best.placement.margin if best else search.margin,
+                    )
+                    furthest = max(furthest, reached)
+                    if q_start is None or margin < search.margin:
+                        continue
+                    if arm_gap(chain, X @ vehicle.X_BA, tool, q_start, tree) < search.arm_clearance:
+                        hit = True
+                        continue
+                    found = Placement(
+                        X_WB=readonly(X),
+                        travel_W=readonly(np.zeros(3)),
+                        roll=roll,
+                        q_start=q_start,
+                        margin=margin,
+                        reached=reached,
+                    )
+                    best = WorkHeight(
+                        placement=found, aside=aside, hull_gap=gap, jet_height=over, shear=jet_shear(search.jet, over)
+                    )
+                if best is not None and best.placement.margin >= search.roomy:
+                    return best
+                X[2, 3] -= search.step
+                gap, over = gap - search.step, over - search.step
+        if best is not None:
+            return best
+    if not known:
+        raise ReachError("no height to work at: of the ground under the hull, there and aside, no point is known")
+    why = (
+        f"its thrusters must stay {calm:.2f} m over the ground, or a jet of {search.jet:g} N would stir it up"
+        if silt
+        else f"the hull must stay {search.clearance:.2f} m clear of the ground"
+    )
+    if room < 0.0:
+        raise ReachError(f"no height to work at: {why}; that is higher than the arm reaches")
+    if hit:
+        raise ReachError(
+            f"no height to work at: {why}; where the arm takes all of the path it comes within "
+            f"{search.arm_clearance:.2f} m of the ground"
+        )
+    raise ReachError(
+        f"no height to work at: {why}; from there and higher the arm takes at best {furthest:.0%} of the path, up to "
+        f"{max(search.asides):.1f} m aside"
+    )
+
+
+def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
+    """Heights [m] of the hull's underside over the ground within `beside` [m] of its outline: over the highest, and
+    over the ground on the whole; inf over none."""
+    p_B = (ground - X_WB[:3, 3]) @ X_WB[:3, :3]
+    near = np.all((p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1)
+    if not near.any():
+        return np.inf, np.inf
+    return float(hull_box[0, 2] - p_B[near, 2].max()), float(hull_box[0, 2] - np.median(p_B[near, 2]))
+
+
+def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree) -> float:
+    """Least distance [m] of the ground from the arm's joints and the middles between them, at all poses `tools` in W.
+
+    Left out are the first, at the hull, and the last two, which go with the tool into the ground.
+    """
+    q, gap = q_start, np.inf
+    for X_WG in tools:
+        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60).q
+        joints = joint_centres(chain, q)[: chain.n - 2]
+        places = np.vstack([joints[1:], 0.5 * (joints[1:] + joints[:-1])])
+        if len(places):
+            gap = min(gap, float(ground.query(places @ X_WA[:3, :3].T + X_WA[:3, 3])[0].min()))
+    return gap

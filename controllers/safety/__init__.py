@@ -1,0 +1,1 @@
+"""Fault detection, and the safety wrapper around any controller."""

@@ -1,0 +1,461 @@
+"""Whether what the vehicle measures can be true: torque sensors, encoders, thrusters, each against what else is known.
+
+Nothing here sees the plant; a fault is found where two things disagree that should agree:
+
+- a reading that stands still, equal bit by bit, much longer than it ever did while sound: sensors have noise;
+- a torque sensor against its motor: what passes the gear is the motor's torque less rotor inertia and gear friction;
+- the age of the newest picture, where the estimator says it: this fault alone passes when pictures come again;
+- an encoder's angle against the integral of its speed;
+- the hull's momentum (De Luca, Mattone 2003, of the hull as one body): what it gains beyond the thrust asked for, the
+  arm's wrench, weight, drag. A missing wrench along one thruster's column, in proportion to what that thruster was
+  asked for, is that thruster's. Any other is a gust, or a snag: what matters of it is whether the hull holds its place.
+  A thruster whose column is all but a pure force (one sway thruster amidships) is suspected for longer: its loss and
+  a current that has just come up look alike, until the controller has learnt the current.
+
+Each reading is compared with what it was on average before (`learning_time`), so that biases and model errors that
+have always been there are no fault. Thresholds are `Limits`; the tests measure how far sound runs stay below them.
+"""
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numba
+import numpy as np
+
+from controllers.hull.station_keeping import hull_inertia
+from models import hydrodynamics
+from models.vehicle import Vehicle
+from models.water.thruster_curves import thrust_at
+from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.messages import Command, Fault, FaultKind, StateEstimate
+from sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What still passes for sound."""
+
+    vision_age: float = 1.0  # [s] of the newest picture
+    warm_up: float = 4.0  # [s] in which it only learns
+    frozen_time: float = 0.05  # [s] that a torque sensor may stand still,
+    frozen_encoder_time: float = 0.02  # [s] or an encoder: till then its drive is servoed on what is not so,
+    frozen_factor: float = 5.0  # and times the longest that it did while sound
+    torque_time: float = 0.1  # [s] filter of sensor against motor
+    torque_share: float = 0.08  # of the reading,
+    torque_floor: float = 0.05  # of the drive's torque limit beside it,
+    friction: float = 2.5  # and times the stiction of the gear, which acts either way: all together are no fault
+    torque_confirm: float = 0.1  # [s] that it must be beyond
+    learning_time: float = 20.0  # [s] of the average against which a torque sensor is compared
+    encoder_time: float = 1.0  # [s] over which angle and speed are compared
+    encoder_slip: float = 4e-3  # [rad] that they may differ
+    hull_time: float = 0.15  # [s] filter of the hull's momentum
+    hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
+    hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
+    hull_share: float = 0.12  # and of the thrust asked for, all thrusters together,
+    hull_change: float = 0.1  # of what the thrusters give otherwise than usual: their gains are not well known,
+    hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
+    lever: float = 0.5  # [m]
+    thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
+    thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which a current looks like it
+    thruster_leftover: float = 0.4  # share of what is missing that the thruster need not explain
+    thruster_confirm: float = 0.35  # [s]
+    current_confirm: float = 0.8  # [s] where it may be a current; one that doubles within 1 s is beyond bounds for 0.5
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not np.all(np.asarray(getattr(self, name)) > 0.0):
+                raise ConfigurationError(f"health {name}: must be > 0, got {getattr(self, name)}")
+
+
+@dataclass(slots=True, eq=False)
+class HealthState:
+    """Memory of the monitor. Arrays change in place."""
+
+    time: float  # [s] of the last estimate
+    began: float  # [s]
+    q: Array  # (n,) last readings
+    qd: Array
+    tau: Array
+    same: np.ndarray  # (2, n) samples that torque sensor and encoder have stood still
+    longest: np.ndarray  # (2, n) the longest of that while sound
+    qd_slow: Array  # (n,) [rad/s]
+    gear: Array  # (n,) [N m] sensor less motor, filtered, rotor inertia aside
+    excess: Array  # (n,) [N m] sensor less motor
+    usual: Array  # (n,) [N m] its average
+    beyond: Array  # (n,) [s] that it is out of bounds
+    slip: Array  # (n,) [rad] angle less integral of speed
+    tau_motor: Array  # (n,) [N m] last asked of the motors
+    hull_time: float  # [s] of the last look at the hull
+    speed: Array  # (m,) normalised, of propellers as they should be
+    passed: Array  # (m,)
+    thrusters: Array  # (m,) last command
+    nu_slow: Array  # (6,)
+    rest: Array  # (6,) [N, N m] filtered
+    missing: Array  # (6,) [N, N m] on the hull, of unknown origin
+    missing_usual: Array  # (6,)
+    thrust: Array  # (m,) [N] as it should be
+    thrust_usual: Array  # (m,) [N] while what was missing was the usual
+    lost_for: Array  # (m,) [s] that a thruster explains what is missing
+    wrench_seen: Array | None = None
+    faults: list[Fault] = field(default_factory=list)
+
+    def has(self, kind: FaultKind, index: int = -1) -> bool:
+        return any(fault.kind is kind and fault.index == index for fault in self.faults)
+
+
+class Health:
+    """Monitor of one vehicle; explicit state, one step per controller period."""
+
+    def __init__(self, model: mujoco.MjModel, *, period: float, limits: Limits | None = None) -> None:
+        """Take the controller's own model of the vehicle and the period [s] of its steps."""
+        self._vehicle = vehicle = Vehicle.of(model)
+        self._period, self.limits = period, limits or Limits()
+        self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
+        limits = self.limits
+        self._floor = limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction
+        table = vehicle.thruster_table
+        self._curves, self._B = curves(table), np.array(vehicle.thruster_wrench)
+        self._lags = np.array(table[:, [TIME_CONSTANT, SLEW_RATE]])
+        water = hydrodynamics.unpack(model.body_user[vehicle.hull])
+        self._inertia = hull_inertia(model, vehicle.hull, 1.0)
+        self._added, self._linear = np.array(water.added_mass), np.array(water.linear_damping)
+        self._quadratic = np.array(water.quadratic_damping)
+        self._scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
+        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(self._scale[:, None] * self._B, 2))
+        telling = moment > limits.thruster_moment * force
+        self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
+
+    def init(self, estimate: StateEstimate) -> HealthState:
+        n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
+        joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
+        return HealthState(
+            time=estimate.time,
+            began=estimate.time,
+            q=np.array(estimate.q),
+            qd=np.array(estimate.qd),
+            tau=np.array(estimate.tau),
+            same=np.zeros((2, n), dtype=np.int64),
+            longest=np.zeros((2, n), dtype=np.int64),
+            qd_slow=np.array(estimate.qd),
+            gear=joint(),
+            excess=joint(),
+            usual=joint(),
+            beyond=joint(),
+            slip=joint(),
+            tau_motor=joint(),
+            hull_time=estimate.time,
+            speed=thruster(),
+            passed=thruster(),
+            thrusters=thruster(),
+            nu_slow=six(),
+            rest=six(),
+            missing=six(),
+            missing_usual=six(),
+            thrust=thruster(),
+            thrust_usual=thruster(),
+            lost_for=thruster(),
+        )
+
+    def step(self, state: HealthState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
+        """Look at a finite `estimate`, with the `command` that followed from it; all faults found so far.
+
+        The command acts until the next step. The hull is looked at where the controller says what it believes of the
+        arm's wrench (`Command.believed["arm_wrench_B"]`) and of the current (`"current_W"`).
+        """
+        limits, time = self.limits, estimate.time
+        warm = time - state.began > limits.warm_up
+        found = _joints(
+            estimate.q,
+            estimate.qd,
+            estimate.tau,
+            state.tau_motor,
+            self._armature,
+            self._damping,
+            self._period,
+            (limits.torque_time, limits.encoder_time, limits.learning_time, limits.torque_share),
+            self._floor,
+            time - state.began,
+            warm,
+            state.q,
+            state.qd,
+            state.tau,
+            state.same,
+            state.longest,
+            state.qd_slow,
+            state.gear,
+            state.excess,
+            state.usual,
+            state.beyond,
+            state.slip,
+        )
+        if warm and found:
+            self._judge_joints(state, time)
+        if not estimate.vision_age > limits.vision_age:  # unknown too
+            state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
+        else:
+            self._add(state, FaultKind.VISION, "", -1, time)
+        state.time = time
+        state.tau_motor[:] = command.joint_torque
+        wrench = command.believed.get("arm_wrench_B")
+        if wrench is not None and wrench is not state.wrench_seen:
+            state.wrench_seen = wrench
+            self._look_at_hull(state, estimate, command, wrench, warm)
+        return tuple(state.faults)
+
+    def _judge_joints(self, state: HealthState, time: float) -> None:
+        limits = self.limits
+        least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
+        frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
+        torque = frozen[0] | (state.beyond > limits.torque_confirm)
+        encoder = frozen[1] | (np.abs(state.slip) > limits.encoder_slip)
+        torque_off, encoder_off = state.excess - state.usual, state.slip
+        for j in np.flatnonzero(torque | encoder).tolist():
+            name, still = self._vehicle.joint_names[j], 1e3 * self._period * state.same[:, j]
+            if torque[j]:
+                said = (
+                    f"stood still for {still[0]:.0f} ms" if frozen[0, j] else f"{torque_off[j]:+.3g} N m off its motor"
+                )
+                self._add(state, FaultKind.TORQUE_SENSOR, name, j, time, said)
+            if encoder[j]:
+                said = (
+                    f"stood still for {still[1]:.0f} ms"
+                    if frozen[1, j]
+                    else f"{1e3 * encoder_off[j]:+.3g} mrad off the integral of its speed"
+                )
+                self._add(state, FaultKind.ENCODER, name, j, time, said)
+
+    def blame_torque_sensors(self, state: HealthState, wrong: np.ndarray, time: float) -> None:
+        """Count the torque sensors `wrong` (n,) bool, whose readings are no numbers, as faulty from `time` [s] on."""
+        for j in np.flatnonzero(wrong).tolist():
+            self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time, "no number")
+
+    @staticmethod
+    def _add(state: HealthState, kind: FaultKind, part: str, index: int, time: float, figures: str = "") -> None:
+        if not state.has(kind, index):
+            state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
+
+    def _look_at_hull(
+        self, state: HealthState, estimate: StateEstimate, command: Command, wrench: Array, warm: bool
+    ) -> None:
+        limits, dt = self.limits, estimate.time - state.hull_time
+        state.hull_time = estimate.time
+        if dt <= 0.0:
+            return
+        current_W = command.believed.get("current_W", np.zeros(3))
+        _hull(
+            estimate.X_WB[:3, :3],
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            current_W,
+            wrench,
+            self._inertia,
+            self._added,
+            self._linear,
+            self._quadratic,
+            self._curves,
+            self._lags,
+            self._B,
+            state.thrusters,
+            dt,
+            limits.hull_time,
+            state.speed,
+            state.passed,
+            state.nu_slow,
+            state.rest,
+            state.missing,
+        )
+        state.thrusters[:] = command.thrusters
+        self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
+
+    def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
+        limits = self.limits
+        size, asked, changed, best, share = _explain(
+            state.missing,
+            state.missing_usual,
+            self._scale,
+            self._B,
+            self._curves,
+            state.speed,
+            state.thrust,
+            state.thrust_usual,
+            limits.thruster_leftover,
+        )
+        bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
+        low, high = limits.thruster_loss
+        suspect = best >= 0 and low < share < high
+        # What no loss explains is a drift of the model's error, however large, and the usual from now on.
+        if not warm or size < 0.7 * bound or not suspect:
+            learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
+            state.missing_usual += learn * (state.missing - state.missing_usual)
+            state.thrust_usual += learn * (state.thrust - state.thrust_usual)
+        lost_for = float(state.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
+        state.lost_for[:] = 0.0
+        if lost_for > 0.0:
+            state.lost_for[best] = lost_for
+            if lost_for > self._confirm[best]:
+                asked_of_it = abs(float(state.thrust[best]))
+                figures = f"gave {(1.0 - share) * asked_of_it:.0f} N where {asked_of_it:.0f} N were asked for"
+                self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time, figures)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def finite(X_WB, v_B, w_B, a_B, q, qd, time):
+    """Whether all of an estimate that cannot be done without are numbers."""
+    total = 0.0 * time
+    for i in range(3):
+        total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
+    for j in range(q.shape[0]):
+        total += 0.0 * (q[j] + qd[j])
+    return total == 0.0
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _joints(
+    q,
+    qd,
+    tau,
+    tau_motor,
+    armature,
+    damping,
+    dt,
+    numbers,
+    floor,
+    age,
+    warm,
+    q_last,
+    qd_last,
+    tau_last,
+    same,
+    longest,
+    qd_slow,
+    gear,
+    excess,
+    usual,
+    beyond,
+    slip,
+):
+    """Advance the memory of torque sensors and encoders by one sample; True if anything is worth a look."""
+    torque_time, encoder_time, learning_time, share = numbers
+    lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
+    look = False
+    for j in range(q.shape[0]):
+        for k in range(2):
+            equal = tau[j] == tau_last[j] if k == 0 else (q[j] == q_last[j] and qd[j] == qd_last[j])
+            if equal:
+                same[k, j] += 1
+                look |= same[k, j] > longest[k, j]
+            else:
+                longest[k, j] = max(longest[k, j], same[k, j])
+                same[k, j] = 0
+        slip[j] += q[j] - q_last[j] - 0.5 * dt * (qd[j] + qd_last[j]) - leak * slip[j]
+        if not warm:
+            slip[j] = 0.0
+        look |= abs(slip[j]) > 1e-3
+        gear[j] += lag * (tau[j] - tau_motor[j] + damping[j] * qd[j] - gear[j])
+        excess[j] = gear[j] + armature[j] * (qd[j] - qd_slow[j]) / torque_time
+        qd_slow[j] += lag * (qd[j] - qd_slow[j])
+        off = abs(excess[j] - usual[j]) / (floor[j] + share * abs(tau[j]))
+        if off < 0.5 or not warm:
+            usual[j] += learn * (excess[j] - usual[j])
+        beyond[j] = beyond[j] + dt if off > 1.0 else 0.0
+        look |= off > 1.0
+        q_last[j], qd_last[j], tau_last[j] = q[j], qd[j], tau[j]
+    return look
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _hull(
+    R_WB,
+    v_B,
+    w_B,
+    current_W,
+    arm_wrench_B,
+    inertia,
+    added,
+    linear,
+    quadratic,
+    curve,
+    lags,
+    B,
+    command,
+    dt,
+    time,
+    speed,
+    passed,
+    nu_slow,
+    rest,
+    missing,
+):
+    """What the hull's momentum lacks, `missing` (6,), after thrusts that have been commanded for `dt` [s].
+
+    Weight and righting moment of the hull, slow beside all else, are left to the average.
+    """
+    nu, relative, force = np.empty(6), np.empty(6), np.empty(6)
+    for i in range(3):
+        nu[i], nu[3 + i] = v_B[i], w_B[i]
+        relative[i], relative[3 + i] = v_B[i], w_B[i]
+        for j in range(3):
+            relative[i] -= R_WB[j, i] * current_W[j]
+    p = inertia @ nu + added @ (relative - nu)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        force[i] = w_B[j] * p[k] - w_B[k] * p[j]
+        force[3 + i] = w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
+    for i in range(6):
+        force[i] += quadratic[i] * abs(relative[i]) * relative[i] - arm_wrench_B[i]
+        for j in range(6):
+            force[i] += linear[i, j] * relative[j]
+    for t in range(speed.shape[0]):
+        wanted = min(max(command[t], -1.0), 1.0)
+        if lags[t, 1] > 0.0:
+            wanted = min(max(wanted, passed[t] - lags[t, 1] * dt), passed[t] + lags[t, 1] * dt)
+        passed[t] = wanted
+        decay = np.exp(-dt / lags[t, 0]) if lags[t, 0] > 0.0 else 0.0
+        speed[t] = wanted + (speed[t] - wanted) * decay
+        thrust = thrust_at(curve[t], speed[t])
+        for i in range(6):
+            force[i] -= B[i, t] * thrust
+    lag = min(1.0, dt / time)
+    rate = (nu - nu_slow) / time
+    for i in range(6):
+        nu_slow[i] += lag * (nu[i] - nu_slow[i])
+        rest[i] += lag * (force[i] - rest[i])
+    gained = inertia @ rate
+    for i in range(6):
+        missing[i] = gained[i] + rest[i]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, leftover):
+    """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together, and
+    how much of that is other than usual; the thruster that explains what is missing best, -1 if none leaves less than
+    the share `leftover`, and the share of its thrust. Writes the thrusts [N] to `thrust` (m,).
+    """
+    best, share = -1, 0.0
+    square, asked, changed = 0.0, 0.0, 0.0
+    for k in range(6):
+        square += (scale[k] * (missing[k] - usual[k])) ** 2
+    size = np.sqrt(square)
+    least = leftover * size
+    for t in range(speed.shape[0]):
+        thrust[t] = thrust_at(curve[t], speed[t])
+        asked += abs(thrust[t])
+        changed += abs(thrust[t] - thrust_usual[t])
+        along, own = 0.0, 0.0
+        for k in range(6):
+            column = scale[k] * B[k, t]
+            along += column * scale[k] * (missing[k] - usual[k])
+            own += column * column
+        lost, left = -along / own, 0.0
+        for k in range(6):
+            left += (scale[k] * (missing[k] - usual[k]) + lost * scale[k] * B[k, t]) ** 2
+        left = np.sqrt(left)
+        if left < least and lost * thrust[t] > 0.0:
+            best, share, least = t, lost / thrust[t], left
+    return size, asked, changed, best, share

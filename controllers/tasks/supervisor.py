@@ -1,0 +1,544 @@
+"""The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
+
+settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
+             \\-> other view -> scan ...          any state with contact -> retreat -> abort
+
+Work without contact (paper 004) goes from approach to work: there is nothing to press on.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controllers.hull.thrust_margin import Holding
+from controllers.mkps import Chain
+from controllers.planning.hull_path import Passing
+from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
+from controllers.planning.trajectories import JointMove, PoseMove, Progress
+from controllers.tasks.pose_fusion import mean_find
+from controllers.tasks.reactions import Reaction, judge
+from controllers.tasks.surface_task_config import Job, SupervisorState
+from models.objects.targets import TargetModel
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import Array, checked, exp_so3, pose, transform_points
+
+_OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
+_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # of the way between a path's ends that the hull may go with the tool
+_SHORTER = 0.04  # of a path that is left out, step by step, where it is too long
+_ZERO = np.zeros(3)
+_ZERO.setflags(write=False)
+
+# Where to stand for a path on a target, the part of it that is worked from there, and its share; raises ReachError.
+Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
+# The hull pose to scan from, once the vehicle is quiet at the one that it was told; raises ReachError.
+ComingNear = Callable[[StateEstimate, Array], Array]
+
+
+class SurfaceWork:
+    """Planner (`sim.interfaces.protocols.Planner`) that works one tool path on one known object."""
+
+    _APPROACH_ACCELERATION = 0.03  # [m/s^2]
+    _PAUSED_FORCE = 0.5  # of the set force
+    _PACE_TIME = 0.5  # [s] in which the path comes to a stop, and goes on
+    _BEHIND = (0.3, 0.7)  # of `Job.lost_place`: how far the hull is behind where its move slows down, and waits
+    _HALT = 3.0  # [s] that a vehicle without control is given to come to rest
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        target: TargetModel | Standing,
+        job: Job,
+        *,
+        X_WB_scan: Array,
+        hull_box: Array,
+        view_B: ArrayLike = (1.0, 0.0, 0.0),
+        floor: float = -np.inf,
+        period: float = 0.01,
+        search: Search | None = None,
+        come_near: ComingNear | None = None,
+        holding: Holding | None = None,
+    ) -> None:
+        """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
+
+        `X_WB_scan` (4, 4) is in W; from there `come_near`, if given, is asked for a nearer place to scan from.
+        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the height
+        `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B. `holding` says what the thrusters can
+        bear where the hull stands beside the object; without it they are not asked.
+        """
+        self.period = period
+        self._vehicle, self._chain, self._job = vehicle, chain, job
+        self._known = target if isinstance(target, TargetModel) else None
+        self._stand = partial(self._beside, target) if isinstance(target, TargetModel) else target
+        self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
+        self._floor, self._come_near, self._holding = floor, come_near, holding
+        ahead = checked(view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
+        self._view_B = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+    def init(self, estimate: StateEstimate) -> SupervisorState:
+        return SupervisorState(
+            state=WorkState.SETTLE, since=estimate.time, X_WB=self._X_WB_scan, q=np.array(self._vehicle.q_home)
+        )
+
+    def step(
+        self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[SupervisorState, Reference]:
+        felt = self._felt(state, last)
+        time = estimate.time if math.isfinite(estimate.time) else state.since
+        self._watch(state, estimate, felt, last)
+        if math.isfinite(state.halted):
+            state.halted -= self.period
+            if state.halted <= 0.0:
+                state.state = WorkState.ABORT
+            return state, self._reference(state, time)
+        self._wait_for_hull(state, estimate)
+        match state.state:
+            case WorkState.SETTLE:
+                self._settle(state, estimate)
+            case WorkState.SCAN:
+                self._scan(state, time, target)
+            case WorkState.CLOSE_IN:
+                self._close_in(state, estimate)
+            case WorkState.TARE:
+                if time - state.since > self._job.tare_after + self._job.tare_time:
+                    self._enter(state, WorkState.APPROACH, time)
+            case WorkState.APPROACH:
+                self._approach(state, time, felt)
+            case WorkState.PRESS:
+                self._press(state, time, felt)
+            case WorkState.WORK:
+                self._work(state, time)
+            case WorkState.RETREAT:
+                self._retreat(state, estimate)
+        return state, self._reference(state, time)
+
+    # -- states ----------------------------------------------------------------------------------------------------
+
+    @staticmethod
+    def _enter(state: SupervisorState, what: WorkState, time: float) -> None:
+        state.state, state.since, state.quiet_since = what, time, np.inf
+
+    def _quiet(self, state: SupervisorState, estimate: StateEstimate) -> bool:
+        """Whether the hull has been still, and where it should be, for long enough."""
+        error = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
+        job = self._job
+        moving = math.hypot(*estimate.v_WB_B.tolist()) > job.settle_speed
+        turning = math.hypot(*estimate.w_WB_B.tolist()) > job.settle_turn
+        if moving or turning or error > job.settle_error:
+            state.quiet_since = np.inf
+        elif not math.isfinite(state.quiet_since):
+            state.quiet_since = estimate.time
+        return estimate.time - state.quiet_since > self._job.settle_time
+
+    def _settle(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        if state.hull_move is not None and state.hull_move.done(estimate.time):
+            self._end_hull_move(state, state.hull_move)
+        if state.hull_move is None and self._quiet(state, estimate):
+            if self._come_near is not None and state.X_WB_near is None:
+                self._come_nearer(state, estimate, self._come_near)
+                return
+            state.scans += 1
+            state.looks, state.finds, state.look_from = 0, (), estimate.time
+            self._enter(state, WorkState.SCAN, estimate.time)
+
+    def _come_nearer(self, state: SupervisorState, estimate: StateEstimate, come_near: ComingNear) -> None:
+        try:
+            state.X_WB_near = come_near(estimate, self._X_WB_scan)
+        except ReachError as error:
+            self._give_up(state, estimate.time, str(error))
+            return
+        state.quiet_since = np.inf
+        self._move_hull(state, estimate.time, state.X_WB_near)
+
+    def _scan(self, state: SupervisorState, time: float, target: Target | None) -> None:
+        """Look until the object was found often enough; where the first look does not find it, from another place."""
+        if target is None or target.time < state.look_from:
+            if time - max(state.since, state.look_from) > 5.0:
+                self._give_up(state, time, "no depth frame arrived within 5 s")
+            return
+        state.looks += 1
+        if target.accepted and target.path is not None:
+            state.finds = (*state.finds, target)
+        if state.finds and state.looks < (self._job.finds if self._known is not None else 1):
+            state.look_from = time + self._job.find_interval
+        elif state.finds:
+            fused = mean_find(state.finds)
+            assert fused.path is not None
+            self._plan(state, time, fused, fused.path)
+        elif state.scans >= self._job.scans:
+            self._give_up(state, time, f"not identified in {state.scans} views: {target.reason}")
+        else:
+            self._other_view(state, time)
+
+    def _other_view(self, state: SupervisorState, time: float) -> None:
+        """Move the hull sideways, to look again from another place."""
+        side = 0.3 * (1.0 if state.scans % 2 else -1.0)
+        X = np.array(self._X_WB_scan if state.X_WB_near is None else state.X_WB_near)
+        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], self._view_B)
+        X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
+        self._move_hull(state, time, X)
+        self._enter(state, WorkState.SETTLE, time)
+
+    def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
+        job = self._job
+        try:
+            placement, path, worked = self._stand(target, path)
+        except ReachError as error:
+            self._give_up(state, time, str(error))
+            return
+        if worked < 1.0:
+            state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+        if not placement.held:
+            state.note = "the thrusters may not hold the hull against friction at the set force"
+        state.path, state.placement = path, placement
+        state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
+        before = np.array(placement.X_WB)
+        away = -(placement.X_WB @ self._vehicle.X_BA)[:3, 2]  # against the axis of the arm's base, which faces the work
+        before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
+        state.hull_way = [before]
+        if self._known is not None:
+            obstacle = transform_points(target.X_WT, self._known.vertices)
+            state.hull_way = Passing(self._vehicle, self._chain, self._hull_box, obstacle).way(state.X_WB, before)
+        self._move_hull(state, time, state.hull_way.pop(0))
+        self._enter(state, WorkState.CLOSE_IN, time)
+
+    def _beside(self, model: TargetModel, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
+        """Where to stand beside a known object, for as much of the path as is within reach (a `Standing`)."""
+        obstacle = transform_points(target.X_WT, model.vertices)
+        holding = self._holding if self._job.contactless is None else None
+        try:
+            return self._stand_beside(obstacle, whole, holding)
+        except ReachError:
+            if holding is None:
+                raise
+        # Friction may be less than the worst, and a hull that is pushed off its place retreats.
+        placement, path, worked = self._stand_beside(obstacle, whole, holding.without_friction())
+        return replace(placement, held=False), path, worked
+
+    def _stand_beside(
+        self, obstacle: Array, whole: ToolPath, holding: Holding | None
+    ) -> tuple[Placement, ToolPath, float]:
+        job = self._job
+        best: tuple[Placement, ToolPath, float] | None = None
+        failure: ReachError | None = None
+        for share, travel in self._ways_to_stand():
+            if share < 1.0 and best is not None and best[0].margin >= job.cramped:
+                break
+            shorter = middle_part(whole, share)
+            try:
+                found = place(
+                    self._vehicle,
+                    self._chain,
+                    shorter,
+                    obstacle=obstacle,
+                    hull_box=self._hull_box,
+                    force=max(job.forces),
+                    standoff=job.standoff,
+                    floor=self._floor,
+                    travel=travel,
+                    search=self._search,
+                    holding=holding,
+                )
+            except ReachError as error:
+                failure = failure or error
+                continue
+            if best is None or found.margin > best[0].margin:
+                best = found, shorter, share
+            if best[0].margin >= job.roomy:
+                break
+        if best is None:
+            raise failure or ReachError("there is no way to stand")
+        return best
+
+    def _ways_to_stand(self) -> Iterator[tuple[float, float]]:
+        """Shares of the path to work, and of its length for the hull to travel meanwhile, the most wanted first."""
+        yield from ((1.0, travel) for travel in _TRAVELS)
+        share = 1.0 - _SHORTER
+        while share >= self._job.least_share - 1e-9:
+            yield share, 1.0
+            share -= _SHORTER
+
+    def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
+        job, state.hull_waited = self._job, 0.0
+        state.hull_move = PoseMove.between(
+            time,
+            state.X_WB,
+            X_WB,
+            speed=job.hull_speed,
+            acceleration=job.hull_acceleration,
+            turn_rate=job.hull_turn_rate,
+        )
+
+    @staticmethod
+    def _end_hull_move(state: SupervisorState, move: PoseMove) -> None:
+        """The reference was last asked for a moment before the end; it stays at the end itself."""
+        state.X_WB, state.hull_move = move.X_to, None
+
+    def _wait_for_hull(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Let the hull's move go on no faster than the hull follows, which a current may not let it."""
+        state.hull_pace = 1.0
+        if state.hull_move is None or state.state in _OVER:  # what retreats does not wait
+            return
+        near, far = (share * self._job.lost_place for share in self._BEHIND)
+        behind = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
+        state.hull_pace = min(max((far - behind) / (far - near), 0.0), 1.0)
+        if state.hull_pace < 1.0:
+            late = (1.0 - state.hull_pace) * self.period
+            state.hull_move, state.hull_waited = state.hull_move.later(late), state.hull_waited + late
+
+    def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """To before the work pose, then unfold the arm, then close; then wait until the hull is quiet."""
+        time = estimate.time
+        placement = state.placement
+        assert placement is not None
+        if state.hull_move is not None and state.hull_move.done(time):
+            self._end_hull_move(state, state.hull_move)
+            if state.hull_way:
+                self._move_hull(state, time, state.hull_way.pop(0))
+            elif np.array_equal(state.X_WB, placement.X_WB) and np.array_equal(state.q, placement.q_start):
+                state.quiet_since = np.inf
+            else:
+                state.joint_moves = [JointMove.between(time, state.q, placement.q_start, speed=self._job.joint_speed)]
+        elif state.joint_moves and state.joint_moves[0].done(time):
+            state.q, state.joint_moves = np.array(placement.q_start), []
+            self._move_hull(state, time, placement.X_WB)
+        elif state.hull_move is None and not state.joint_moves and self._quiet(state, estimate):
+            state.X_WG = self._on_path(state, 0.0, -self._job.standoff)[0]
+            state.depth = 0.0
+            self._enter(state, WorkState.TARE, time)
+
+    def _approach(self, state: SupervisorState, time: float, felt: float) -> None:
+        job = self._job
+        state.felt_for = state.felt_for + self.period if felt > job.touch else 0.0
+        if job.contactless is not None:
+            self._approach_without_contact(state, time, job.standoff - job.contactless)
+            return
+        if state.felt_for >= job.touch_time:
+            state.force, state.contact_at, state.set_since, state.speed = felt, time, np.inf, 0.0
+            self._enter(state, WorkState.PRESS, time)
+            return
+        self._advance(state, job.standoff)
+        if state.depth > job.standoff + job.search:
+            self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
+
+    def _approach_without_contact(self, state: SupervisorState, time: float, depth: float) -> None:
+        """On to `depth` [m] from the stand-off, where the work begins; nothing may be felt on the way."""
+        if state.felt_for >= self._job.touch_time:
+            self._break_off(state, time, "the tool touched something on its way to the distance that it is to keep")
+            return
+        self._advance(state, depth)
+        if state.depth >= depth:
+            state.depth, state.work_start = depth, time
+            self._enter(state, WorkState.WORK, time)
+
+    def _advance(self, state: SupervisorState, depth: float) -> None:
+        """One step of the approach, slow over the last of `depth` [m]."""
+        job = self._job
+        wanted = job.approach_speed if state.depth < depth - job.guard else job.touch_speed
+        wanted = 0.0 if state.paused else wanted
+        most = self._APPROACH_ACCELERATION * self.period
+        state.speed += min(max(wanted - state.speed, -most), most)
+        state.depth += state.speed * self.period
+
+    def _press(self, state: SupervisorState, time: float, felt: float) -> None:
+        job = self._job
+        state.contact_at = time
+        if state.paused:
+            state.since += self.period
+        first = job.forces[0]
+        self._ramp_force(state, first)
+        if abs(felt - first) > 0.05 * first or state.force != first:
+            state.set_since = np.inf
+        elif not math.isfinite(state.set_since):
+            state.set_since = time
+        reached = time - state.set_since > 0.5
+        late = time - state.since > job.press_time
+        if reached or (late and not job.force_control):
+            state.work_start = time
+            self._enter(state, WorkState.WORK, time)
+        elif late:
+            self._break_off(state, time, f"the force of {first} N was not reached in {job.press_time} s: {felt:.1f} N")
+
+    def _work(self, state: SupervisorState, time: float) -> None:
+        progress = state.progress
+        assert progress is not None
+        most = self.period / self._PACE_TIME
+        state.pace += min(max((0.0 if state.paused else 1.0) - state.pace, -most), most)
+        state.work_start += (1.0 - state.pace) * self.period
+        state.path_s, _ = progress.at(time - state.work_start)
+        part = min(int(state.path_s / progress.length * len(self._job.forces)), len(self._job.forces) - 1)
+        if self._job.contactless is None:
+            self._ramp_force(state, self._job.forces[part] * (self._PAUSED_FORCE if state.paused else 1.0))
+        if time - state.work_start > progress.duration + 0.5:
+            state.unloading = self._job.force_control and self._job.contactless is None
+            self._enter(state, WorkState.RETREAT, time)
+
+    def _ramp_force(self, state: SupervisorState, wanted: float) -> None:
+        most = self._job.force_rate * self.period
+        state.force += min(max(wanted - state.force, -most), most)
+
+    def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts.
+
+        What rises on the thrusters that are left tilts: held to the hull, the tool would be swung into the object, so
+        it is held in W and goes along with the hull's way. Once the work is done the force is let go first: what is
+        dropped at 90 N rebounds from a hard surface.
+        """
+        time = estimate.time
+        if state.unloading:
+            self._ramp_force(state, 0.0)
+            state.unloading, state.since = state.force > self._job.touch, time
+            return
+        if rising := state.rising_from is not None:
+            state.risen = estimate.X_WB[:3, 3] - state.rising_from
+        if rising or state.arm_held:
+            away = state.hull_move is None or state.hull_move.done(time)
+        else:
+            away = (time - state.since) * self._job.approach_speed > self._way_back(state)
+        if not away:
+            return
+        if state.adrift and not (rising or state.arm_held):
+            self._rise(state, estimate)
+            return
+        if rising:  # clear of everything now
+            state.q, state.arm_held = np.array(estimate.q), True
+        self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
+
+    def _rise(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Off the object and up from where the hull has come to."""
+        state.rising_from = np.array(estimate.X_WB[:3, 3])
+        state.X_WB = pose(state.X_WB[:3, :3], state.rising_from)
+        normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
+        clear = pose(state.X_WB[:3, :3], state.rising_from + self._job.lift * off_and_up(normal))
+        self._move_hull(state, estimate.time, clear)
+
+    def _way_back(self, state: SupervisorState) -> float:
+        """Length [m] of the retreat: off the surface where it was met, and off where it was expected."""
+        return max(state.depth, self._job.standoff)
+
+    @staticmethod
+    def _felt(state: SupervisorState, last: Command | None) -> float:
+        """Normal force [N] that the controller feels. Raises ConfigurationError if it does not say, in contact."""
+        if last is not None and math.isfinite(last.felt_normal):
+            return last.felt_normal
+        if last is not None and state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK):
+            raise ConfigurationError("the controller must say what it feels: Command.felt_normal [N] is not a number")
+        return 0.0
+
+    def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float, last: Command | None) -> None:
+        """Break the work off, or let it wait, where `controllers.tasks.reactions` says so."""
+        time, faults = estimate.time, last.faults if last is not None else ()
+        state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
+        verdict = judge(self._job, state, estimate, felt, faults)
+        state.paused = verdict.reaction is Reaction.PAUSE
+        if verdict.reaction is Reaction.STOP and not math.isfinite(state.halted):
+            state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []
+            self._enter(state, WorkState.RETREAT, time if np.isfinite(time) else state.since)
+        state.adrift |= verdict.reaction is Reaction.RISE or bool(state.lost_thrusters)
+        if verdict.reaction in (Reaction.GO_ON, Reaction.PAUSE) or state.state in _OVER:
+            return
+        if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):
+            self._give_up(state, time, verdict.reason)
+        elif verdict.reaction is Reaction.WITHDRAW:
+            state.q, state.joint_moves, state.arm_held = np.array(estimate.q), [], True
+            off = np.array(state.X_WB)
+            off[:3, 3] -= self._way_back(state) * self._on_path(state, state.path_s, 0.0)[0][:3, 2]
+            self._move_hull(state, time, off)
+            self._break_off(state, time, verdict.reason)
+        else:
+            self._break_off(state, time, verdict.reason)
+
+    def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
+        state.reason = reason
+        self._enter(state, WorkState.RETREAT, time)
+
+    def _give_up(self, state: SupervisorState, time: float, reason: str) -> None:
+        state.reason = reason
+        self._enter(state, WorkState.ABORT, time)
+
+    # -- references ------------------------------------------------------------------------------------------------
+
+    def _on_path(self, state: SupervisorState, s: float, offset: float) -> tuple[Array, Array, Array]:
+        """Tool pose at arc length `s`, moved by `offset` [m] along its axis; change of place and turn with `s`."""
+        assert state.path is not None
+        assert state.placement is not None
+        X, tangent, turn = tool_pose(state.path, s, state.placement.roll)
+        X[:3, 3] += offset * X[:3, 2]
+        return X, tangent, turn
+
+    def _reference(self, state: SupervisorState, time: float) -> Reference:
+        job = self._job
+        tare = state.state is WorkState.TARE and time - state.since > job.tare_after
+        v_hull = _ZERO
+        if state.hull_move is not None:
+            state.X_WB, v_hull = state.hull_move.at(time)
+            v_hull = state.hull_pace * v_hull
+        q, qd = state.q, np.zeros(len(state.q))
+        if state.joint_moves:
+            q, qd = state.joint_moves[0].at(time)
+        X_WG, v_tool, w_tool, force, force_control = None, _ZERO, _ZERO, 0.0, False
+        if state.state is WorkState.TARE:
+            X_WG = state.X_WG
+        elif state.state is WorkState.APPROACH:
+            X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
+            v_tool = state.speed * X_WG[:3, 2]
+        elif state.state is WorkState.PRESS:
+            X_WG = self._on_path(state, 0.0, state.depth - job.standoff)[0]
+            force, force_control = state.force, True
+        elif state.state is WorkState.WORK:
+            assert state.progress is not None
+            rate = state.progress.at(time - state.work_start)[1]
+            X_WG, tangent, turn = self._on_path(state, state.path_s, state.depth - job.standoff)
+            rate *= state.pace
+            v_tool, w_tool = rate * tangent, rate * turn
+            if state.hull_move is None and not state.reason:
+                assert state.placement is not None
+                done, length = state.path_s / state.progress.length, state.progress.length
+                state.X_WB, v_hull = state.placement.hull_at(done), rate / length * state.placement.travel_W
+            force, force_control = state.force, job.contactless is None
+        elif state.arm_held or math.isfinite(state.halted):
+            pass  # the angles are held
+        elif state.state in _OVER and state.placement is not None:
+            back = self._way_back(state)
+            if state.state is WorkState.RETREAT:
+                back = min((time - state.since) * job.approach_speed, back)
+            X_WG = self._on_path(state, state.path_s, state.depth - job.standoff - back)[0]
+            if state.rising_from is not None:
+                X_WG[:3, 3] += state.risen
+                v_tool = v_hull
+            elif state.unloading:
+                force, force_control = state.force, True
+            elif state.state is WorkState.RETREAT:
+                v_tool = -job.approach_speed * X_WG[:3, 2]
+        return Reference(
+            time=time,
+            state=state.state,
+            X_WB=state.X_WB,
+            v_WB_W=v_hull,
+            X_WG=X_WG,
+            v_WG_W=v_tool,
+            w_WG_W=w_tool,
+            q=q,
+            qd=qd,
+            force=force,
+            force_control=force_control,
+            tare=tare,
+            scan=state.state is WorkState.SCAN and time >= state.look_from,
+            path_s=state.path_s,
+            note=state.reason or state.note,
+            lost_thrusters=state.lost_thrusters,
+        )
+
+
+def off_and_up(normal_W: Array) -> Array:
+    """The way (3,) off a surface of that normal (3,) and upward: up, and by half as much off the surface.
+
+    Straight up a steep flank the tool would strike what bulges above it.
+    """
+    return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

@@ -1,0 +1,477 @@
+"""Touching a fixed point by contact: the arm goes over a nest, gives way, and is pressed into it by its joint torques.
+
+Free motion follows joint angles; over the nest the tip hangs on a soft spring, whose reference then follows the tip
+(nothing pulls aside), and a small constant force presses the ball home. The joint torques hold the arm's weight in
+water.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.joint_servo import drive, feel, lost_in_gears
+from controllers.hull.allocation import Allocation
+from controllers.hull.station_keeping import Hover, HoverState
+from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
+from controllers.mkps import Chain, solve
+from controllers.work_controller import Tuning
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ReachError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
+
+LIFT = 0.05  # [m] above a nest between touches
+_STILL_WATER = np.zeros(3)  # the current's drag on the arm is small beside the push
+
+
+# A softer servo than for work on a stiff surface; filters, noise and friction are those of the same sensors and gears.
+_DRIVES = Tuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouchTuning:
+    """How the arm moves and gives way."""
+
+    lift: float = LIFT  # [m] above the nest between touches
+    descent: float = 0.03  # [m/s]
+    beyond: float = 0.012  # [m] the spring's end goes below the nest before it lets go
+    move_speed: float = 0.8  # [rad/s] of the fastest joint
+    settle: float = 1.5  # [s] pressed, before the reading
+    reading: float = 0.5  # [s] over which encoders are averaged
+    believable: float = 0.03  # [m] a nest found farther off than this was missed
+    stiffness: float = 600.0  # [N/m] of the spring at the tip
+    most: float = 12.0  # [N] of the spring
+    push: float = 10.0  # [N] into the nest
+    let_go: float = 0.3  # [s] in which the spring's end comes to the tip, and the push grows
+    turn_stiffness: float = 60.0  # [N m/rad] that hold the pin's direction
+    turn_most: float = 8.0  # [N m]
+    damping: float = 1.0  # joints: this many times their gears' own friction
+    drives: Tuning = _DRIVES  # the servo of free motion, and how torques are felt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Nest:
+    """A nest as the vehicle knows it, in the world."""
+
+    p_WN: Array  # (3,) [m]
+    z_WN: Array  # (3,) the way it opens
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Touch:
+    """One touch to make."""
+
+    nest: int
+    R_WG: Array  # (3, 3) wanted direction of the tool, z out of it
+
+
+def draw_touches(
+    chain: Chain,
+    X_AW: Array,
+    nests: Sequence[Nest],
+    count: int,
+    rng: np.random.Generator,
+    q_start: Array,
+    *,
+    cone: float = np.deg2rad(65.0),
+    lift: float = LIFT,
+    tries: int = 4000,
+) -> list[Touch]:
+    """`count` touches a nest in random directions within `cone` [rad] of its axis, reachable at the nest and above it.
+
+    Raises ReachError if a nest cannot be touched so often.
+    """
+    out = []
+    for k, nest in enumerate(nests):
+        found: list[tuple[Array, Touch]] = []
+        for _ in range(tries):
+            if len(found) == count:
+                break
+            R_WG = _direction(nest.z_WN, cone, rng)
+            above = pose(R_WG, nest.p_WN + lift * nest.z_WN)
+            over, seated = (solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN)))
+            if over.converged and seated.converged:
+                found.append((over.q, Touch(nest=k, R_WG=R_WG)))
+        if len(found) < count:
+            raise ReachError(
+                f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions within reach"
+            )
+        at = q_start
+        while found:  # the nearest next
+            q, touch = found.pop(int(np.argmin([np.abs(q - at).max() for q, _ in found])))
+            out.append(touch)
+            at = q
+    return out
+
+
+def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
+    """A random tool frame whose z points against `z` within `cone`, uniform over the cap, any turn about itself."""
+    height = rng.uniform(np.cos(cone), 1.0)
+    turn, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
+    side = np.sqrt(1.0 - height**2)
+    R = rotation_from_z(z, np.eye(3)[int(np.argmin(np.abs(z)))])
+    along = -R @ [side * np.cos(turn), side * np.sin(turn), height]
+    R = rotation_from_z(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    c, s = np.cos(spin), np.sin(spin)
+    return R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+@dataclass(slots=True, eq=False)
+class TouchState:
+    """Where the sequence is."""
+
+    at: int = 0  # the touch
+    phase: int = 0  # 0 over the nest, 1 down, 2 press, 3 up
+    since: float = 0.0  # [s] when the phase began
+    q_from: Array = field(default_factory=lambda: np.zeros(0))
+    way: list[Array] = field(default_factory=list)  # (n,) joint angles still to pass, the last over the nest
+    duration: float = 0.0  # [s] of the joint motion
+    offsets: dict[int, list[Array]] = field(default_factory=dict)  # [m] where nests were found, against where known
+
+
+class TouchSequence:
+    """Asks for one touch after the other (`sim.interfaces.protocols.Planner`)."""
+
+    period = 0.004
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        nests: Sequence[Nest],
+        touches: Sequence[Touch],
+        X_WB: Array,
+        tuning: TouchTuning | None = None,
+    ) -> None:
+        self._vehicle, self._chain, self._nests, self._touches = vehicle, chain, tuple(nests), tuple(touches)
+        self._X_WB = X_WB
+        self._X_WA = X_WB @ np.array(vehicle.X_BA)
+        self.tuning = tuning or TouchTuning()
+
+    def init(self, estimate: StateEstimate) -> TouchState:
+        state = TouchState(q_from=np.array(estimate.q))
+        self._begin(state, estimate)
+        return state
+
+    def _begin(self, state: TouchState, estimate: StateEstimate) -> None:
+        """Plan the joint motion to over the next nest, by the ready posture where the straight way would strike one."""
+        q, ready = np.array(estimate.q), np.array(self._vehicle.q_ready)
+        if state.at < len(self._touches):
+            touch = self._touches[state.at]
+            over = self._aim(state, touch) + self.tuning.lift * self._nests[touch.nest].z_WN
+            goal = solve(self._chain, inverse(self._X_WA) @ pose(touch.R_WG, over), ready, 1e-4, 1e-3).q
+            state.way = [goal] if self._clear(q, goal) else [ready, goal]
+        else:
+            state.way = [ready]
+        self._depart(state, estimate)
+
+    def _depart(self, state: TouchState, estimate: StateEstimate) -> None:
+        """Begin the motion to the next joint angles on the way."""
+        state.phase, state.since, state.q_from = 0, estimate.time, np.array(estimate.q)
+        # A quintic's peak speed is 15/8 of its mean.
+        state.duration = max(0.5, 1.875 * float(np.abs(state.way[0] - state.q_from).max()) / self.tuning.move_speed)
+
+    def _clear(self, q_from: Array, q_to: Array) -> bool:
+        """Whether the pin keeps off every nest on the straight way in joint angles."""
+        for share in np.linspace(0.0, 1.0, 30):
+            X_WG = self._X_WA @ self._chain.forward(q_from + share * (q_to - q_from))
+            for nest in self._nests:
+                apart = X_WG[:3, 3] - nest.p_WN
+                if float(np.linalg.norm(apart)) < 0.12 and float(apart @ nest.z_WN) < 0.7 * self.tuning.lift:
+                    return False
+        return True
+
+    def _aim(self, state: TouchState, touch: Touch) -> Array:
+        """The nest's point as the vehicle's own model of its arm finds it: where it was found before."""
+        found = state.offsets.get(touch.nest)
+        nest = self._nests[touch.nest].p_WN
+        return nest if not found else nest + np.mean(found[-5:], axis=0)
+
+    def step(
+        self, state: TouchState, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[TouchState, Reference]:
+        tuning, t = self.tuning, estimate.time - state.since
+        if state.at >= len(self._touches):
+            if state.phase == 0 and t >= state.duration:
+                return state, self._reference(estimate, WorkState.DONE, q=state.way[-1])
+            return state, self._over(state, estimate, t)
+        touch = self._touches[state.at]
+        nest, aim = self._nests[touch.nest], self._aim(state, touch)
+        way_down = tuning.lift + tuning.beyond
+        if state.phase == 0:
+            if t < state.duration + (0.3 if len(state.way) == 1 else 0.0):
+                return state, self._over(state, estimate, t)
+            if len(state.way) > 1:
+                state.way.pop(0)
+                self._depart(state, estimate)
+                return state, self._over(state, estimate, 0.0)
+            state.phase, state.since, t = 1, estimate.time, 0.0
+        if state.phase == 1:
+            if t < way_down / tuning.descent:
+                p = aim + (tuning.lift - tuning.descent * t) * nest.z_WN
+                return state, self._reference(estimate, WorkState.APPROACH, X_WG=pose(touch.R_WG, p))
+            state.phase, state.since, t = 2, estimate.time, 0.0
+        if state.phase == 2:
+            if t < tuning.settle + tuning.reading:
+                p = aim - tuning.beyond * nest.z_WN
+                reading = t >= tuning.settle
+                return state, self._reference(
+                    estimate,
+                    WorkState.PRESS,
+                    X_WG=pose(touch.R_WG, p),
+                    force=tuning.push,
+                    tare=reading,
+                    path_s=float(state.at),
+                )
+            X_WG = estimate.X_WB @ self._vehicle.X_BA @ self._chain.forward(estimate.q)
+            offset = X_WG[:3, 3] - nest.p_WN
+            if float(np.linalg.norm(offset)) < tuning.believable:
+                state.offsets.setdefault(touch.nest, []).append(offset)
+            state.phase, state.since, t = 3, estimate.time, 0.0
+        up = tuning.lift + tuning.beyond
+        if t < up / (2.0 * tuning.descent):
+            p = aim + (2.0 * tuning.descent * t - tuning.beyond) * nest.z_WN
+            return state, self._reference(estimate, WorkState.RETREAT, X_WG=pose(touch.R_WG, p))
+        state.at += 1
+        self._begin(state, estimate)
+        return state, self._over(state, estimate, 0.0)
+
+    def _over(self, state: TouchState, estimate: StateEstimate, t: float) -> Reference:
+        s = min(1.0, t / state.duration)
+        blend, rate = s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2 / state.duration
+        way = state.way[0] - state.q_from
+        return self._reference(estimate, WorkState.CLOSE_IN, q=state.q_from + blend * way, qd=rate * way)
+
+    def _reference(
+        self,
+        estimate: StateEstimate,
+        work: WorkState,
+        *,
+        q: Array | None = None,
+        qd: Array | None = None,
+        X_WG: Array | None = None,
+        force: float = 0.0,
+        tare: bool = False,
+        path_s: float = 0.0,
+    ) -> Reference:
+        rest = np.zeros(len(estimate.q))
+        return Reference(
+            time=estimate.time,
+            state=work,
+            X_WB=self._X_WB,
+            v_WB_W=np.zeros(3),
+            X_WG=X_WG,
+            v_WG_W=np.zeros(3),
+            w_WG_W=np.zeros(3),
+            q=rest if q is None else q,
+            qd=rest if qd is None else qd,
+            force=force,
+            force_control=False,
+            tare=tare,
+            scan=False,
+            path_s=path_s,
+        )
+
+
+@dataclass(slots=True, eq=False)
+class CompliantState:
+    """Everything that the controller remembers."""
+
+    hover: HoverState
+    propellers: ThrusterLeadState
+    tick: int
+    integral: Array  # (n,) [rad s]
+    qd_slow: Array  # (n,) [rad/s]
+    w_slow_B: Array  # (3,) [rad/s]
+    f_tip_B: Array  # (3,) [N]
+    thrusters: Array  # (m,)
+    p_WG_held: Array | None  # (3,) [m] the spring's end, once it was let go
+    push: float  # [N] reached
+    tau: Array  # (n,) [N m] last asked of the motors
+    friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
+
+
+class CompliantTouch:
+    """Joint torques and thrusters for `TouchSequence` (`sim.interfaces.protocols.Controller`)."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        clamped: bool,
+        push_W: Array | None = None,
+        period: float = 0.002,
+        tuning: TouchTuning | None = None,
+        water_error: float = 0.0,
+    ) -> None:
+        """Take the controller's own model; `clamped` leaves the thrusters still; `push_W` (3,) is the way into a nest
+        (default: down)."""
+        self.period, self._clamped = period, clamped
+        self._tuning = tuning or TouchTuning()
+        self._vehicle = vehicle = Vehicle.of(model)
+        self._arm = ArmDynamics(model, water_error=water_error)
+        self._hover = Hover(model, self._arm, water_error=water_error)
+        self._allocation = Allocation(vehicle)
+        self._lead = ThrusterLead(vehicle)
+        self._push_W = np.array([0.0, 0.0, -1.0]) if push_W is None else push_W
+        n, drives = vehicle.joints.size, self._tuning.drives
+        self._gains = drives.servo_gains
+        self._hull, self._none_G, self._f_tip_G = np.zeros(24), np.zeros(6), np.zeros(3)
+        self._unyielding = np.zeros((2, n))
+        self._tau_e, self._qdd, self._wrench_free_B, self._wrench_B = (np.empty(k) for k in (n, n, 6, 6))
+        self._X_BG, self._J_B, self._zeros = np.empty((4, 4)), np.empty((6, n)), np.zeros(n)
+        self._hover_ticks = max(1, round(drives.hover_period / period))
+        self._floor = np.full(n, drives.torque_floor)
+        self._most_friction = drives.friction_excess * vehicle.dry_friction.stiction
+
+    def init(self, estimate: StateEstimate) -> CompliantState:
+        n = len(estimate.q)
+        return CompliantState(
+            hover=self._hover.init(),
+            propellers=self._lead.init(),
+            tick=0,
+            integral=np.zeros(n),
+            qd_slow=np.array(estimate.qd),
+            w_slow_B=np.array(estimate.w_WB_B),
+            f_tip_B=np.zeros(3),
+            p_WG_held=None,
+            push=0.0,
+            thrusters=np.zeros(self._vehicle.thruster_actuators.size),
+            tau=np.zeros(n),
+            friction=np.zeros(n),
+        )
+
+    def step(
+        self, state: CompliantState, estimate: StateEstimate, reference: Reference
+    ) -> tuple[CompliantState, Command]:
+        arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
+        felt = feel(
+            arm.layout,
+            arm.numbers,
+            arm.stations,
+            arm.work,
+            self._hull,
+            estimate.X_WB,
+            estimate.v_WB_B,
+            estimate.w_WB_B,
+            estimate.a_WB_B,
+            _STILL_WATER,
+            estimate.q,
+            estimate.qd,
+            estimate.tau,
+            self._zeros,
+            drives.torque_noise,
+            self._floor,
+            dt,
+            drives.motion_filters,
+            state.qd_slow,
+            state.w_slow_B,
+            self._qdd,
+            self._tau_e,
+            self._wrench_free_B,
+            self._X_BG,
+            self._J_B,
+            state.f_tip_B,
+            self._f_tip_G,
+            np.empty(3),
+        )
+        lost_in_gears(
+            state.tau,
+            estimate.tau,
+            estimate.qd,
+            self._qdd,
+            vehicle.armature,
+            vehicle.joint_damping,
+            self._most_friction,
+            min(1.0, dt / drives.friction_filter),
+            state.friction,
+        )
+        if reference.X_WG is None:
+            tau = np.empty(len(estimate.q))
+            drive(
+                arm.layout,
+                arm.numbers,
+                arm.stations,
+                arm.work,
+                self._hull,
+                estimate.q,
+                estimate.qd,
+                reference.q,
+                reference.qd,
+                self._zeros,
+                estimate.time - reference.time,
+                state.integral,
+                dt,
+                self._gains,
+                vehicle.armature,
+                vehicle.joint_damping,
+                state.friction,
+                vehicle.torque_limits,
+                self._none_G,
+                self._unyielding,
+                0.0,
+                self._qdd,
+                tau,
+                self._wrench_B,
+            )
+            state.p_WG_held, state.push = None, 0.0
+        else:
+            tau = self._give_way(state, estimate, reference)
+            state.integral[:] = 0.0
+        if state.tick % self._hover_ticks == 0 and not self._clamped:
+            arm_wrench_B = self._wrench_free_B.copy()
+            if reference.X_WG is not None:
+                arm_wrench_B[:3] += state.f_tip_B
+                arm_wrench_B[3:] += skew(self._X_BG[:3, 3]) @ state.f_tip_B
+            wanted_B = self._hover.step(
+                state.hover, estimate, reference.X_WB, reference.v_WB_W, arm_wrench_B, self._hover_ticks * dt
+            )
+            command = self._allocation.command(self._allocation.thrust(wanted_B))
+            through_water = self._hover.through_water(state.hover, estimate)
+            state.thrusters = self._lead.step(state.propellers, command, through_water, self._hover_ticks * dt)
+            state.hover.given_B = state.propellers.given_B
+        state.tau = tau
+        state.tick += 1
+        return state, Command(
+            time=estimate.time, joint_torque=tau, thrusters=state.thrusters, scan=False, felt_normal=felt
+        )
+
+    def _give_way(self, state: CompliantState, estimate: StateEstimate, reference: Reference) -> Array:
+        """Torques (n,) of the weight, of the spring at the tip, of the push, and of friction."""
+        tuning, vehicle, dt = self._tuning, self._vehicle, self.period
+        assert reference.X_WG is not None
+        X_WG = estimate.X_WB @ self._X_BG
+        end = reference.X_WG[:3, 3]
+        if reference.state is WorkState.PRESS:
+            share = min(1.0, dt / tuning.let_go)
+            state.p_WG_held = np.array(end if state.p_WG_held is None else state.p_WG_held)
+            state.p_WG_held += share * (X_WG[:3, 3] - state.p_WG_held)
+            state.push += share * (reference.force - state.push)
+            end = state.p_WG_held
+        else:
+            state.p_WG_held, state.push = None, 0.0
+        f_W = _at_most(tuning.stiffness * (end - X_WG[:3, 3]), tuning.most) + state.push * self._push_W
+        turn_G = log_so3(X_WG[:3, :3].T @ reference.X_WG[:3, :3])
+        m_W = _at_most(tuning.turn_stiffness * (X_WG[:3, :3] @ turn_G), tuning.turn_most)
+        R_BW = estimate.X_WB[:3, :3].T
+        weight, _ = self._arm.inverse(
+            estimate.q,
+            np.zeros(len(estimate.q)),
+            np.zeros(len(estimate.q)),
+            R_WB=estimate.X_WB[:3, :3],
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
+            wrench_tip_G=self._none_G,
+        )
+        tau = weight + self._J_B.T @ np.concatenate([R_BW @ f_W, R_BW @ m_W])
+        tau += state.friction - tuning.damping * vehicle.joint_damping * estimate.qd
+        return np.clip(tau, -vehicle.torque_limits, vehicle.torque_limits)
+
+
+def _at_most(v: Array, most: float) -> Array:
+    length = float(np.linalg.norm(v))
+    return v if length <= most else v * (most / length)

@@ -1,0 +1,1 @@
+"""Triangle meshes: files, closed surfaces, convex parts, nearest points, first hits of rays."""

@@ -1,0 +1,173 @@
+"""A surface that is not convex, cut into convex parts that touch as it does: MuJoCo collides a mesh as its hull.
+
+Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid. All triangles are in
+some part, so what is felt nowhere lies under the surface; a patch is cut in two until its hull nowhere lies more than
+a tolerance over it. Parts follow the form: long where it is flat or bulges, small where it is hollow.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from models.meshes.closed_shells import vertex_normals, welded
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, readonly
+
+TOLERANCE = 5e-4  # [m] that a part may stand out of the surface
+SUNK = 0.012  # [m] that a patch is sunk into the solid, at most
+_SAMPLE = 0.006  # [m] between the points of the surface at which a part is judged
+_UNDER = 1e-5  # [m] under the surface at which rays out of a part begin
+_MANY = 400_000  # points to judge at; a larger object is judged more coarsely
+
+
+def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) -> tuple[Array, ...]:
+    """Corners (n, 3) [m] of convex parts whose union has the surface of the mesh, to within `tolerance` [m] outwards.
+
+    The triangles (T, 3) wind counter-clockwise seen from outside; they need not be closed, and those without area are
+    left out. Raises ConfigurationError for a tolerance that is not positive or a mesh that has no area at all.
+    """
+    if not tolerance > 0.0:
+        raise ConfigurationError(f"convex parts: tolerance must be > 0 m, got {tolerance}")
+    return _parts(
+        np.ascontiguousarray(vertices, dtype=np.float64).tobytes(),
+        np.ascontiguousarray(triangles, dtype=np.int64).tobytes(),
+        float(tolerance),
+    )
+
+
+@lru_cache(maxsize=8)  # a study builds the same scene many times
+def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, ...]:
+    points, faces = welded(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3))
+    faces = _with_area(points, faces)
+    judged = _Judged.of(points, faces)
+    middles = points[faces].mean(axis=1)
+    found: list[Array] = []
+    waiting = [np.arange(len(faces))]
+    while waiting:
+        patch = waiting.pop()
+        hull = judged.hull(patch, tolerance)
+        if hull is not None:
+            found.append(readonly(hull))
+            continue
+        # Across the longest extent of the patch, where its triangles divide in halves.
+        spread = middles[patch] - middles[patch].mean(axis=0)
+        along = spread @ np.linalg.eigh(spread.T @ spread)[1][:, -1]
+        order = np.argsort(along, kind="stable")
+        waiting += [patch[order[: len(order) // 2]], patch[order[len(order) // 2 :]]]
+    return tuple(found)
+
+
+def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
+    """Those of the triangles (T, 3) that have a normal."""
+    a, b, c = points[faces].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    faces = faces[area > 1e-12 * area.max(initial=0.0)]
+    if not len(faces):
+        raise ConfigurationError("convex parts: no triangle of the mesh has an area")
+    return faces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judged:
+    """The mesh, and points spread over it at which parts are judged."""
+
+    points: Array  # (V, 3) [m]
+    faces: np.ndarray  # (T, 3)
+    normals: Array  # (T, 3) unit, outward
+    samples: Array  # (S, 3) [m], sorted by x
+    sample_normals: Array  # (S, 3)
+
+    @classmethod
+    def of(cls, points: Array, faces: np.ndarray) -> "_Judged":
+        a, b, c = points[faces].transpose(1, 0, 2)
+        cross = np.cross(b - a, c - a)
+        double_area = np.linalg.norm(cross, axis=1)
+        normals = cross / double_area[:, None]
+        step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
+        samples, owners = [points], [vertex_normals(points, faces)]
+        # Even barycentric grids, as fine as each triangle is large.
+        longest = np.sqrt(np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0))
+        level = np.clip(np.ceil(longest / step), 1, 60).astype(int)
+        for n in np.unique(level):
+            rows = np.flatnonzero(level == n)
+            i, j = np.nonzero(np.add.outer(np.arange(n), np.arange(n)) < n)
+            u, v = (i + 1.0 / 3.0) / n, (j + 1.0 / 3.0) / n
+            grid = a[rows, None] + u[None, :, None] * (b - a)[rows, None] + v[None, :, None] * (c - a)[rows, None]
+            samples.append(grid.reshape(-1, 3))
+            owners.append(np.repeat(normals[rows], len(u), axis=0))
+        spread, facing = np.vstack(samples), np.vstack(owners)
+        known = np.linalg.norm(facing, axis=1) > 0.5
+        spread, facing = spread[known], facing[known]
+        order = np.argsort(spread[:, 0], kind="stable")
+        return cls(points, faces, normals, spread[order], facing[order])
+
+    def hull(self, patch: np.ndarray, tolerance: float) -> Array | None:
+        """The corners of the hull of triangles `patch` (K,), sunk in; None if it stands out of the surface."""
+        faces = self.faces[patch]
+        corners = self.points[np.unique(faces)]
+        normal = self.normals[patch].mean(axis=0)
+        length = float(np.linalg.norm(normal))
+        if len(patch) > 200:
+            # Quick refusal: some corner lies well over the plane of some triangle.
+            some = patch[:: len(patch) // 100]
+            over = (corners - self.points[self.faces[some, 0]][:, None]) @ self.normals[some][:, :, None]
+            if float(over.max()) > 20.0 * tolerance:
+                return None
+        normal = normal / length if length > 0.1 else np.zeros(3)
+        middle = corners.mean(axis=0)
+        for depth in SUNK * 0.5 ** np.arange(5):
+            sunk = middle + 0.6 * (corners - middle) - depth * normal if normal.any() else corners
+            solid = np.vstack([corners, sunk])
+            try:
+                shape = ConvexHull(solid)
+            except QhullError:
+                return _wedge(corners, self.normals[patch[0]], tolerance)
+            if self._stands_out(shape, solid, tolerance) <= tolerance:
+                return solid[shape.vertices]
+            if len(patch) > 4:
+                return None
+        # One or a few triangles of something thin: as thin a part as can be.
+        return None if len(patch) > 1 else _wedge(corners, self.normals[patch[0]], tolerance)
+
+    def _stands_out(self, shape: ConvexHull, solid: Array, enough: float) -> float:
+        """The longest way [m] out of the hull from a point of the surface in it, along the surface's normal.
+
+        Once that exceeds `enough` [m] no longer one is looked for.
+        """
+        low, high = solid.min(axis=0), solid.max(axis=0)
+        start, end = np.searchsorted(self.samples[:, 0], [low[0], high[0]], side="left")
+        inside = ((self.samples[start:end, 1:] > low[1:]) & (self.samples[start:end, 1:] < high[1:])).all(axis=1)
+        rows = start + np.flatnonzero(inside)
+        if not len(rows):
+            return 0.0
+        # From just under each point along its normal to where that leaves the hull.
+        faces = shape.simplices
+        a, b, c = solid[faces].transpose(1, 0, 2)
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), shape.equations[:, :3]) < 0.0
+        faces = np.where(inward[:, None], faces[:, ::-1], faces)
+        scene = RayScene(solid - solid[0], faces)
+        worst = 0.0
+        for some in (rows[::40], rows):  # most hulls are refused by a few points
+            facing = self.sample_normals[some]
+            start = self.samples[some] - solid[0] - _UNDER * facing
+            first = scene.cast(start, facing)
+            leaves = np.isfinite(first["t"]) & (np.einsum("ij,ij->i", first["normal"], facing) > 1e-6)
+            worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
+            # Over a hollow the hull lies on the surface from outside: such a ray comes into it first.
+            enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
+            if len(enters):
+                way = first["t"][enters] + _UNDER
+                onward = scene.cast(start[enters] + way[:, None] * facing[enters], facing[enters])
+                through = np.isfinite(onward["t"])
+                worst = max(worst, float((way + onward["t"])[through].max(initial=_UNDER)) - _UNDER)
+            if worst > enough:
+                break
+        return worst
+
+
+def _wedge(corners: Array, normal: Array, thickness: float) -> Array:
+    """A flat patch as a body: its corners, and its middle sunk by `thickness` [m]."""
+    return np.vstack([corners, corners.mean(axis=0) - thickness * normal])

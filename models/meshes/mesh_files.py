@@ -1,0 +1,99 @@
+"""Meshes from files: PLY and OFF are read here, STL, OBJ and glTF by trimesh; an unreadable file is one error.
+
+Trimesh is asked for nothing but corners and faces: no textures, no merging, no repair. It takes PLY and OFF files that
+are cut short for whole ones, and knows no binary PLY of triangles beside larger faces.
+"""
+
+import logging
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.meshes.ply_files import NO_SUCH_VERTEX, need_corners, read_ply
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of
+from sim.interfaces.spatial import Array
+
+FORMATS = {"stl": "STL", "ply": "PLY", "obj": "OBJ", "off": "OFF", "gltf": "glTF", "glb": "GLB"}  # by ending
+_SILENT = logging.NullHandler()
+
+
+def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
+    """Vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; its parts as one, in place.
+
+    Faces of more corners are cut into triangles. Vertices there twice are made one, faces that have one of them twice
+    and vertices of no face are left out. Raises ConfigurationError for a file of another format, without triangles,
+    cut short or otherwise malformed.
+    """
+    kind = file.suffix.lower().removeprefix(".")
+    if kind not in FORMATS:
+        raise ConfigurationError(f"target mesh {str(file)!r}: the formats are {', '.join(FORMATS.values())}")
+    own = {"ply": read_ply, "off": _read_off}.get(kind)
+    try:
+        vertices, triangles = own(bytes_of(file, "target mesh")) if own else _read_by_trimesh(file)
+        need_corners(vertices, triangles)
+        if not np.isfinite(vertices[triangles]).all():
+            raise ValueError("a corner of a face is not finite")
+    except (MemoryError, ImportError, ConfigurationError):  # none of them says that it is malformed
+        raise
+    except Exception as error:  # a malformed file can raise anything in trimesh
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        if kind == "obj" and isinstance(error, IndexError):
+            said = NO_SUCH_VERTEX
+        raise ConfigurationError(f"target mesh {str(file)!r}: it cannot be read as {FORMATS[kind]}: {said}") from error
+    vertices, triangles = _tidied(vertices, triangles)
+    if not len(triangles):
+        raise ConfigurationError(
+            f"target mesh {str(file)!r}: no triangles could be read (formats: {', '.join(FORMATS.values())})"
+        )
+    return vertices, triangles
+
+
+def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
+    import trimesh
+
+    logging.getLogger("trimesh").addHandler(_SILENT)  # else it shows tracebacks of what it tries and goes on from
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene: Any = trimesh.load_scene(
+            str(file), file_type=file.suffix[1:].lower(), process=False, skip_materials=True
+        )
+        parts = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = [np.asarray(part.vertices, dtype=np.float64) for part in parts]
+    triangles = [np.asarray(part.faces, dtype=np.int64) + start for part, start in zip(parts, first, strict=False)]
+    return np.vstack([np.zeros((0, 3)), *vertices]), np.vstack([np.zeros((0, 3), dtype=np.int64), *triangles])
+
+
+def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
+    """OFF and its kin with normals or colours, which stand behind the coordinates; as text."""
+    lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
+    lines = [words for words in lines if words]
+    if not lines or not lines[0][0].upper().endswith("OFF"):
+        raise ValueError("it does not begin with 'OFF'")
+    head = (lines[0][1:] or [*lines, []][1]) + ["-1", "-1"]
+    body = lines[1:] if len(lines[0]) > 1 else lines[2:]
+    points, faces = int(head[0]), int(head[1])
+    if min(points, faces) < 0:
+        raise ValueError("its header tells of no vertices and faces")
+    if len(body) < points + faces:
+        raise ValueError(f"it is cut short, its header tells of {points} vertices and {faces} faces")
+    vertices = np.array([[float(word) for word in words[:3]] for words in body[:points]]).reshape(-1, 3)
+    corners = [[int(word) for word in words] for words in (row[: int(row[0]) + 1] for row in body[points:][:faces])]
+    if any(len(face) <= face[0] for face in corners):
+        raise ValueError("a face has fewer corners than it says")
+    fans = [(face[1], face[k], face[k + 1]) for face in corners for k in range(2, face[0])]
+    return vertices, np.array(fans, dtype=np.int64).reshape(-1, 3)
+
+
+def _tidied(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Vertices in one place made one, without faces that have one of them twice, and vertices of no face."""
+    if not len(triangles):
+        return vertices, triangles
+    _, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    faces = first[index.ravel()][triangles]
+    keep = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    used, faces = np.unique(faces[keep], return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3)

@@ -1,0 +1,79 @@
+"""A stand-off anode, as they are welded to jackets: a cast bar of trapezoidal section on a steel pipe with two legs.
+
+Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of aluminium).
+"""
+
+import mujoco
+import numpy as np
+
+from models.meshes.closed_shells import joined, prism, revolve
+from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, pose, rotation_from_z
+
+LENGTH = 0.8  # [m] of the bar, along x_T
+TOP, BOTTOM, HEIGHT = 0.12, 0.16, 0.12  # [m] widths (y_T) and height (z_T) of its section
+PIPE = (0.024, 1.06)  # [m] radius and length of the core
+LEG = 0.26  # [m] that the legs reach below the bar's middle
+LEG_X = 0.48  # [m] from the middle to a leg's axis
+_SIDES = 64
+
+
+def top(length: float = 0.5) -> ModelPath:
+    """A line of `length` [m] along the middle of the upper face, towards +x_T."""
+    return _line("top", length, np.array([0.0, 0.0, 0.5 * HEIGHT]), np.array([0.0, 0.0, 1.0]))
+
+
+def side(length: float = 0.5) -> ModelPath:
+    """A line of `length` [m] along the middle of the slanting face on the +y_T side, towards +x_T."""
+    normal = np.array([0.0, HEIGHT, 0.5 * (BOTTOM - TOP)])
+    return _line("side", length, np.array([0.0, 0.25 * (TOP + BOTTOM), 0.0]), normal / np.linalg.norm(normal))
+
+
+def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
+    if not 0.0 < length <= LENGTH - 0.1:
+        raise ConfigurationError(f"{name} path: length must lie between 0 and {LENGTH - 0.1:.2f} m, got {length}")
+    x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
+    ones = np.ones((len(x), 1))
+    return ModelPath(p=middle + x[:, None] * [1.0, 0.0, 0.0], a=-ones * normal, b=ones * [1.0, 0.0, 0.0])
+
+
+def anode() -> TargetModel:
+    """The anode, x_T along the bar, z_T out of its narrow face, the origin in the bar's middle.
+
+    Bar, core and legs are closed shells that run into each other. Paths "top" and "side". Half a turn about z_T looks
+    the same.
+    """
+    x = 0.5 * LENGTH
+
+    def face(width: float, z: float) -> Array:
+        return np.array([[-x, -0.5 * width, z], [x, -0.5 * width, z], [x, 0.5 * width, z], [-x, 0.5 * width, z]])
+
+    low, high = face(BOTTOM, -0.5 * HEIGHT), face(TOP, 0.5 * HEIGHT)
+    r, half = PIPE[0], 0.5 * PIPE[1]
+    pipe = revolve(np.array([(-half, 0.0), (-half, r), (half, r), (half, 0.0)]), _SIDES)
+    upright, faces = revolve(np.array([(-LEG, 0.0), (-LEG, r), (0.0, r), (0.0, 0.0)]), _SIDES)
+    legs = [(upright[:, [1, 2, 0]] + [s * LEG_X, 0.0, 0.0], faces) for s in (-1.0, 1.0)]
+    vertices, triangles = joined([prism(low, high), pipe, *legs])
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    R_pipe = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    return TargetModel(
+        name="anode",
+        vertices=vertices,
+        triangles=triangles,
+        symmetry=Symmetry(rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
+        paths={"top": top(), "side": side()},
+        solids=(
+            Solid(name="target_core", kind=cylinder, size=(r, half), X_TS=pose(R_pipe)),
+            *(
+                Solid(
+                    name=f"target_leg_{end}",
+                    kind=cylinder,
+                    size=(r, 0.5 * LEG),
+                    X_TS=pose(p=[s * LEG_X, 0.0, -0.5 * LEG]),
+                )
+                for end, s in (("aft", -1.0), ("fore", 1.0))
+            ),
+        ),
+        hulls=(np.vstack([low, high]),),
+    )

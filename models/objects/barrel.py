@@ -1,0 +1,125 @@
+"""The barrel of paper 002, lying on a stand, and the tool paths on it."""
+
+import mujoco
+import numpy as np
+
+from models.meshes.closed_shells import joined, revolve
+from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import exp_so3, pose, rotation_from_z, transform_points
+
+BARREL_DIAMETER = 0.6  # [m]
+BARREL_LENGTH = 0.9  # [m]
+RIM_WIDTH = 0.03  # [m], along the axis, at each end
+RIM_MARGIN = 0.05  # [m], from a rim to the end of a path along the axis: half a pad, and what identification may err
+RIM_HEIGHT = 0.01  # [m], above the shell
+BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
+BARREL_SIDES = 256  # sagitta of a side 0.02 mm: far below what contact (an exact cylinder) or a camera can tell
+
+
+def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
+    """A line of `length` [m] along a generator of the barrel, from -x_T to +x_T.
+
+    `azimuth` [rad] turns it about x_T from the top generator (+z_T). Raises ConfigurationError if it meets a rim.
+    """
+    limit = BARREL_LENGTH - 2.0 * (RIM_WIDTH + RIM_MARGIN)
+    if not 0.0 < length < limit:
+        raise ConfigurationError(f"longitudinal path: length must lie between 0 and {limit:.2f} m, got {length}")
+    x = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
+    outward = np.array([0.0, -np.sin(azimuth), np.cos(azimuth)])
+    ones = np.ones((len(x), 1))
+    return ModelPath(
+        p=np.column_stack([x, np.zeros_like(x), np.zeros_like(x)]) + 0.5 * BARREL_DIAMETER * outward,
+        a=-ones * outward,
+        b=ones * [1.0, 0.0, 0.0],
+    )
+
+
+def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> ModelPath:
+    """An arc of `arc` [rad] around the barrel in the plane at `x` [m] across its axis, right-handed about x_T.
+
+    `azimuth` [rad] of its middle is counted from the top (+z_T). Raises ConfigurationError for an arc outside
+    (0, pi] or a plane on or beyond a rim.
+    """
+    if not 0.0 < arc <= np.pi + 1e-9:
+        raise ConfigurationError(f"transverse path: arc must lie in (0, pi] rad, got {arc}")
+    limit = 0.5 * BARREL_LENGTH - RIM_WIDTH
+    if not abs(x) < limit:
+        raise ConfigurationError(f"transverse path: |x| must be below {limit:.2f} m (the rims), got {x}")
+    radius = 0.5 * BARREL_DIAMETER
+    angle = azimuth + np.linspace(-0.5 * arc, 0.5 * arc, max(4, 1 + round(radius * arc / PATH_STEP)))
+    zero = np.zeros_like(angle)
+    outward = np.column_stack([zero, -np.sin(angle), np.cos(angle)])
+    return ModelPath(
+        p=radius * outward + [x, 0.0, 0.0], a=-outward, b=np.column_stack([zero, -np.cos(angle), -np.sin(angle)])
+    )
+
+
+def barrel(
+    line_length: float = 0.6,
+    line_azimuth: float = 0.0,
+    arc: float = np.pi,
+    arc_azimuth: float = 0.0,
+    stand_height: float = 0.45,
+    bung_azimuth: float | None = None,
+) -> TargetModel:
+    """The barrel of paper 002, fig. 3 (its size is ours): 0.6 m across, 0.9 m long, with a rim at each end.
+
+    x_T is its axis and the origin its centre. Paths: "longitudinal" (`line_length` [m], `line_azimuth` [rad]) and
+    "transverse" (`arc`, `arc_azimuth` [rad]). `stand_height` [m] from the axis down (-z_T) to the stand's feet.
+    `bung_azimuth` [rad], about x_T from the top (+z_T), is that of a bung in the shell; None: there is none. The
+    symmetry stays declared: it is that of the body. Raises ConfigurationError for paths off the shell or a stand
+    inside it.
+    """
+    r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
+    rim = r + RIM_HEIGHT
+    profile = [(-h, 0.0), (-h, rim), (RIM_WIDTH - h, rim), (RIM_WIDTH - h, r)]
+    profile += [(-x, radius) for x, radius in reversed(profile)]
+    vertices, triangles = revolve(np.array(profile), BARREL_SIDES)
+
+    R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders stand along z
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    x_rim = h - 0.5 * RIM_WIDTH
+    solids = (
+        Solid(name="target", kind=cylinder, size=(r, h), X_TS=pose(R_axis)),
+        Solid(name="target_rim_aft", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [-x_rim, 0, 0])),
+        Solid(name="target_rim_fore", kind=cylinder, size=(rim, 0.5 * RIM_WIDTH), X_TS=pose(R_axis, [x_rim, 0, 0])),
+    )
+    if bung_azimuth is not None:
+        radius, height, x = BUNG
+        X_bung = pose(exp_so3([bung_azimuth, 0.0, 0.0])) @ pose(p=[x, 0.0, r])  # z out of the shell, origin on it
+        inside = -0.5 * RIM_HEIGHT
+        disc, faces = revolve(np.array([(inside, 0.0), (inside, radius), (height, radius), (height, 0.0)]), 64)
+        disc = transform_points(X_bung, disc[:, [1, 2, 0]])
+        vertices, triangles = joined([(vertices, triangles), (disc, faces)])
+        solids += (
+            Solid(
+                name="target_bung",
+                kind=cylinder,
+                size=(radius, 0.5 * (height - inside)),
+                X_TS=X_bung @ pose(p=[0.0, 0.0, 0.5 * (height + inside)]),
+            ),
+        )
+    half_width = 0.18
+    top = np.sqrt(r**2 - half_width**2)  # the beam's upper edges just touch the shell
+    if not stand_height > r + RIM_HEIGHT:
+        raise ConfigurationError(f"barrel: stand_height must exceed {r + RIM_HEIGHT} m, got {stand_height}")
+    beam = (0.03, half_width, 0.5 * (stand_height - top))
+    stand = tuple(
+        Solid(
+            name=f"target_stand_{end}",
+            kind=mujoco.mjtGeom.mjGEOM_BOX,
+            size=beam,
+            X_TS=pose(p=[x, 0.0, -0.5 * (stand_height + top)]),
+        )
+        for end, x in (("aft", -0.28), ("fore", 0.28))
+    )
+    return TargetModel(
+        name="barrel",
+        vertices=vertices,
+        triangles=triangles,
+        symmetry=Symmetry(axis=np.array([1.0, 0.0, 0.0]), rotations=np.stack([np.eye(3), np.diag([-1.0, -1.0, 1.0])])),
+        paths={"longitudinal": longitudinal(line_length, line_azimuth), "transverse": transverse(arc, arc_azimuth)},
+        solids=solids,
+        stand=stand,
+    )

@@ -1,0 +1,197 @@
+"""What the sea does to an object: growth on it, dents in it, of any mesh, with the truth kept of what is where.
+
+Growth raises what faces its middle; a dent pushes in all that is near, both faces of a plate. Either falls from its
+middle to its lobed edge as a half cosine. Both move points along one direction by less than their width allows, so a
+surface never folds into itself. The mesh is made finer where that is needed, and stays closed if it was.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.meshes.closed_shells import split, vertex_normals, welded
+from models.meshes.nearest_surface import NearestSurface
+from models.objects.target_model import TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
+
+HEIGHT = (0.01, 0.04)  # [m] of growth and dents
+PATCHES = 5
+_MOST_PATCHES = 1000
+_STEEPEST = 2.5  # least ratio of radius and height
+_LOBES = 0.15  # share by which the edge wanders
+_MOST_OF_SIZE = 0.45  # largest radius of a patch, as a share of the object's
+_CROWDED = 200  # draws after which patches may lie on others
+_EDGE = (0.004, 0.012)  # [m] sides of triangles in a patch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Patch:
+    """One growth or dent, in the frame T of its object."""
+
+    kind: Literal["growth", "dent"]
+    p_T: Array  # (3,) [m] middle, on the clean surface
+    n_T: Array  # (3,) unit, outward there
+    radius: float  # [m] of its edge, on average
+    height: float  # [m] in the middle: out (growth) or in (dent)
+    lobes: Array  # (2,) [rad] phases of the edge's waves, three and five around
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("growth", "dent"):
+            raise ConfigurationError(f"patch: kind must be 'growth' or 'dent', got {self.kind!r}")
+        normal = checked(self.n_T, (3,), "patch normal")
+        length = float(np.linalg.norm(normal))
+        if not length > 1e-9:
+            raise ConfigurationError("patch: its normal must not be zero")
+        if not (np.isfinite(self.height) and self.height > 0.0 and np.isfinite(self.radius)):
+            raise ConfigurationError(f"patch: radius and height must be > 0 m, got {self.radius}, {self.height}")
+        if self.radius < _STEEPEST * self.height * (1.0 - 1e-9):
+            raise ConfigurationError(
+                f"patch: radius must be at least {_STEEPEST} times the height, got {self.radius} and {self.height} m"
+            )
+        object.__setattr__(self, "p_T", readonly(checked(self.p_T, (3,), "patch middle")))
+        object.__setattr__(self, "n_T", readonly(normal / length))
+        object.__setattr__(self, "lobes", readonly(checked(self.lobes, (2,), "patch lobes")))
+
+    def displacement(self, points_T: Array, normals_T: Array) -> Array:
+        """How far (N, 3) [m] it moves points (N, 3) of the clean surface with their outward normals (N, 3)."""
+        offset = points_T - self.p_T
+        x = np.cross(self.n_T, [0.0, 0.0, 1.0] if abs(self.n_T[2]) < 0.9 else [1.0, 0.0, 0.0])
+        x /= np.linalg.norm(x)
+        angle = np.arctan2(offset @ np.cross(self.n_T, x), offset @ x)
+        wander = np.cos(3.0 * angle + self.lobes[0]) + 0.5 * np.cos(5.0 * angle + self.lobes[1])
+        share = np.linalg.norm(offset, axis=1) / self.radius
+        # In the middle the edge's lobes must not show, or they would meet there in a point.
+        share = share / (1.0 + _LOBES * wander * np.clip(share, 0.0, 1.0) ** 2)
+        amount = self.height * 0.5 * (1.0 + np.cos(np.pi * np.clip(share, 0.0, 1.0)))
+        if self.kind == "dent":
+            return -amount[:, None] * self.n_T
+        faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)  # not what looks aside or away
+        return (amount * faces**2 * (3.0 - 2.0 * faces))[:, None] * self.n_T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Deformed:
+    """An object as the sea has left it, and the truth about it. `target.vertices` = `clean_T` + what was done."""
+
+    target: TargetModel  # as it is; name, symmetry and paths are those of the clean one
+    clean: TargetModel  # as it is known
+    patches: tuple[Patch, ...]
+    clean_T: Array  # (V, 3) [m] where each vertex of `target` was
+    offset: Array  # (V,) [m] of each vertex from the clean surface, along that surface's normal: growth positive
+
+    def offset_at(self, points_T: ArrayLike) -> Array:
+        """Offset (N,) [m] from the clean surface at the points of the true one that are nearest to (N, 3) [m].
+
+        Growth is positive. Raises ConfigurationError for points of another shape, not finite, or absurdly far.
+        """
+        points = real_array(points_T, "offset_at", "points (N, 3) [m]")
+        if points.ndim != 2:
+            raise ConfigurationError(f"offset_at: expected points (N, 3) [m], got shape {points.shape}")
+        points = checked_place(points, (len(points), 3), "offset_at: points [m]")
+        nearest = NearestSurface.of(self.target.vertices, self.target.triangles).query(points)
+        return np.einsum("nk,nk->n", nearest.weights, self.offset[self.target.triangles[nearest.triangle]])
+
+
+def fouled(
+    target: TargetModel,
+    rng: np.random.Generator,
+    patches: int = PATCHES,
+    height: tuple[float, float] = HEIGHT,
+    near: ArrayLike | None = None,
+) -> Deformed:
+    """`target` with `patches` of growth, their heights within `height` [m], at places that `rng` draws.
+
+    `near` (N, 3) [m] in T: the places are drawn close to these points, such as those of a path; None: all over.
+    Raises ConfigurationError for impossible numbers, or an object too small for the least height.
+    """
+    return deformed(target, _drawn("growth", target, rng, patches, height, near))
+
+
+def dented(
+    target: TargetModel,
+    rng: np.random.Generator,
+    patches: int = PATCHES,
+    height: tuple[float, float] = HEIGHT,
+    near: ArrayLike | None = None,
+) -> Deformed:
+    """`target` with `patches` dents as deep as `height` [m] says; the rest as `fouled`."""
+    return deformed(target, _drawn("dent", target, rng, patches, height, near))
+
+
+def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
+    """`target` with all of `patches` on it, one on the other where they overlap."""
+    points, faces = welded(target.vertices, target.triangles)
+    for patch in patches:
+        edge = float(np.clip(patch.radius / 9.0, *_EDGE))
+        reach = (1.0 + 1.5 * _LOBES) * patch.radius
+        for _ in range(30):
+            low, high = points[faces].min(axis=1), points[faces].max(axis=1)
+            away = np.linalg.norm(np.maximum(np.maximum(low - patch.p_T, patch.p_T - high), 0.0), axis=1)
+            finer = split(points, faces, away < reach, edge)
+            if len(finer[0]) == len(points):
+                break
+            points, faces = finer
+    normals = vertex_normals(points, faces)
+    moved = points + sum((patch.displacement(points, normals) for patch in patches), np.zeros_like(points))
+    return Deformed(
+        target=replace(target, vertices=moved, triangles=faces, solids=(), hulls=()),
+        clean=target,
+        patches=tuple(patches),
+        clean_T=readonly(points),
+        offset=readonly(np.einsum("ij,ij->i", moved - points, normals)),
+    )
+
+
+def _drawn(
+    kind: Literal["growth", "dent"],
+    target: TargetModel,
+    rng: np.random.Generator,
+    count: int,
+    height: tuple[float, float],
+    near: ArrayLike | None,
+) -> list[Patch]:
+    least, most = checked(height, (2,), f"{kind}: height [m]").tolist()
+    if not 0.0 < least <= most:
+        raise ConfigurationError(f"{kind}: height must be 0 < least <= most [m], got {shown(height)}")
+    count = whole_number(count, f"{kind}: patches", least=1, most=_MOST_PATCHES)
+    widest = _MOST_OF_SIZE * target.radius
+    if least * _STEEPEST > widest:
+        raise ConfigurationError(
+            f"{kind}: {target.name!r} of radius {target.radius:.3g} m is too small for a height of {least:.3g} m; "
+            f"at most {widest / _STEEPEST:.3g} m"
+        )
+    places = None if near is None else np.asarray(near, dtype=np.float64)
+    if places is not None and (places.ndim != 2 or places.shape[1:] != (3,) or not len(places)):
+        raise ConfigurationError(f"{kind}: near must be points (N, 3), N > 0, got shape {places.shape}")
+    if places is not None and not np.isfinite(places).all():
+        raise ConfigurationError(f"{kind}: every point of near must be finite")
+    a, b, c = target.vertices[target.triangles].transpose(1, 0, 2)
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1)
+    if places is not None:
+        away = float(NearestSurface.of(target.vertices, target.triangles).query(places).distance.min())
+        close = 0.5 * min(4.5 * most, widest)
+        if away >= close:
+            raise ConfigurationError(
+                f"{kind}: near lies {away:.3g} m from {target.name!r}, farther than its patches reach, {close:.3g} m"
+            )
+    drawn: list[Patch] = []
+    crowded = 0
+    while len(drawn) < count:
+        tall = float(rng.uniform(least, min(most, widest / _STEEPEST)))
+        radius = float(rng.uniform(min(3.0 * tall, widest), min(4.5 * tall, widest)))
+        face = int(rng.choice(len(area), size=1, p=area / area.sum())[0])
+        u, v = np.sort(rng.random(2))
+        p = u * a[face] + (v - u) * b[face] + (1.0 - v) * c[face]
+        lobes = rng.uniform(-np.pi, np.pi, 2)
+        if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
+            continue
+        if crowded < _CROWDED and any(np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn):
+            crowded += 1  # one on another would be higher than `height` says; where there is no room it may be
+            continue
+        drawn.append(Patch(kind=kind, p_T=p, n_T=cross[face] / area[face], radius=radius, height=tall, lobes=lobes))
+    return drawn

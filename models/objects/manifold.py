@@ -1,0 +1,218 @@
+"""A subsea manifold block with sampling holes: the mesh to find it by, and collision shapes that really have the holes.
+
+Frame T: origin in the middle of the block's face, z out of it. A hole is a blind bore with a chamfered mouth. Each is
+walled by boxes in a ring, whose inner faces touch the bore's circle from outside: the free bore is that circle, never
+less, and at its corners wider by r (1 / cos(pi / SIDES) - 1). A box is never cut, so contact with it is exact.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.meshes.closed_shells import joined, revolve, welded
+from models.objects.target_model import ModelPath, Solid, TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
+
+SIZE = (0.56, 0.42, 0.14)  # [m] of the block
+SIDES = 24  # of a bore's wall; corners 0.17 mm out of the circle at 20 mm radius
+_CELL = 0.05  # [m] half the side of the square of the face around a hole
+_PIPE_SIDES = 48
+_FACETS = 96  # of a bore in the mesh
+_Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hole:
+    """A blind bore."""
+
+    p_T: Array  # (3,) [m] middle of its mouth, in T
+    z_T: Array  # (3,) unit, out of the bore, in T
+    radius: float  # [m]
+    depth: float  # [m] from the face to the bottom
+    chamfer: float  # [m] by which the mouth is wider, and as deep
+
+    def pose(self, X_WT: Array) -> Array:
+        """The bore in W (4, 4) for a target at `X_WT`: origin in the mouth, z into it, x along x_T as far as it can."""
+        R_TH = rotation_from_z(-self.z_T, [1.0, 0.0, 0.0])
+        return np.asarray(X_WT) @ pose(R_TH, self.p_T)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Manifold:
+    """The block as a target, and its holes by name."""
+
+    target: TargetModel
+    holes: Mapping[str, Hole]
+
+    def hole(self, name: str) -> Hole:
+        """The hole `name`; raises ConfigurationError, with the names there are, if it is unknown."""
+        if name not in self.holes:
+            raise ConfigurationError(f"the manifold has no hole {name!r}; it has {sorted(self.holes)}")
+        return self.holes[name]
+
+
+def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) -> Manifold:
+    """A block with pipes in three directions and two holes, "a" and "b", of `radius`, `depth` and `chamfer` [m].
+
+    The pipes, closed shells that run into the block's, leave it without symmetry. The target's paths "beside_a"
+    and "beside_b" are short lines on the face next to the holes.
+    Raises ConfigurationError for a hole that does not fit its place in the block.
+    """
+    length, width, height = SIZE
+    if not (radius > 0.0 and chamfer >= 0.0 and radius + chamfer < 0.9 * _CELL):
+        raise ConfigurationError(
+            f"manifold: radius must be > 0 and chamfer >= 0 m, together below {0.9 * _CELL} m; got {radius}, {chamfer}"
+        )
+    if not chamfer < depth < height - 0.01:
+        raise ConfigurationError(
+            f"manifold: depth must lie between the chamfer's {chamfer} m and {height - 0.01:.2f} m, got {depth}"
+        )
+    holes = {
+        name: Hole(p_T=readonly([x, -0.07, 0.0]), z_T=readonly(_Z), radius=radius, depth=depth, chamfer=chamfer)
+        for name, x in (("a", 0.05), ("b", -0.1))
+    }
+    pipes = (  # radius, length, axis, middle
+        ("header", 0.045, 0.5, [1.0, 0.0, 0.0], [-0.03, 0.14, 0.07]),
+        ("branch", 0.03, 0.26, [0.0, 1.0, 0.0], [0.2, -0.03, 0.05]),
+        ("valve", 0.04, 0.13, [0.0, 0.0, 1.0], [-0.22, -0.14, 0.06]),
+    )
+    columns = sorted({-0.5 * length, 0.5 * length, *(h.p_T[0] + s * _CELL for h in holes.values() for s in (-1, 1))})
+    rows = [-0.5 * width, -0.07 - _CELL, -0.07 + _CELL, 0.5 * width]
+    mesh = _Mesh()
+    solids: list[Solid] = [_box("target", [0, 0, -0.5 * (height + depth)], [length, width, height - depth])]
+    for x0, x1 in pairwise(columns):
+        for y0, y1 in pairwise(rows):
+            middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.0])
+            name, hole = next(
+                ((n, h) for n, h in holes.items() if np.allclose(h.p_T, middle, rtol=0.0, atol=1e-9)), ("", None)
+            )
+            if hole is None:
+                mesh.quad([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
+                cell = f"target_face_{len(solids)}"
+                solids.append(_box(cell, middle - [0, 0, 0.5 * depth], [x1 - x0, y1 - y0, depth]))
+            else:
+                mesh.bore(hole)
+                solids += _ring(name, hole)
+    mesh.sides(columns, rows, height)
+    shells = [welded(*mesh.arrays())]
+    for name, pipe_radius, pipe_length, axis, middle in pipes:
+        R = rotation_from_z(axis, [0.3, 0.5, 0.7])
+        cylinder, half = mujoco.mjtGeom.mjGEOM_CYLINDER, 0.5 * pipe_length
+        solids.append(Solid(name=f"target_{name}", kind=cylinder, size=(pipe_radius, half), X_TS=pose(R, middle)))
+        vertices, triangles = revolve(
+            [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
+        )
+        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])  # revolved about x, where the solid stands along z
+        shells.append((vertices @ R_pipe.T + middle, triangles))
+    x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
+    line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
+    beside = {
+        name: ModelPath(p=hole.p_T + line, a=-ones * _Z, b=ones * [1.0, 0.0, 0.0]) for name, hole in holes.items()
+    }
+    vertices, triangles = joined(shells)
+    target = TargetModel(
+        name="manifold",
+        vertices=vertices,
+        triangles=triangles,
+        paths={f"beside_{name}": path for name, path in beside.items()},
+        solids=tuple(solids),
+    )
+    return Manifold(target=target, holes=MappingProxyType(holes))
+
+
+def _box(name: str, middle: ArrayLike, size: ArrayLike, R: Array | None = None) -> Solid:
+    half = 0.5 * np.asarray(size, dtype=np.float64)
+    return Solid(name=name, kind=mujoco.mjtGeom.mjGEOM_BOX, size=tuple(half.tolist()), X_TS=pose(R, middle))
+
+
+def _ring(name: str, hole: Hole) -> list[Solid]:
+    """Boxes (wall, lip and chamfer for each side) around the bore, out to the corners of its cell."""
+    r, c, out = hole.radius, hole.chamfer, np.sqrt(2.0) * _CELL
+    wide = 2.0 * out * np.tan(np.pi / SIDES)
+    found = []
+    for k in range(SIDES):
+        R = exp_so3([0.0, 0.0, 2.0 * np.pi * k / SIDES])
+
+        def part(
+            kind: str, x: float, z: float, size: list[float], tilt: float = 0.0, k: int = k, R: Array = R
+        ) -> Solid:
+            place = hole.p_T + R @ [x, 0.0, z]
+            return _box(f"target_{name}_{kind}_{k}", place, size, R @ exp_so3([0.0, tilt, 0.0]))
+
+        found.append(part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c]))
+        if c > 0.0:
+            found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
+            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the rest lies behind it.
+            s = 0.25 * c
+            found.append(
+                part(
+                    "chamfer", r + 0.5 * c + s, -0.5 * c - s, [2.0 * np.sqrt(2) * s, wide, c * np.sqrt(2)], 0.25 * np.pi
+                )
+            )
+    return found
+
+
+class _Mesh:
+    """Vertices and triangles, gathered; counter-clockwise seen from outside."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[Array, np.ndarray]] = []
+
+    def add(self, vertices: ArrayLike, triangles: ArrayLike) -> None:
+        self._parts.append((np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)))
+
+    def quad(self, corners: ArrayLike) -> None:
+        self.add(corners, [[0, 1, 2], [0, 2, 3]])
+
+    def bore(self, hole: Hole) -> None:
+        """The face's square around a hole, the chamfer, the wall and the bottom."""
+        n = _FACETS
+        angle = 2.0 * np.pi * np.arange(n) / n
+        circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
+        r, c = hole.radius, hole.chamfer
+        i = np.arange(n)
+        j = (i + 1) % n
+        # Each corner of the square takes the quarter of the mouth's circle that is nearest to it.
+        corners = hole.p_T + _CELL * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=np.float64)
+        corner = i // (n // 4)
+        fan = np.column_stack([n + corner, j, i])
+        gaps = [[n + k, n + (k + 1) % 4, (n // 4) * (k + 1) % n] for k in range(4)]
+        self.add(np.vstack([hole.p_T + (r + c) * circle, corners]), np.vstack([fan, gaps]))
+        rings = [(r + c, 0.0), (r, -c), (r, -hole.depth)] if c > 0.0 else [(r, 0.0), (r, -hole.depth)]
+        for (r0, z0), (r1, z1) in pairwise(rings):
+            upper, lower = hole.p_T + r0 * circle + [0, 0, z0], hole.p_T + r1 * circle + [0, 0, z1]
+            self.add(
+                np.vstack([upper, lower]),
+                np.vstack([np.column_stack([i, j, n + j]), np.column_stack([i, n + j, n + i])]),
+            )
+        bottom = hole.p_T + r * circle - [0, 0, hole.depth]
+        self.add(np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]), np.column_stack([i, j, np.full(n, n)]))
+
+    def sides(self, columns: list[float], rows: list[float], height: float) -> None:
+        """The block but for its face, whose edge has corners at `columns` (x) and `rows` (y)."""
+        x, y = np.array(columns), np.array(rows)
+        rim = np.concatenate(
+            [
+                np.column_stack([x[:-1], np.full(len(x) - 1, y[0])]),
+                np.column_stack([np.full(len(y) - 1, x[-1]), y[:-1]]),
+                np.column_stack([x[:0:-1], np.full(len(x) - 1, y[-1])]),
+                np.column_stack([np.full(len(y) - 1, x[0]), y[:0:-1]]),
+            ]
+        )
+        n = len(rim)
+        top = np.column_stack([rim, np.zeros(n)])
+        i = np.arange(n)
+        j = (i + 1) % n
+        wall = np.vstack([np.column_stack([i + n, j + n, j]), np.column_stack([i + n, j, i])])
+        bottom = top - [0.0, 0.0, height]
+        under = np.column_stack([j + n, i + n, np.full(n, 2 * n)])
+        self.add(np.vstack([top, bottom, bottom.mean(axis=0)]), np.vstack([wall, under]))
+
+    def arrays(self) -> tuple[Array, np.ndarray]:
+        return joined(self._parts)

@@ -1,0 +1,103 @@
+"""A vertical pile, such as a leg of a jetty, with a bolted flange; and the tool paths on it.
+
+A plain pipe seen in part can slide along itself unnoticed. The flange is what tells height: two rings of a pipe of
+600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes ours).
+"""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from models.meshes.closed_shells import revolve
+from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, TargetModel
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, pose
+
+PILE_DIAMETER = 0.6  # [m]
+PILE_LENGTH = 3.0  # [m]
+FLANGE_DIAMETER = 0.76  # [m]
+FLANGE = (0.2, 0.3)  # [m] its lower and upper face, along z_T
+FLANGE_MARGIN = 0.08  # [m] from a face of the flange, or an end, to a path: half a pad, and what identification may err
+SIDES = 256  # sagitta of a side 0.02 mm, as of the barrel
+
+
+def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
+    """A line of `length` [m] up the pile, its middle at `height` [m] (z_T) and `azimuth` [rad] about z_T from x_T.
+
+    Raises ConfigurationError if it meets the flange or an end.
+    """
+    if not (np.isfinite(length) and length > 0.0):
+        raise ConfigurationError(f"vertical path: length must be > 0 m, got {length}")
+    rise = np.linspace(-0.5 * length, 0.5 * length, max(4, 1 + round(length / PATH_STEP)))
+    return _on_shell("vertical", height + rise, np.full_like(rise, azimuth), climb=1.0)
+
+
+def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
+    """An arc of `arc` [rad] around the pile at `height` [m], right-handed about z_T, its middle at `azimuth` [rad].
+
+    Raises ConfigurationError for an arc outside (0, 2 pi], or at the flange or an end.
+    """
+    if not 0.0 < arc <= 2.0 * np.pi + 1e-9:
+        raise ConfigurationError(f"ring path: arc must lie in (0, 2 pi] rad, got {arc}")
+    turn = np.linspace(-0.5 * arc, 0.5 * arc, max(4, 1 + round(0.5 * PILE_DIAMETER * arc / PATH_STEP)))
+    return _on_shell("ring", np.full_like(turn, height), azimuth + turn, climb=0.0)
+
+
+def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
+    """An arc as of `ring` that climbs by `rise` [m] (negative: goes down), its middle at `azimuth` and `height`.
+
+    Raises ConfigurationError for an arc that is not positive and finite, or if it meets the flange or an end.
+    """
+    if not (np.isfinite(arc) and arc > 0.0):
+        raise ConfigurationError(f"helix path: arc must be > 0 rad, got {arc}")
+    around = 0.5 * PILE_DIAMETER * arc
+    length = float(np.hypot(around, rise))
+    share = np.linspace(-0.5, 0.5, max(4, 1 + round(length / PATH_STEP)))
+    return _on_shell("helix", height + share * rise, azimuth + share * arc, climb=rise / length)
+
+
+def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPath:
+    """Points at `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of the path's slope."""
+    low, high = float(np.min(height)), float(np.max(height))
+    end = 0.5 * PILE_LENGTH - FLANGE_MARGIN
+    under, over = FLANGE[0] - FLANGE_MARGIN, FLANGE[1] + FLANGE_MARGIN
+    if not ((-end <= low and high <= under) or (over <= low and high <= end)):
+        raise ConfigurationError(
+            f"{name} path: heights must lie in [{-end:.2f}, {under:.2f}] or [{over:.2f}, {end:.2f}] m, clear of the "
+            f"flange and the ends; got {low:.3g} to {high:.3g} m"
+        )
+    zero = np.zeros_like(azimuth)
+    outward = np.column_stack([np.cos(azimuth), np.sin(azimuth), zero])
+    around = np.column_stack([-np.sin(azimuth), np.cos(azimuth), zero])
+    return ModelPath(
+        p=0.5 * PILE_DIAMETER * outward + height[:, None] * [0.0, 0.0, 1.0],
+        a=-outward,
+        b=np.sqrt(1.0 - climb**2) * around + climb * np.array([0.0, 0.0, 1.0]),
+    )
+
+
+def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> TargetModel:
+    """A pile 0.6 m across and 3 m long with its flange. z_T is its axis, up, and the origin its middle.
+
+    `paths`: tool paths by name; by default "vertical", "ring" and "helix" with their defaults. Without the `flange`
+    nothing on it tells height as long as its ends are out of view.
+    """
+    r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
+    collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)] if flange else []
+    vertices, triangles = revolve(np.array([(-h, 0.0), (-h, r), *collar, (h, r), (h, 0.0)]), SIDES)
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    solids = [Solid(name="target", kind=cylinder, size=(r, h), X_TS=pose())]
+    if flange:
+        half = 0.5 * (FLANGE[1] - FLANGE[0])
+        solids.append(
+            Solid(name="target_flange", kind=cylinder, size=(R, half), X_TS=pose(p=[0.0, 0.0, FLANGE[0] + half]))
+        )
+    return TargetModel(
+        name="pile",
+        vertices=vertices[:, [1, 2, 0]],  # turned about z instead of x
+        triangles=triangles,
+        symmetry=Symmetry(axis=np.array([0.0, 0.0, 1.0])),
+        paths={"vertical": vertical(), "ring": ring(), "helix": helix()} if paths is None else paths,
+        solids=tuple(solids),
+    )

@@ -1,0 +1,292 @@
+"""What is known of an object to work on: its mesh, symmetry, tool paths on the model, and how they stand in a scene.
+
+Frame T is the model's own frame. Symmetries turn about T's origin. Triangles wind counter-clockwise seen from outside.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.meshes import convex_parts
+from models.meshes.mesh_files import read_mesh
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import existing_file
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    finite_number,
+    quat_wxyz_from_rotation,
+    readonly,
+    real_array,
+)
+
+LARGEST = 20.0  # [m] that a mesh is believed to be across
+SMALLEST = 1e-3  # [m] across, below which no tool or sensor meets an object
+FARTHEST_VERTEX = 1e5  # [m]
+PATH_STEP = 0.005  # [m], between points of a model path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Symmetry:
+    """Rotations about T's origin that leave the shape as it is: a discrete group times turns about `axis`."""
+
+    axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
+    rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
+
+    def __post_init__(self) -> None:
+        rotations = real_array(self.rotations, "symmetry rotations", "(n, 3, 3) numbers")
+        if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
+            raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
+        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)  # the square of a large one is no number
+        if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
+            raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
+        if not np.all(np.linalg.det(rotations) > 0.0):
+            raise ConfigurationError("symmetry rotations: a reflection is none")
+        object.__setattr__(self, "rotations", readonly(rotations))
+        if self.axis is not None:
+            axis = checked(self.axis, (3,), "symmetry axis")
+            longest = float(np.abs(axis).max())
+            if not longest > 1e-9:
+                raise ConfigurationError("symmetry axis: must not be zero")
+            axis = axis / longest  # the square of a very long one is no number
+            object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
+
+    def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
+        """Of all rotations that show the shape as `R_AT` does, the one nearest to `R_AT_prior` (both (3, 3))."""
+        best, best_trace = R_AT, -np.inf
+        for G in self.rotations:
+            R = R_AT @ G
+            if self.axis is not None:
+                # tr(M Rot(a, phi)) = const + (tr M - a.Ma) cos phi + (-m.a) sin phi has its maximum in closed form.
+                M = R_AT_prior.T @ R
+                m = np.array([M[2, 1] - M[1, 2], M[0, 2] - M[2, 0], M[1, 0] - M[0, 1]])
+                phi = np.arctan2(-m @ self.axis, np.trace(M) - self.axis @ M @ self.axis)
+                R = R @ exp_so3(phi * self.axis)
+            trace = float(np.trace(R_AT_prior.T @ R))
+            if trace > best_trace:
+                best, best_trace = R, trace
+        return best
+
+    def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
+        """Symmetric distance of two poses (4, 4): position of the origin [m] and least rotation angle [rad]."""
+        R, R_true = X_AT[:3, :3], X_AT_true[:3, :3]
+        nearest = self.nearest(R, R_true)
+        delta = R_true.T @ nearest
+        sine = 0.5 * np.linalg.norm([delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]])
+        angle = float(np.arctan2(sine, 0.5 * (np.trace(delta) - 1.0)))
+        return float(np.linalg.norm(X_AT[:3, 3] - X_AT_true[:3, 3])), angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ModelPath:
+    """A tool path on the model: the points X'_j and tool axes a'_j, b'_j of paper 002, eq. (3), in T."""
+
+    p: Array  # (N, 3) [m] points on the surface
+    a: Array  # (N, 3) unit tool axis, into the surface
+    b: Array  # (N, 3) unit, along the path
+
+    def __post_init__(self) -> None:
+        n = len(checked_rows(self.p, 3, "model path p", least=0))
+        if n < 4:
+            raise ConfigurationError(f"model path: a cubic spline needs at least 4 points, got {n}")
+        for name in ("p", "a", "b"):
+            values = checked(getattr(self, name), (n, 3), f"model path {name}")
+            if np.abs(values).max() > FARTHEST_VERTEX:
+                raise ConfigurationError(f"model path {name}: numbers must lie within {FARTHEST_VERTEX:g}")
+            if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
+                raise ConfigurationError(f"model path {name}: every row must be a unit vector")
+            object.__setattr__(self, name, values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Solid:
+    """One collision primitive of a target, the same shape as that part of its mesh."""
+
+    name: str
+    kind: mujoco.mjtGeom
+    size: tuple[float, ...]  # [m], as MuJoCo's geom size
+    X_TS: Array  # (4, 4) pose in T
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TargetModel:
+    """What is known beforehand of an object to work on."""
+
+    name: str
+    vertices: Array  # (V, 3) [m], in T
+    triangles: np.ndarray  # (T, 3) int indices into `vertices`
+    symmetry: Symmetry = field(default_factory=Symmetry)
+    paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
+    solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
+    hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex parts to collide with beside the solids
+    stand: tuple[Solid, ...] = ()  # what it rests on: in the scene, but no part of the model to be found
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str):
+            raise ConfigurationError(f"target: its name must be a word, got {type(self.name).__name__}")
+        if not isinstance(self.symmetry, Symmetry):
+            raise ConfigurationError(f"target {self.name!r}: expected a Symmetry, got {type(self.symmetry).__name__}")
+        if not isinstance(self.paths, Mapping) or not all(isinstance(p, ModelPath) for p in self.paths.values()):
+            raise ConfigurationError(f"target {self.name!r}: paths must be a mapping of names to ModelPath")
+        vertices = real_array(self.vertices, f"target {self.name!r}: vertices", "(V, 3) numbers")
+        corners = real_array(self.triangles, f"target {self.name!r}: triangles", "(T, 3) indices")
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.all(np.isfinite(vertices)):
+            raise ConfigurationError(f"target {self.name!r}: vertices must be finite, (V, 3); got {vertices.shape}")
+        if corners.ndim != 2 or corners.shape[1] != 3 or not len(corners):
+            raise ConfigurationError(f"target {self.name!r}: triangles must be (T, 3), T > 0; got {corners.shape}")
+        if not (corners.min() >= 0 and corners.max() < len(vertices) and np.all(corners == np.floor(corners))):
+            raise ConfigurationError(f"target {self.name!r}: a triangle points outside its {len(vertices)} vertices")
+        triangles = corners.astype(np.int64)
+        farthest = float(np.abs(vertices).max())
+        if farthest > FARTHEST_VERTEX:
+            raise ConfigurationError(
+                f"target {self.name!r}: vertices must lie within {FARTHEST_VERTEX:g} m of its origin, got {farthest:g}"
+            )
+        a, b, c = vertices[triangles].transpose(1, 0, 2)
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        if not area.any():
+            raise ConfigurationError(f"target {self.name!r}: none of its {len(triangles)} triangles has an area")
+        used = vertices[np.unique(triangles[area > 0.0])]
+        across = float(np.linalg.norm(np.ptp(used, axis=0)))
+        if across < SMALLEST:
+            raise ConfigurationError(
+                f"target {self.name!r}: {across:.3g} m across, less than {SMALLEST:g} m: is its scale right?"
+            )
+        triangles.setflags(write=False)
+        for hull in self.hulls:
+            if hull.ndim != 2 or hull.shape[1] != 3 or len(hull) < 4 or not np.all(np.isfinite(hull)):
+                raise ConfigurationError(
+                    f"target {self.name!r}: a hull must be finite, (n, 3), n > 3; got {hull.shape}"
+                )
+        object.__setattr__(self, "vertices", readonly(vertices))
+        object.__setattr__(self, "hulls", tuple(readonly(hull) for hull in self.hulls))
+        object.__setattr__(self, "triangles", triangles)
+        object.__setattr__(self, "paths", MappingProxyType(dict(self.paths)))
+
+    @property
+    def center(self) -> Array:
+        """Middle (3,) [m] of the bounding box, in T: the point that a coarse detection gives."""
+        return 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
+
+    @property
+    def radius(self) -> float:
+        """Radius [m] of the sphere around `center` that holds the whole model."""
+        return float(np.linalg.norm(self.vertices - self.center, axis=1).max())
+
+    def path(self, name: str) -> ModelPath:
+        """The tool path `name`; raises ConfigurationError, with the names there are, if it is unknown."""
+        if name not in self.paths:
+            raise ConfigurationError(f"target {self.name!r} has no path {name!r}; it has {sorted(self.paths)}")
+        return self.paths[name]
+
+    def with_path(self, name: str, path: ModelPath) -> "TargetModel":
+        """The same target with `path` added (or replaced) under `name`."""
+        return replace(self, paths={**self.paths, name: path})
+
+    def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> mujoco.MjsBody:
+        """Add the target to the world of `spec` at `X_WT` (4, 4), as a body and a main geom both named "target".
+
+        Its other geoms are "target_<part>". Solids alone are both seen and felt. With hulls the mesh is what is seen,
+        and what is felt, solids and hulls, is not drawn. With neither, the mesh is cut into hulls first, which takes
+        seconds for a large one (a fouled barrel: half a minute); without `felt` it stays a picture, at once.
+        Returns the body, for the caller to set friction or colour.
+        Raises ConfigurationError for a bad pose.
+        """
+        X = checked_pose(X_WT, "X_WT")
+        body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
+        hulls, cut = self.hulls, felt and not (self.solids or self.hulls)
+        if cut:
+            hulls = convex_parts.parts(self.vertices, self.triangles)
+        if hulls or not self.solids:
+            spec.add_mesh(
+                name="target",
+                uservert=self.vertices.astype(np.float32).ravel(),
+                userface=self.triangles.astype(np.int32).ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan need not be closed
+            )
+            body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
+        for k, hull in enumerate(hulls):
+            name = f"target_hull_{k}"
+            spec.add_mesh(
+                name=name,
+                uservert=hull.astype(np.float32).ravel(),
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some are thin
+            )
+            part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
+            _hide(part)
+            if cut:
+                _soften(part, spec)
+        for solid in (*self.solids, *(self.stand if stand else ())):
+            size = np.zeros(3)
+            size[: len(solid.size)] = solid.size
+            geom = body.add_geom(
+                name=solid.name,
+                type=solid.kind,
+                size=size,
+                pos=solid.X_TS[:3, 3],
+                quat=quat_wxyz_from_rotation(solid.X_TS[:3, :3]),
+            )
+            if hulls and solid in self.solids:
+                _hide(geom)
+        return body
+
+    @classmethod
+    def from_file(
+        cls,
+        file: str | Path,
+        name: str | None = None,
+        symmetry: Symmetry | None = None,
+        paths: Mapping[str, ModelPath] | None = None,
+        scale: float | None = None,
+    ) -> "TargetModel":
+        """A target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB).
+
+        `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a mesh larger than LARGEST
+        is refused. Raises ConfigurationError if the file is missing, unreadable or without triangles, or in a wrong
+        unit.
+        """
+        path = existing_file(file, "target mesh")
+        if scale is not None:
+            scale = finite_number(scale, "target mesh: scale", least=1e-9, most=1e9)
+        vertices, triangles = read_mesh(path)
+        vertices = vertices * (1.0 if scale is None else scale)
+        size = float(np.ptp(vertices, axis=0).max())
+        if scale is None and size > LARGEST:
+            raise ConfigurationError(
+                f"target mesh {str(path)!r}: {size:.4g} m across, more than {LARGEST:.0f} m: millimetres? Give its "
+                "scale (0.001 for mm, 1 if it is so large)"
+            )
+        return cls(
+            name=name or path.stem,
+            vertices=vertices,
+            triangles=triangles,
+            symmetry=symmetry or Symmetry(),
+            paths=paths or {},
+        )
+
+
+def _hide(geom: mujoco.MjsGeom) -> None:
+    """Leave `geom` to contact alone: no camera and no log shows it."""
+    geom.group = 3
+    geom.rgba = [0.5, 0.5, 0.5, 0.0]
+
+
+def _soften(part: mujoco.MjsGeom, spec: mujoco.MjSpec) -> None:
+    """Let what presses on `part` sink in by some tenths of a millimetre.
+
+    Where parts meet a tool touches several at once, and sinks into each the less: into stiff ones so little that it
+    leaves them, step by step, while it is pressed. The friction stays the tool's own.
+    """
+    part.priority = max(geom.priority for geom in spec.geoms)  # of equals the greater friction counts, and `solmix`
+    part.friction = [0.0, 0.0, 0.0]
+    part.solmix = 1e6
+    part.solref = [0.006, 1.0]
+    part.solimp = [0.8, 0.9, 0.001, 0.5, 2.0]

@@ -1,0 +1,68 @@
+"""Scenes: a vehicle, an object to work on, and the seabed, in one MjSpec."""
+
+from pathlib import Path
+
+import mujoco
+
+import models
+from models import hydrodynamics
+from models.mjcf_files import read_mjcf
+from models.objects.targets import TargetModel
+from models.site.seabed import Seabed
+from models.vehicle import TOOL_GEOM
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, shown, transform_points
+
+SEABED_DEPTH = 0.75  # [m] below the middle of the object
+
+
+def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
+    """A vehicle by its name in `models.available()`, or from an MJCF file whose coefficients are in its user data.
+
+    Raises ConfigurationError if `vehicle` is neither, or the file cannot be read or does not compile.
+    """
+    if not isinstance(vehicle, str | Path):
+        raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
+    vehicle = str(vehicle)
+    if vehicle in models.available():
+        return models.load(vehicle)
+    if not Path(vehicle).suffix:
+        raise ConfigurationError(
+            f"unknown vehicle {shown(vehicle)}; there are {', '.join(models.available())}, or an MJCF file"
+        )
+    spec, _ = read_mjcf(vehicle, "vehicle")
+    if hydrodynamics.attached(spec):
+        hydrodynamics.attach(spec, {})  # MJCF keeps the coefficients of bodies, but no user data of the world
+    return spec
+
+
+def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
+    """`vehicle` itself, at the origin, with `target` at `X_WT` (4, 4) on its stand and flat seabed under it.
+
+    A target that reaches deeper than SEABED_DEPTH under its own origin stands on the seabed.
+    """
+    spec = vehicle
+    target.add_to(spec, X_WT)
+    seabed = spec.worldbody.add_geom()
+    seabed.name = "seabed"
+    seabed.type = mujoco.mjtGeom.mjGEOM_PLANE
+    seabed.size = [8.0, 8.0, 0.1]
+    seabed.pos = [X_WT[0, 3], X_WT[1, 3], seabed_height(target, X_WT)]
+    seabed.rgba = [0.55, 0.5, 0.4, 1.0]
+    return spec
+
+
+def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
+    """`vehicle` itself over `ground`, into which its tool, the geom "pad", goes without collision: the soil is a force
+    on it (`models.site.soil`). Raises ConfigurationError for a vehicle without that tool."""
+    tool = next((geom for geom in vehicle.geoms if geom.name == TOOL_GEOM), None)
+    if tool is None:
+        raise ConfigurationError(f"to dig the vehicle needs a tool, a geom named {TOOL_GEOM!r}")
+    tool.contype = tool.conaffinity = 0
+    ground.add_to(vehicle)
+    return vehicle
+
+
+def seabed_height(target: TargetModel, X_WT: Array) -> float:
+    """Height [m] in W of the seabed under `target` at `X_WT` (4, 4)."""
+    return min(float(X_WT[2, 3]) - SEABED_DEPTH, float(transform_points(X_WT, target.vertices)[:, 2].min()))

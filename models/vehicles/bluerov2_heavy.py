@@ -1,0 +1,143 @@
+"""BlueROV2 Heavy (Blue Robotics), by two published sets that differ up to tenfold in drag: choose one, and say which.
+
+von Benzon et al. 2022, An Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng.
+10(12):1898, doi 10.3390/jmse10121898, table A1; by its abstract validated in a test tank. Read in two transcriptions
+that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script); a third (AndreasKing-Goks/0_THESIS) prints more
+digits of the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
+
+Wu 2018, 6-DoF Modelling and Control of a Remotely Operated Vehicle, thesis, Flinders University, tables 5.1 and 5.2.
+Read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in hkolano/PitchPrediction). The thesis
+itself was not read; that its inertia is about the origin, the centre of buoyancy, is as the transcription has it.
+
+Thrusters: eight T200 at 16 V (`models.water.thrusters.t200`). Their places are those of von Benzon's set, and give
+Wu's matrix too. The four level ones stand at 45 degrees 85 mm below the origin; the four upright ones push up in the
+one set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so there is none here.
+Both sets print a hull that floats up a little; here it is ballasted to be neutral
+(`models.vehicles.published_hulls.ballast`).
+"""
+
+import math
+
+import mujoco
+import numpy as np
+
+from models.vehicles import published_hulls as published
+from models.vehicles import reach_alpha_5
+from models.vehicles.published_hulls import PublishedHull
+from models.water import thrusters
+
+LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] Blue Robotics, BlueROV2 Heavy Retrofit, specification table
+_FRESH_WATER = 1000.0  # [kg/m^3]
+_GRAVITY = 9.81  # [m/s^2]
+
+BENZON_2022 = PublishedHull(
+    mass=13.5,
+    center_of_gravity=[0.0, 0.0, 0.0],
+    inertia=np.diag([0.26, 0.23, 0.37]),
+    volume=0.0134,
+    center_of_buoyancy=[0.0, 0.0, -0.01],
+    added_mass=np.diag([6.36, 7.12, 18.68, 0.189, 0.135, 0.222]),
+    linear_damping=[13.7, 0.0, 33.0, 0.0, 0.8, 0.0],
+    quadratic_damping=[141.0, 217.0, 190.0, 1.19, 0.47, 1.5],
+)
+
+WU_2018 = PublishedHull(
+    mass=11.5,
+    center_of_gravity=[0.0, 0.0, 0.02],
+    inertia=np.diag([0.16, 0.16, 0.16]),
+    volume=114.8 / (_FRESH_WATER * _GRAVITY),  # printed as 114.8 N of buoyancy
+    center_of_buoyancy=[0.0, 0.0, 0.0],
+    added_mass=np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.12]),
+    linear_damping=[4.03, 6.22, 5.18, 0.07, 0.07, 0.07],
+    quadratic_damping=[18.18, 21.66, 36.99, 1.55, 1.55, 1.55],
+)
+
+# Forward, starboard, down, as printed: place [m], direction of positive thrust. 1 to 4 level, 5 to 8 upright.
+_D = math.sqrt(0.5)
+_LEVEL = (
+    ((0.156, 0.111, 0.085), (_D, -_D, 0.0)),
+    ((0.156, -0.111, 0.085), (_D, _D, 0.0)),
+    ((-0.156, 0.111, 0.085), (-_D, -_D, 0.0)),
+    ((-0.156, -0.111, 0.085), (-_D, _D, 0.0)),
+)
+_UPRIGHT = ((0.120, 0.218, 0.0), (0.120, -0.218, 0.0), (-0.120, 0.218, 0.0), (-0.120, -0.218, 0.0))
+_UP, _DOWN = (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)
+BENZON_THRUSTERS = (*_LEVEL, *((p, _UP) for p in _UPRIGHT))
+WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
+
+
+def benzon_2022() -> mujoco.MjSpec:
+    """The vehicle by von Benzon et al. 2022."""
+    return _vehicle("bluerov2_heavy_benzon2022", BENZON_2022, BENZON_THRUSTERS)
+
+
+def wu_2018() -> mujoco.MjSpec:
+    """The vehicle by Wu 2018."""
+    return _vehicle("bluerov2_heavy_wu2018", WU_2018, WU_THRUSTERS)
+
+
+def with_alpha_5() -> mujoco.MjSpec:
+    """The vehicle by von Benzon et al. 2022 with the Reach Alpha 5 under its bow, joint 1 pointing down.
+
+    The arm's base as edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm") mounts it. Together the two were not
+    published; ballast makes up for the arm's weight.
+    """
+    spec = published.new_spec("bluerov2_heavy_alpha5")
+    hull = _add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
+    reach_alpha_5.add_arm(spec, hull, [0.19, 0.0, -0.12], [0.0, 1.0, 0.0, 0.0])
+    published.add_keys(spec, reach_alpha_5.HOME, reach_alpha_5.READY)
+    published.ballast(spec)
+    return spec
+
+
+def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
+    spec = published.new_spec(name)
+    _add_hull(spec, figures, places)
+    published.add_keys(spec)
+    published.ballast(spec)
+    return spec
+
+
+def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
+    hull = published.add_hull(spec, figures)
+    # Looks and contact only: the frame as a box, the foam above it.
+    frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
+    hull.add_geom(
+        name="frame",
+        type=frame,
+        size=[LENGTH / 2, WIDTH / 2, HEIGHT / 2],
+        mass=0.0,
+        contype=1,
+        conaffinity=2,
+        rgba=[0.2, 0.22, 0.26, 0.0],
+        group=3,
+    )
+    for side, y in (("port", 0.17), ("starboard", -0.17)):
+        hull.add_geom(
+            name=f"foam_{side}",
+            type=frame,
+            size=[0.2, 0.1, 0.04],
+            pos=[0.0, y, 0.085],
+            mass=0.0,
+            contype=0,
+            conaffinity=0,
+            rgba=foam,
+        )
+    hull.add_geom(
+        name="housing",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[0.057, 0.12, 0.0],
+        quat=[_D, 0.0, _D, 0.0],
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        rgba=[0.85, 0.87, 0.9, 1.0],
+    )
+    # OpenCV axes, level: z forward, x to starboard.
+    hull.add_site(name="camera", pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
+    names = [
+        published.add_thruster(spec, hull, str(i), published.from_ned(p), published.from_ned(direction))
+        for i, (p, direction) in enumerate(places, start=1)
+    ]
+    thrusters.attach(spec, {name: thrusters.t200(torque_per_thrust=0.0) for name in names})
+    return hull

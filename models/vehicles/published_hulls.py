@@ -1,0 +1,135 @@
+"""Hulls as the literature prints them, and the one place where their axes become ours.
+
+Marine literature has body axes forward, starboard, down (SNAME 1950; Fossen 2011, section 2.1); ours are forward, port,
+up, the same after a half turn about x. `from_ned` is that turn. A table of a source is typed as it is printed, into a
+`PublishedHull`, and `add_hull` turns it once.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models import hydrodynamics
+from models.hydrodynamics import SEA_WATER, BodyHydrodynamics
+from models.vehicle import HOME_KEY, HULL_BODY, READY_KEY
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
+
+TIMESTEP = 0.002  # [s]
+_HALF_TURN = np.diag([1.0, -1.0, -1.0])  # about x
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PublishedHull:
+    """One hull in its source's own axes (forward, starboard, down), everything at the source's body origin."""
+
+    mass: float  # [kg] dry
+    center_of_gravity: ArrayLike  # (3,) [m]
+    inertia: ArrayLike  # (3, 3) [kg m^2] about the origin, products with the signs of the matrix
+    volume: float  # [m^3]
+    center_of_buoyancy: ArrayLike  # (3,) [m]
+    added_mass: ArrayLike  # (6, 6) [kg, kg m, kg m^2], -X_udot and so on
+    linear_damping: ArrayLike  # (6,), all >= 0 [N s/m, N m s]
+    quadratic_damping: ArrayLike  # (6,), all >= 0 [N s^2/m^2, N m s^2]
+
+
+def from_ned(values: ArrayLike) -> Array:
+    """A vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) in forward-starboard-down axes, in ours.
+
+    A half turn is its own inverse, so this is also the way back. A moment of inertia, an added mass and a damping
+    matrix turn as matrices: products of inertia, couplings x-y and x-z change sign, y-z does not. The diagonal stays,
+    and with it a diagonal quadratic damping. Raises ConfigurationError for another shape.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape not in ((3,), (6,), (3, 3), (6, 6)):
+        raise ConfigurationError(f"from_ned: expected a vector or a square matrix of 3 or 6, got shape {array.shape}")
+    turn = np.kron(np.eye(len(array) // 3), _HALF_TURN)
+    return turn @ array if array.ndim == 1 else turn @ array @ turn.T
+
+
+def new_spec(name: str) -> mujoco.MjSpec:
+    """An empty spec with the options that all our vehicles share."""
+    spec = mujoco.MjSpec()
+    spec.modelname = name
+    spec.compiler.degree = False
+    spec.option.timestep = TIMESTEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    return spec
+
+
+def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
+    """Add the free body `hull` with the mass, inertia and coefficients of `hull`; its origin is the source's."""
+    body = spec.worldbody.add_body(name=HULL_BODY)
+    body.add_freejoint(name=HULL_BODY)
+    center = from_ned(hull.center_of_gravity)
+    S = skew(center)
+    set_inertial(body, hull.mass, center, from_ned(hull.inertia) + hull.mass * S @ S)
+    coefficients = BodyHydrodynamics(
+        volume=hull.volume,
+        center_of_buoyancy=from_ned(hull.center_of_buoyancy),
+        added_mass=from_ned(hull.added_mass),
+        linear_damping=from_ned(np.diag(np.asarray(hull.linear_damping, dtype=np.float64))),
+        quadratic_damping=np.asarray(hull.quadratic_damping, dtype=np.float64),
+    )
+    hydrodynamics.attach(spec, {HULL_BODY: coefficients})
+    return body
+
+
+def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: ArrayLike) -> None:
+    """Give `body` its mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m^2] about that centre, body axes."""
+    about = np.asarray(inertia, dtype=np.float64)
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = center
+    body.fullinertia = [about[0, 0], about[1, 1], about[2, 2], about[0, 1], about[0, 2], about[1, 2]]
+
+
+def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike) -> str:
+    """Add a site and an actuator [N] for a thruster at `p` (3,) [m] that pushes along `direction` (3,), hull axes.
+
+    Returns the actuator's name, for `models.water.thrusters.attach`.
+    """
+    axis = np.asarray(direction, dtype=np.float64)
+    R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]  # x along the thrust
+    full_name = f"thruster_{name}"
+    hull.add_site(name=full_name, pos=p, quat=quat_wxyz_from_rotation(R), group=4, size=[0.01, 0.01, 0.01])
+    actuator = spec.add_actuator(name=full_name, trntype=mujoco.mjtTrn.mjTRN_SITE, target=full_name)
+    actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    return full_name
+
+
+def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
+    """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull at its origin, hull axes [N, N m].
+
+    For vehicles whose source gives no thrusters.
+    """
+    hull.add_site(name="wrench", group=4, size=[0.01, 0.01, 0.01])
+    for axis, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
+        actuator = spec.add_actuator(name=f"wrench_{name}", trntype=mujoco.mjtTrn.mjTRN_SITE, target="wrench")
+        actuator.gear = np.eye(6)[axis]
+
+
+def add_keys(spec: mujoco.MjSpec, home: ArrayLike = (), ready: ArrayLike | None = None) -> None:
+    """Add the keyframes `home` and `ready` of a vehicle at the origin with the arm at `home`, `ready` (n,) [rad]."""
+    rest = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    spec.add_key(name=HOME_KEY, qpos=[*rest, *np.asarray(home, dtype=np.float64)])
+    spec.add_key(name=READY_KEY, qpos=[*rest, *np.asarray(home if ready is None else ready, dtype=np.float64)])
+
+
+def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrodynamics:
+    """Trim the vehicle in its home pose, the centre of buoyancy of the hull as high as its source puts it.
+
+    What changes is the hull's volume, until the whole weighs nothing in water of `water_density` [kg/m^3], and where
+    its centre of buoyancy lies fore and aft, as foam on a real hull would. Returns the hull's coefficients.
+    """
+    hydrodynamics.attach(spec, {}, water_density)
+    home = next(key for key in spec.keys if key.name == HOME_KEY).qpos
+    height = float(hydrodynamics.attached(spec)[HULL_BODY].center_of_buoyancy[2])
+    flat = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=0.0, qpos=home)
+    # Neutral, so the volumes say what all weighs; the hull's own height moves the whole by its share of the volume.
+    share = flat.volume / sum(body.volume for body in hydrodynamics.attached(spec).values())
+    metacentric_height = share * (height - float(flat.center_of_buoyancy[2]))
+    return hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home)

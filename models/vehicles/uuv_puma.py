@@ -1,0 +1,123 @@
+"""A generic work-class hovering UUV with a six-DOF PUMA-type arm: every hydrodynamic figure and its source.
+
+No numbers of a real vehicle are used or implied. Hull: an open frame of 1.6 x 0.9 x 0.8 m, 323 kg. Its derivatives are
+estimates for a box-like ROV: added mass 0.6, 1.1 and 1.7 times the displaced mass in surge, sway and heave (Fossen
+2011, ch. 6; published sets for open frames, those of BlueROV2 and RexROV2, lie between 0.4 and 2.1), coupling from a
+centre of added mass 4 cm above the origin; drag 0.5 rho C_d A on the frontal areas with C_d 0.9, 1.1, 1.2 (Hoerner
+3-17, box with openings). Links: cylinders by strip theory (Newman 4.15; Hoerner 3-9). Thrusters: generic, 300 N.
+Gears: sliding friction 4 % of each drive's limit, the middle of what was measured on the PUMA 560 (Corke,
+Armstrong-Helouvry 1994, A search for consensus among model parameters reported for the PUMA 560 robot: 1.4 to 8 % of
+the limits of its joints 2 to 6, 27 % of that of the first); stiction 1.3 times that below 0.03 rad/s, an assumption.
+
+The arm hangs under the hull, below the centre of buoyancy. For vertical structures it may be fixed aside of the hull's
+vertical axis (paper 002, third section): `build(arm="side")` has the same hull and arm, the arm on the port side,
+forward of the jet of the sway thruster, and the camera beside it.
+"""
+
+from pathlib import Path
+from typing import Literal
+
+import mujoco
+import numpy as np
+
+from models import hydrodynamics
+from models.arms import gear_friction
+from models.arms.gear_friction import GearFriction
+from models.hydrodynamics import BodyHydrodynamics, cylinder
+from models.tools import sampler
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE
+from models.water import thrusters
+from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
+
+_ASSET = Path(__file__).with_suffix(".xml")
+
+METACENTRIC_HEIGHT = 0.08  # [m] centre of buoyancy above the centre of mass
+
+# Standard DH of the arm: theta0 [rad], d [m], a [m], alpha [rad]; tip frame G, z out of the tool.
+DH = np.array(
+    [
+        [0.0, 0.2, 0.0, np.pi / 2],
+        [0.0, 0.0, 0.6, 0.0],
+        [0.0, 0.0, 0.5, 0.0],
+        [0.0, 0.0, 0.0, -np.pi / 2],
+        [np.pi / 2, 0.0, 0.0, np.pi / 2],
+        [0.0, 0.22, 0.0, 0.0],
+    ]
+)
+
+_THRUSTER = thrusters.Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0)
+
+
+_TOOLS = {"sampler": sampler.SAMPLER, "corer": sampler.CORER, "box": sampler.BOX}
+_SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)  # [N m] of the gears; the viscous part is in the asset
+
+
+def _hull() -> BodyHydrodynamics:
+    """The hull alone; its volume and centre of buoyancy are set by trimming the whole vehicle."""
+    surge, sway, heave = 200.0, 370.0, 570.0  # [kg]
+    height = 0.04  # [m] centre of added mass above the origin: foam above, open frame below
+    added = np.diag([surge, sway, heave, 28.0, 75.0, 60.0])
+    added[0, 4] = added[4, 0] = surge * height
+    added[1, 3] = added[3, 1] = -sway * height
+    return BodyHydrodynamics(
+        volume=0.33,  # [m^3]
+        center_of_buoyancy=np.array([0.0, 0.0, 0.06]),
+        added_mass=added,
+        linear_damping=np.array([60.0, 90.0, 120.0, 40.0, 60.0, 50.0]),
+        quadratic_damping=np.array([330.0, 720.0, 885.0, 110.0, 240.0, 190.0]),
+    )
+
+
+# Arm base on the port side, z to port and x down: the folded arm lies along the side, no lower than the skids. It is
+# forward of the sway thruster, whose jet leaves the middle of the side; the camera looks to port from aft of that.
+_SIDE_X_BA = pose(rotation_from_z([0.0, 1.0, 0.0], [0.0, 0.0, -1.0]), [0.45, 0.48, 0.27])
+_SIDE_X_BC = pose(rotation_from_z([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]), [-0.3, 0.5, 0.0])
+
+
+def build_side() -> mujoco.MjSpec:
+    """The vehicle with the arm on the port side, looking and working to port; trimmed with that arm folded."""
+    return build(arm="side")
+
+
+def build(
+    tool: Literal["pad", "sampler", "corer", "box"] = "pad", arm: Literal["under", "side"] = "under"
+) -> mujoco.MjSpec:
+    """The vehicle alone, coefficients attached, trimmed in its home pose (arm folded), with `tool` on the arm.
+
+    The `arm` is under the hull, or on the port side with the camera beside it.
+    """
+    spec = mujoco.MjSpec.from_file(str(_ASSET))
+    if arm == "side":
+        spec.modelname = "uuv_puma_side"
+        _move(spec.body(ARM_BASE_BODY), _SIDE_X_BA)
+        _move(spec.site(CAMERA_SITE), _SIDE_X_BC)
+        behind = pose(p=[0.0, 0.0, -0.07])  # the housing's axis is the camera's, its window just behind the camera
+        _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
+    bodies = {
+        "hull": _hull(),
+        "arm_base": cylinder(0.1, (0, 0, -0.03), (0, 0, 0.03)),
+        "link1": cylinder(0.08, (0, 0, 0.03), (0, 0, 0.27)),
+        "link2": cylinder(0.06, (0, 0, 0), (0.6, 0, 0)),
+        "link3": cylinder(0.05, (0, 0, 0), (0.5, 0, 0)),
+        "link4": cylinder(0.045, (-0.05, 0, 0), (0.05, 0, 0)),
+        "link5": cylinder(0.04, (0, 0, 0), (0.08, 0, 0)),
+        "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
+        "pad": cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
+    }
+    if tool != "pad":
+        bodies |= sampler.fit(spec, _TOOLS[tool])
+    hydrodynamics.attach(spec, bodies)
+    gears = {
+        f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)
+        for i, dry in enumerate(_SLIDING_FRICTION, start=1)
+    }
+    gear_friction.attach(spec, gears)
+    thrusters.attach(spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")})
+    home = next(key for key in spec.keys if key.name == "home")
+    hydrodynamics.trim(spec, "hull", metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
+    return spec
+
+
+def _move(item: mujoco.MjsBody | mujoco.MjsGeom | mujoco.MjsSite, X: Array) -> None:
+    item.pos, item.quat = X[:3, 3], quat_wxyz_from_rotation(X[:3, :3])
+    item.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT  # not the Euler angles or axes of the file

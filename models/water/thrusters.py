@@ -1,0 +1,334 @@
+"""Thruster tables: what a propeller gives for a command. They ride on the actuators of an MjSpec.
+
+A command u in [-1, 1] is the normalised propeller speed (or pulse width) asked for; the propeller follows within its
+slew rate and with a first-order lag; its thrust is a static curve of that speed, lessened by inflow, the bilinear
+model T = T_nn |n| n - T_nu |n| u_a (Fossen 2011). The curve is quadratic, a polynomial, or a table, beyond a dead
+band. The hull feels the propeller's torque about the thrust axis in proportion to the thrust: it rides in the
+actuator's gear, so that the plant, the allocation and MuJoCo see the same column.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.water.thruster_curves import (
+    POLYNOMIAL,
+    QUADRATIC,
+    TABLE,
+    check_polynomial,
+    check_table,
+    pack_polynomial,
+    pack_table,
+)
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, number
+
+# Columns of a row; the data of the curve follow them.
+FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
+HEADER = 10
+_STAMP = 745510.0  # plus the kind of the curve: a row of another origin is not taken for ours
+
+_XML = 1e-5  # a gear may come from a file of six digits
+_PLAIN: dict[str, Any] = {
+    "trntype": mujoco.mjtTrn.mjTRN_SITE,
+    "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
+    "biastype": mujoco.mjtBias.mjBIAS_NONE,
+    "dyntype": mujoco.mjtDyn.mjDYN_NONE,
+    "delay": 0.0,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thruster:
+    """One thruster: static curve, dynamics, inflow, reaction torque.
+
+    With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic beyond the dead band.
+    Raises ConfigurationError for a figure that is not finite or of the wrong sign, and for a curve that does not rise.
+    """
+
+    forward: float  # [N] thrust at command +1 in still water
+    reverse: float  # [N] thrust magnitude at command -1 in still water
+    dead_band: float = 0.0  # command magnitude below which there is no thrust, in [0, 1); a table has its own
+    time_constant: float = 0.0  # [s] first-order lag of the propeller speed
+    inflow_loss: float = 0.0  # [N]/[m/s] thrust lost at full speed per unit of inflow along the thrust
+    slew_rate: float = math.inf  # [1/s] fastest change of the command that the drive passes on
+    torque_per_thrust: float = 0.0  # [m] reaction torque about the thrust axis per thrust
+    handedness: int = 1  # +1: turns right-handed about the thrust axis ahead, so the hull is turned left-handed; or -1
+    least_thrust: float = 0.0  # [N] a propeller that turns gives this much; what is less does not exist
+    polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # [N] of r, r^2, ...: ahead, astern
+    table: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # commands, thrusts [N]
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if field.type is float:
+                object.__setattr__(self, field.name, number(getattr(self, field.name), f"thruster {field.name}"))
+        for name in ("polynomial", "table"):
+            object.__setattr__(self, name, _pair(getattr(self, name), name))
+        for name in ("dead_band", "time_constant", "inflow_loss", "torque_per_thrust", "least_thrust"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ConfigurationError(f"thruster {name}: must be finite and >= 0, got {value}")
+        if not self.dead_band < 1.0:
+            raise ConfigurationError(f"thruster dead_band: must be in [0, 1), got {self.dead_band}")
+        if not (np.isfinite([self.forward, self.reverse]).all() and self.forward > 0.0 and self.reverse > 0.0):
+            raise ConfigurationError(f"thruster forward and reverse: must be > 0 N, got {self.forward}, {self.reverse}")
+        if not self.slew_rate > 0.0:
+            raise ConfigurationError(f"thruster slew_rate: must be > 0 per second, got {self.slew_rate}")
+        if number(self.handedness, "thruster handedness") not in (1.0, -1.0):
+            raise ConfigurationError(f"thruster handedness: must be 1 or -1, got {self.handedness}")
+        if not self.least_thrust < min(self.forward, self.reverse):
+            raise ConfigurationError(
+                f"thruster least_thrust: must be below forward and reverse, {self.forward} and {self.reverse} N, "
+                f"got {self.least_thrust}"
+            )
+        if self.polynomial is not None and self.table is not None:
+            raise ConfigurationError("thruster: a polynomial or a table, not both")
+        if self.polynomial is not None:
+            ends = [check_polynomial(side) for side in self.polynomial]
+        elif self.table is not None:
+            if self.dead_band:
+                raise ConfigurationError("thruster dead_band: a table has its own, its commands of zero thrust")
+            ends = check_table(*self.table)
+        else:
+            return
+        if not np.allclose(ends, (self.forward, self.reverse), rtol=1e-5):
+            raise ConfigurationError(
+                f"thruster forward and reverse: the curve ends at {ends[0]} and {ends[1]} N, got {self.forward}, "
+                f"{self.reverse}"
+            )
+
+    @classmethod
+    def of_polynomial(cls, ahead: ArrayLike, astern: ArrayLike | None = None, **figures: Any) -> Self:
+        """Thrust magnitude [N] `c[0] r + c[1] r^2 + ...` of r in [0, 1], the share of the command beyond the dead band.
+
+        `astern` is as `ahead` by default; `figures` are the other fields. Raises ConfigurationError unless both rise.
+        """
+        both = _pair((ahead, ahead if astern is None else astern), "polynomial")
+        assert both is not None
+        forward, reverse = (check_polynomial(side) for side in both)
+        return cls(forward=forward, reverse=reverse, polynomial=both, **figures)
+
+    @classmethod
+    def of_table(
+        cls, command: ArrayLike, thrust: ArrayLike, *, neutral: float = 0.0, full: float | None = None, **figures: Any
+    ) -> Self:
+        """Thrust [N] at tabled commands, pulse widths or speeds; between them a monotone cubic (Fritsch, Butland 1984).
+
+        A command u in [-1, 1] stands at `neutral + u full` of the table, by default to its farther end; beyond an end
+        the thrust stays. Where several commands in a row give zero thrust, they are the dead band. `figures` are the
+        other fields. Raises ConfigurationError unless commands and thrusts rise, from below zero to above it by zero.
+        """
+        neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
+        given = _pair((command, thrust), "table")
+        assert given is not None
+        x, y = (np.array(row) for row in given)
+        reach = float(np.max(np.abs(x - neutral), initial=0.0)) if full is None else full
+        if not (np.isfinite(neutral) and np.isfinite(reach) and reach > 0.0):
+            raise ConfigurationError(
+                f"thruster table: neutral {neutral} and full {full} must be finite, full above zero"
+            )
+        points = tuple(((x - neutral) / reach).tolist()), tuple(y.tolist())
+        forward, reverse = check_table(*points)
+        return cls(forward=forward, reverse=reverse, table=points, **figures)
+
+
+# Blue Robotics, T200 public performance data, September 2019, 16 V sheet: pulse width [us], thrust [N].
+_T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
+_T200_THRUST = (-39.91, -29.36, -19.04, -10.01, -3.16, -0.36, 0, 0, 0.40, 3.91, 12.54, 23.84, 37.45, 51.44)
+
+
+def t200(
+    handedness: int = 1,
+    *,
+    time_constant: float = 0.08,
+    inflow_loss: float = 9.0,
+    torque_per_thrust: float = 0.014,
+    slew_rate: float = math.inf,
+    least_thrust: float = 0.36,
+) -> Thruster:
+    """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from 1472 to 1528 us.
+
+    Measured: the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). Assumed, as no measurement was
+    found: `time_constant` [s]; `inflow_loss` [N]/[m/s], from a fit T ~ 0.0113 - 0.0091 J by slim71 that stops
+    thrusting at 5 m/s; `torque_per_thrust` [m], 70 % of 24 A at 16 V reaching the shaft at 3533 rpm and 51.44 N.
+    """
+    return Thruster.of_table(
+        _T200_PULSE,
+        _T200_THRUST,
+        neutral=1500.0,
+        handedness=handedness,
+        time_constant=time_constant,
+        inflow_loss=inflow_loss,
+        torque_per_thrust=torque_per_thrust,
+        slew_rate=slew_rate,
+        least_thrust=least_thrust,
+    )
+
+
+def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
+    """Store `table` (actuator name -> Thruster) on the actuators of `spec`, and their torque in the gears.
+
+    Raises ConfigurationError if a name is not an actuator of `spec`, its user data is taken by something else, or it
+    is not a plain motor on a site, without limits and with a gear of unit length: the control is the thrust in N.
+    """
+    actuators = {actuator.name: actuator for actuator in spec.actuators}
+    for name, thruster in table.items():
+        if name not in actuators:
+            raise ConfigurationError(f"thruster {name!r}: no such actuator; there are {sorted(actuators)}")
+        actuator, row = actuators[name], pack(thruster)
+        replaced = carries(actuator.userdata)
+        if np.any(actuator.userdata) and not replaced:
+            raise ConfigurationError(f"thruster {name!r}: the user data of its actuator is taken by something else")
+        if not replaced and np.any(actuator.gear[3:]):
+            raise ConfigurationError(
+                f"thruster {name!r}: its actuator's gear must leave the torque to torque_per_thrust, got "
+                f"{actuator.gear.tolist()}"
+            )
+        _check_motor(name, lambda field, actuator=actuator: getattr(actuator, field), actuator.refsite != "")
+        actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
+        actuator.userdata = row
+    # Every actuator's row must have one length; absent values compile to zero, which reads as "no thruster".
+    spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
+
+
+def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
+    """ConfigurationError unless MuJoCo applies an actuator's control as it is, along a unit axis of a site.
+
+    `field` gives a field of it by the name that spec and model share; `refers` to a reference site or a plugin.
+    """
+    along = np.array(field("gear")[:3])
+    odd = [word for word, plain in _PLAIN.items() if np.any(np.ravel(field(word)) != plain)]
+    if field("gainprm")[0] != 1.0:
+        odd.append("gainprm")
+    if refers:
+        odd.append("refsite or plugin")
+    for word in ("ctrl", "force"):
+        low, high = field(f"{word}range")
+        limited = int(field(f"{word}limited"))
+        if limited == mujoco.mjtLimited.mjLIMITED_TRUE or (limited == mujoco.mjtLimited.mjLIMITED_AUTO and low < high):
+            odd.append(f"{word}range")
+    if odd:
+        raise ConfigurationError(
+            f"thruster {name!r}: its actuator must be a plain motor on a site, its control the thrust [N]: gain 1, no "
+            f"bias, dynamics, delay, limits, refsite or plugin; not so here: {', '.join(odd)}"
+        )
+    if not abs(np.linalg.norm(along) - 1.0) < _XML:
+        raise ConfigurationError(
+            f"thruster {name!r}: its actuator must act on a site with a gear of length 1, got {along.tolist()}"
+        )
+
+
+def pack(thruster: Thruster) -> Array:
+    """The row of `thruster`: HEADER numbers, then its curve."""
+    data: tuple[float, ...] = ()
+    kind = QUADRATIC
+    if thruster.polynomial is not None:
+        ahead, astern = thruster.polynomial
+        kind, data = POLYNOMIAL, (float(len(ahead)), *ahead, *astern)
+    elif thruster.table is not None:
+        kind, data = TABLE, (*thruster.table[0], *thruster.table[1])
+    slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
+    # A right-handed propeller is driven along the thrust axis, and its hull is turned the other way.
+    torque = -thruster.handedness * thruster.torque_per_thrust
+    header = (
+        thruster.forward,
+        thruster.reverse,
+        thruster.dead_band,
+        thruster.time_constant,
+        thruster.inflow_loss,
+        slew,
+        torque,
+        thruster.least_thrust,
+        _STAMP + kind,
+        len(data),
+    )
+    return np.array([*header, *data])
+
+
+def unpack(row: Array) -> Thruster:
+    """The thruster of a row; ConfigurationError if its numbers have been changed to what cannot be."""
+    kind, count = round(float(row[STAMP]) - _STAMP), round(float(row[COUNT]))
+    data = tuple(np.asarray(row[HEADER : HEADER + count]).tolist())
+    polynomial = table = None
+    if len(data) != count or count < 0:
+        raise ConfigurationError(f"thruster: its row of {len(row)} numbers is too short for a curve of {count}")
+    if kind == POLYNOMIAL:
+        split = 1 + int(data[0]) if data else 0
+        polynomial = (data[1:split], data[split:])
+    elif kind == TABLE:
+        table = (data[: count // 2], data[count // 2 :])
+    return Thruster(
+        forward=float(row[FORWARD]),
+        reverse=float(row[REVERSE]),
+        dead_band=float(row[DEAD_BAND]),
+        time_constant=float(row[TIME_CONSTANT]),
+        inflow_loss=float(row[INFLOW_LOSS]),
+        slew_rate=float(row[SLEW_RATE]) or math.inf,
+        torque_per_thrust=abs(float(row[TORQUE])),
+        handedness=-1 if row[TORQUE] > 0.0 else 1,
+        least_thrust=float(row[LEAST]),
+        polynomial=polynomial,
+        table=table,
+    )
+
+
+def carries(row: Array) -> bool:
+    """Whether a row of user data is one of ours."""
+    return len(row) >= HEADER and row[STAMP] - _STAMP in (QUADRATIC, POLYNOMIAL, TABLE)
+
+
+def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
+    """Actuators (m,) that are thrusters of `model`, and their rows (m, width), as `pack` makes them.
+
+    Raises ConfigurationError, with the actuator's name, for a row that cannot be, and for an actuator that would not
+    apply the thrust as it is (see `attach`).
+    """
+    rows = np.asarray(model.actuator_user)
+    index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)
+    for i in index:
+        try:
+            unpack(rows[i])
+        except ConfigurationError as error:
+            raise ConfigurationError(f"actuator {model.actuator(int(i)).name!r}: {error}") from error
+        name, gear = model.actuator(int(i)).name, model.actuator_gear[i]
+        _check_motor(
+            name,
+            lambda field, i=i: getattr(model, f"actuator_{field}")[i],
+            model.actuator_trnid[i, 1] >= 0 or model.actuator_plugin[i] >= 0,
+        )
+        if np.abs(gear[3:] - rows[i, TORQUE] * gear[:3]).max() > _XML:
+            raise ConfigurationError(
+                f"thruster {name!r}: the torque of its actuator's gear must be {rows[i, TORQUE]} along the thrust, got "
+                f"{gear.tolist()}"
+            )
+    return index, rows[index].reshape(len(index), rows.shape[-1]).copy()
+
+
+def curves(table: Array) -> Array:
+    """Static curves (m, ...) of thruster rows `table` (m, ...), for the kernels of `models.water.thruster_curves`."""
+    thrusters = [unpack(row) for row in table]
+    ready = []
+    for thruster in thrusters:
+        if thruster.table is not None:
+            ready.append(pack_table(*thruster.table, thruster.least_thrust))
+        else:
+            kind = QUADRATIC if thruster.polynomial is None else POLYNOMIAL
+            sides = thruster.polynomial or ((0.0, thruster.forward), (0.0, thruster.reverse))
+            ready.append(pack_polynomial(kind, *sides, thruster.dead_band, thruster.least_thrust))
+    width = max(map(len, ready), default=0)
+    return np.array([np.pad(curve, (0, width - len(curve))) for curve in ready]).reshape(len(ready), width)
+
+
+def _pair(value: Any, name: str) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    if value is None:
+        return None
+    try:
+        first, second = (tuple(number(x, f"thruster {name}") for x in side) for side in value)
+    except (TypeError, ValueError):
+        raise ConfigurationError(f"thruster {name}: expected two rows of numbers, got {value!r}") from None
+    return first, second

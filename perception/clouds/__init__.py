@@ -1,0 +1,1 @@
+"""Point clouds: from files and frames to one pixel grid, segmented and cleaned."""

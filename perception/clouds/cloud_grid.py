@@ -1,0 +1,272 @@
+"""A cloud as the depth image of a pinhole at its origin: whatever form it comes in, what follows sees one.
+
+A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in the row, to the
+last digits, however much z errs. Organised clouds tell the pixel of each point; from a list in any order the lattice is
+recovered from x/z and y/z alone. Only where there is none (merged scans, lidar, sonar) are points resampled: averaged
+over the cells of a virtual pinhole's image, triangulated there (Delaunay) and seen anew.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.errors import PerceptionError
+from sim.interfaces.spatial import Array
+
+_MOST_CELLS = 640  # to a side of the virtual pinhole's image
+_FEWEST_CELLS = 40
+_MAX_DELAUNAY = 40_000  # points; more add time, not shape
+_SAMPLE = 100_000  # points from which a pinhole is fitted
+_STRAY = 1e-3  # share of the points, to each side, that may lie far beyond the rest
+_BENT = 0.25  # [px] that the pixels of an organised cloud may lie off a pinhole's
+_SCATTER = 3.0  # [px] of scatter about them, where noise was added to x and y too
+_BINS = 2**15  # of the histogram whose spectrum shows a lattice
+_COMB = 0.4  # of the spectrum's height at zero, which a lattice's lines reach
+_OFF_LATTICE = (0.8, 0.25)  # share of the points that must lie nearer to a lattice than so many [px]
+_FILLED = 0.5  # share of the pixels around each that hold a point too, below which a lattice is full of holes
+_LONGEST_SIDE = 8192  # [px] of a recovered lattice
+_CUT = 0.7  # share of the pixels further in that a picture's last row holds, where the picture itself ends
+_FULL_SIDE = 0.7  # share of the pixels of a picture's last row that hold a point, where something fills that side
+_OFF_CENTRE = 0.1  # share of a picture's width by which its middle may lie off the optical axis
+_MARGIN = 16  # [px] of emptiness around what a picture shows whole
+_UNEVEN = 4.0  # ratio of the pitches of columns and rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthGrid:
+    """Depth in the pixels of a pinhole."""
+
+    depth: Array  # (H, W) [m] along the optical axis, NaN where nothing came back
+    tangent_x: Array  # (W,) x/z of each column
+    tangent_y: Array  # (H,) y/z of each row
+
+
+def jump(z: ArrayLike) -> Array:
+    """Step in depth [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
+    return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
+
+
+def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> DepthGrid | None:
+    """The pixels of an organised cloud (H, W, 3) [m], where they are a pinhole's; None if not.
+
+    `usable`: mask (H, W) of the pixels that hold a point. Rows and columns may be exchanged or run backwards; with
+    `turned` they have been exchanged already, and stay.
+    """
+    if min(usable.shape) < 2:
+        return None
+    row, column = (index.astype(np.float64) for index in np.nonzero(usable))
+    tangents = points[usable][:, :2] / points[usable][:, 2:]
+    chosen = _sample(len(tangents))
+    row, column, tangents = row[chosen], column[chosen], tangents[chosen]
+    along = [
+        abs(_slope(index, tangents[:, 0])) * size for index, size in zip((column, row), usable.shape[::-1], strict=True)
+    ]
+    if along[0] < along[1] and not turned:  # of a picture in no order chance decides, each time anew
+        return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
+    # A sensor's distortion bends the lines; what scatters about them is noise, which leaves the pixels where they are.
+    u, v = (2.0 * index / (size - 1) - 1.0 for index, size in zip((column, row), usable.shape[::-1], strict=True))
+    terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
+    axes = []
+    for index, size, tangent in ((column, usable.shape[1], tangents[:, 0]), (row, usable.shape[0], tangents[:, 1])):
+        slope = _slope(index, tangent)
+        start = float(np.median(tangent - slope * index))
+        off = tangent - start - slope * index
+        if not abs(slope) > 0.0 or np.median(np.abs(off)) > _SCATTER * abs(slope):
+            return None
+        if np.abs(terms @ np.linalg.lstsq(terms, off, rcond=None)[0]).max() > _BENT * abs(slope):
+            return None
+        axes.append((start + slope * np.arange(size), int(np.sign(slope))))
+    (tangent_x, right), (tangent_y, down) = axes
+    depth = np.where(usable, points[..., 2], np.nan)[::down, ::right]
+    return _even(DepthGrid(depth, tangent_x[::right], tangent_y[::down]))
+
+
+def lattice_grid(points: Array) -> DepthGrid | None:
+    """The pixels of points (N, 3) [m] in any order, where they are those of a pinhole; None if not.
+
+    Several points in one pixel are averaged, as in `scatter_grid`.
+    """
+    points = _without_strays(points)
+    tangents = points[:, :2] / points[:, 2:]
+    axes = [_lattice(values[_sample(len(values))]) for values in tangents.T]
+    cells, lines = [], []
+    for axis, values in zip(axes, tangents.T, strict=True):
+        if axis is None:
+            return None
+        start, pitch = axis
+        index = np.rint((values - start) / pitch).astype(np.int64)
+        first, count = int(index.min()), int(np.ptp(index)) + 1
+        if not 2 <= count <= _LONGEST_SIDE:
+            return None
+        cells.append(index - first)
+        lines.append(start + pitch * np.arange(first, first + count))
+    width, height = len(lines[0]), len(lines[1])
+    key = cells[1] * width + cells[0]
+    filled = np.zeros((height, width), dtype=np.float32)
+    filled.ravel()[key] = 1.0
+    around = (9.0 * ndimage.uniform_filter(filled, 3, mode="constant") - filled) / 8.0
+    if np.median(around[filled > 0.0]) < _FILLED:
+        return None
+    cell, _, z = _cell_means(tangents, points[:, 2], key)
+    depth = np.full(height * width, np.nan)
+    depth[cell] = z
+    return _even(_framed(DepthGrid(depth.reshape(height, width), *lines)))
+
+
+def scatter_grid(points: Array) -> DepthGrid:
+    """Points (N, 3) [m] that no lattice holds, seen through a virtual pinhole at the resolution that they have.
+
+    Where they are many, those of a cell are averaged that lie on the surface of their median: noise leaves a mean where
+    it was, while the nearest of many would stand before the surface. Raises PerceptionError if they span no surface.
+    """
+    points = _without_strays(points)
+    tangents, z = points[:, :2] / points[:, 2:], points[:, 2]
+    low, high = tangents.min(axis=0), tangents.max(axis=0)
+    span = float((high - low).max())
+    if not span > 1e-6:
+        raise PerceptionError("the cloud spans no surface: all its points lie on one line of sight")
+    pitch = span / _MOST_CELLS
+    few, few_z = tangents, z
+    if len(z) > _MAX_DELAUNAY:
+        while (count := len(np.unique(_keys(tangents, low, pitch)))) > _MAX_DELAUNAY:
+            pitch *= 1.02 * np.sqrt(count / _MAX_DELAUNAY)
+        _, few, few_z = _cell_means(tangents, z, _keys(tangents, low, pitch))
+    # Spacing from neighbours, not from the box: a cloud seldom fills its box.
+    sample = few[:: max(1, len(few) // 4000)]
+    spacing = float(np.median(cKDTree(few).query(sample, k=3)[0][:, 2]))
+    pitch = float(np.clip(spacing, pitch, span / _FEWEST_CELLS))
+    try:
+        triangles = Delaunay(few).simplices
+    except QhullError as error:
+        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image") from error
+    triangles = triangles[_coherent(few, few_z, triangles, 4.0 * pitch)]
+    if not len(triangles):
+        raise PerceptionError("the cloud has no connected surface")
+    tangent_x = np.arange(low[0], high[0] + pitch, pitch)
+    tangent_y = np.arange(low[1], high[1] + pitch, pitch)
+    if min(len(tangent_x), len(tangent_y)) < 2:
+        raise PerceptionError("the cloud spans no surface: its points lie on one line in the image")
+    rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((len(tangent_y), len(tangent_x)))], axis=-1)
+    vertices = few_z[:, None] * np.column_stack([few, np.ones(len(few))])
+    hit = RayScene(vertices, triangles).cast(np.zeros(3), rays)
+    return DepthGrid(np.where(np.isfinite(hit["t"]), hit["t"], np.nan), tangent_x, tangent_y)
+
+
+def _sample(count: int) -> np.ndarray | slice:
+    """Indices of at most _SAMPLE of `count`, not in step with any row."""
+    return slice(None) if count <= _SAMPLE else np.random.default_rng(0).integers(count, size=_SAMPLE)
+
+
+def _slope(x: Array, y: Array) -> float:
+    """Of the straight line through `y` (N,) over `x` (N,); 0 where x is one number."""
+    x = x - x.mean()
+    return float(x @ (y - y.mean()) / max(float(x @ x), 1e-300))
+
+
+def _even(grid: DepthGrid) -> DepthGrid | None:
+    """`grid`, unless its pixels are much longer than wide or the other way round."""
+    ratio = (grid.tangent_x[1] - grid.tangent_x[0]) / (grid.tangent_y[1] - grid.tangent_y[0])
+    return grid if 1.0 / _UNEVEN < ratio < _UNEVEN else None
+
+
+def _framed(grid: DepthGrid) -> DepthGrid:
+    """`grid` with what is likely to have been empty around it: pixels without a point left no trace in a list.
+
+    Where what is shown does not run into a side of the picture, the picture went on; so it did where it reaches much
+    less far from the optical axis than on the opposite side. Where nothing fills a side, the object stands alone.
+    """
+    depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
+    count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
+    cut = [[of[0] >= _CUT * of[max(1, len(of) // 20)] for of in (n, n[::-1])] for n in count]
+    filled = np.isfinite(depth).astype(np.float32)
+    dense = _FULL_SIDE * float(ndimage.uniform_filter(filled, 3)[filled > 0.0].mean())  # pixels may be lost anywhere
+    alone = all(max(n[0], n[-1]) < dense * other for n, other in zip(count, depth.shape[::-1], strict=True))
+    wider = []
+    for line, ends in zip(lines, cut, strict=True):
+        reach, pitch = (-line[0], line[-1]), line[1] - line[0]
+        lacking = [int((max(reach) - side) / pitch + 0.5) for side in reach]
+        for i in range(2):
+            if ends[i] and not alone:
+                lacking[i] *= lacking[i] > _OFF_CENTRE * len(line)
+            elif alone or lacking[i] <= 1:
+                lacking[i] = max(lacking[i], _MARGIN, alone * len(line) // 2)
+        wider.append([min(n, len(line) + _MARGIN) for n in lacking])
+    tangent_y, tangent_x = (
+        line[0] + (line[1] - line[0]) * np.arange(-n[0], len(line) + n[1]) for line, n in zip(lines, wider, strict=True)
+    )
+    return DepthGrid(np.pad(depth, wider, constant_values=np.nan), tangent_x, tangent_y)
+
+
+def _without_strays(points: Array) -> Array:
+    """Points (N, 3) but those that lie far beside all others, whose image would have to be as wide."""
+    tangents = points[:, :2] / points[:, 2:]
+    low, high = np.quantile(tangents[_sample(len(tangents))], [_STRAY, 1.0 - _STRAY], axis=0)
+    margin = float((high - low).max())
+    return points[((tangents >= low - margin) & (tangents <= high + margin)).all(axis=1)]
+
+
+def _lattice(values: Array) -> tuple[float, float] | None:
+    """First line and pitch of the equidistant lines that `values` (N,) lie on; None if they lie on none.
+
+    Lines show in the spectrum of the values' density at 1/pitch and all its multiples, as high as at zero.
+    """
+    low, span = float(values.min()), float(np.ptp(values))
+    if not span > 1e-6:
+        return None
+    density = np.bincount(np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS)
+    height = np.abs(np.fft.rfft(density, 4 * _BINS)) / len(values)  # at multiples of 1 / (4 span)
+    fell = np.nonzero(height < 0.5 * _COMB)[0]  # beyond the peak at zero, however narrow the cloud
+    if not len(fell) or not (peaks := height[fell[0] :]).max() > _COMB:
+        return None
+    begin = fell[0] + int(np.nonzero(peaks > max(_COMB, 0.8 * peaks.max()))[0][0])
+    end = begin + int(np.argmax(height[begin:] < 0.5 * height[begin])) or len(height)
+    pitch = 4.0 * span / (begin + int(np.argmax(height[begin:end])))
+    phase = float(np.angle(np.exp(2j * np.pi * (values - low) / pitch).mean())) / (2.0 * np.pi)
+    start = low + phase * pitch
+    for _ in range(3):
+        index = np.rint((values - start) / pitch)
+        pitch = _slope(index, values)
+        if not pitch > 0.0:
+            return None
+        start = float(np.median(values - pitch * index))
+    off = (values - start) / pitch
+    share, near = _OFF_LATTICE
+    return (start, pitch) if np.mean(np.abs(off - np.rint(off)) < near) >= share else None
+
+
+def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
+    """Number (N,) of the cell, `pitch` wide, that each of the `tangents` (N, 2) lies in; `low` (2,) is a corner."""
+    column, row = ((tangents - low) / pitch).astype(np.int64).T
+    return row * (int(column.max()) + 1) + column
+
+
+def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray, Array, Array]:
+    """Cells (M,) that hold points, and the mean tangents (M, 2) and depth (M,) [m] of those on their median's surface.
+
+    `key`: cell (N,) of each point. A plane is linear in inverse depth, so that a mean of points on it lies on it too;
+    over an edge nothing is averaged, which would invent surface.
+    """
+    order = np.lexsort((z, key))
+    key, z = key[order], z[order]
+    first = np.nonzero(np.r_[True, key[1:] != key[:-1]])[0]
+    count = np.diff(np.r_[first, len(key)])
+    cell = key[first]
+    middle = z[first + (count - 1 + cell % 2) // 2]  # of two, each as often: the nearer would widen all that is near
+    same = np.repeat(np.arange(len(cell)), count)
+    on = np.abs(z - middle[same]) < jump(middle)[same]
+    same, order, z = same[on], order[on], z[on]
+    number = np.bincount(same)
+    means = np.column_stack([np.bincount(same, weights=tangents[order, i]) for i in range(2)]) / number[:, None]
+    return cell, means, number / np.bincount(same, weights=1.0 / z)
+
+
+def _coherent(tangents: Array, z: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
+    """Which triangles join neighbours on one surface: short in the image, no jump in depth."""
+    corners = tangents[triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    z = z[triangles]
+    return (edges < reach) & (np.ptp(z, axis=1) < jump(z.min(axis=1)) + 2.0 * reach * z.max(axis=1))

@@ -1,0 +1,113 @@
+"""Files of points: clouds as text, PLY or PCD, and the text file of targets B_i and direction z (paper 004)."""
+
+from pathlib import Path
+
+import numpy as np
+
+from models.meshes.ply_files import read_ply
+from perception.clouds.pcd_files import read_pcd
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.files import bytes_of, existing_file, text_of
+from sim.interfaces.spatial import Array
+
+_UP = "z"  # first word of the line that gives the direction
+
+
+def read_cloud(file: str | Path) -> Array:
+    """Points (N, 3) [m] of a file: PLY or PCD by its ending, else text with three numbers a line.
+
+    Columns are parted by blanks, commas or semicolons; `#` begins a comment. NaN stays NaN: the terrain says so.
+    Raises ConfigurationError for a file that is missing, empty or has other columns, with the line.
+    """
+    return read_picture(file)[0]
+
+
+def read_picture(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
+    """As `read_cloud`, and rows and columns where the points are the pixels of a picture: only PCD files say so."""
+    path = existing_file(file, "cloud")
+    match path.suffix.lower():
+        case ".pcd":
+            return read_pcd(path)
+        case ".ply":
+            return _ply_points(path), None
+        case _:
+            return _text_points(path), None
+
+
+def read_targets(file: str | Path) -> tuple[Array, Array]:
+    """Points B (s, 3) [m] and the unit vector z (3,) of a text file.
+
+    Three numbers a line; the line of z begins with the letter z, without one it is (0, 0, 1). Raises
+    ConfigurationError, with the line, for anything else.
+    """
+    path = existing_file(file, "targets")
+    B, z = [], None
+    for i, line in _lines(_text(path, "targets")):
+        where = f"targets {path}, line {i}"
+        word, _, rest = line.partition(" ")
+        values = _numbers(rest if word == _UP else line, 3, where)
+        if not np.all(np.isfinite(values)):
+            raise ConfigurationError(f"{where}: every number must be finite, got {line!r}")
+        if word != _UP:
+            B.append(values)
+        elif z is not None:
+            raise ConfigurationError(f"{where}: z is given twice")
+        elif not (largest := np.abs(values).max()) > 1e-9:
+            raise ConfigurationError(f"{where}: z must not be zero")
+        else:
+            z = np.array(values) / largest  # first: the square of 1e200 is no number
+            z /= np.linalg.norm(z)
+    if not B:
+        raise ConfigurationError(f"targets {path}: there is no point B in it")
+    return np.array(B), np.array([0.0, 0.0, 1.0]) if z is None else z
+
+
+_BLANKS = str.maketrans({",": " ", ";": " ", "\t": " "})
+
+
+def _ply_points(path: Path) -> Array:
+    content = bytes_of(path, "cloud")
+    try:
+        points, _ = read_ply(content)
+    except ValueError as error:
+        raise ConfigurationError(f"cloud {path}: no points can be read from this PLY file: {error}") from error
+    if not len(points):
+        raise ConfigurationError(f"cloud {path}: there are no points in this PLY file")
+    return points
+
+
+def _text_points(path: Path) -> Array:
+    text = _text(path, "cloud")
+    try:
+        points = np.loadtxt(text.translate(_BLANKS).splitlines(), dtype=np.float64, comments="#", ndmin=2)
+    except ValueError:
+        points = None
+    if points is None or points.shape[1] != 3:
+        rows = [_numbers(line, 3, f"cloud {path}, line {i}") for i, line in _lines(text)]
+        points = np.array(rows)
+    return points
+
+
+def _text(path: Path, what: str) -> str:
+    text = text_of(path, what)
+    if not any(True for _ in _lines(text)):
+        raise ConfigurationError(f"{what} {path}: the file is empty")
+    return text
+
+
+def _lines(text: str):
+    """Numbers, from 1, and content of the lines that say something."""
+    for i, line in enumerate(text.splitlines(), start=1):
+        said = line.partition("#")[0].translate(_BLANKS).strip()
+        if said:
+            yield i, said
+
+
+def _numbers(line: str, count: int, where: str) -> list[float]:
+    words = line.split()
+    if len(words) != count:
+        raise ConfigurationError(f"{where}: expected {count} columns (x y z), got {len(words)}: {line[:60]!r}")
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        raise ConfigurationError(f"{where}: expected {count} numbers, got {line[:60]!r}") from None

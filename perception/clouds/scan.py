@@ -1,0 +1,453 @@
+"""A depth frame as points on a pixel grid: clouds, segmentation, triangulation and depth edges.
+
+Sensor frame S has OpenCV axes (z along the optical axis). Clouds become such a grid too (`cloud_grid`), so that all
+that follows has one form.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+from scipy import ndimage
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.messages import DepthImage
+from sim.interfaces.spatial import Array, number, readonly, real_array
+
+SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner passes for the barrel
+MIN_POINTS = 60  # below this no pose can be told from noise
+_ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
+_SAMPLED = 20_000  # pixels, about, of which background planes are made
+_FACET = 0.056  # [rad] of surface, 31 px of the usual camera, that tells which way it faces
+_ALIGNED = np.cos(np.deg2rad(20.0))  # of a surface that lies as a plane does
+_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # of `row_hash`: large and odd
+_SEAM = 5  # [px] without depth between what hides and what is hidden
+_EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorModel:
+    """What perception assumes of the depth sensor's accuracy (a stereo pair)."""
+
+    focal: float = 554.0  # [px]
+    baseline: float = 0.12  # [m]
+    disparity_sigma: float = 0.25  # [px]
+    noise_length: float = 5.0  # [px] over which its errors hang together: one independent reading
+    edge_sigma: float = 1.0  # [px] of the place of a depth edge; matchers with large windows: their half
+    max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            number(getattr(self, field.name), f"sensor model: {field.name}")
+        if not (self.focal > 0.0 and self.baseline > 0.0 and self.disparity_sigma > 0.0 and self.edge_sigma > 0.0):
+            raise ConfigurationError(
+                f"sensor model: focal, baseline, disparity_sigma and edge_sigma must be positive, got {self}"
+            )
+        least, most = SIGMA_ALLOWED
+        if not least <= float(self.sigma(1.0)) <= most:
+            raise ConfigurationError(
+                f"sensor model: the standard deviation of depth at 1 m must lie in {least:g} to {most:g} m, "
+                f"got {float(self.sigma(1.0)):g} m from {self}"
+            )
+        if not 1.0 <= self.noise_length < np.inf:
+            raise ConfigurationError(f"sensor model: noise_length must be at least 1 [px], got {self.noise_length}")
+        if not 0.0 < self.max_incidence < 0.5 * np.pi:
+            raise ConfigurationError(f"sensor model: max_incidence must lie in (0, pi/2), got {self.max_incidence}")
+
+    def sigma(self, z: ArrayLike) -> Array:
+        """Standard deviation [m] of depth at depth `z` [m]: z^2 sigma_d / (f b)."""
+        return np.square(np.asarray(z, dtype=np.float64)) * (self.disparity_sigma / (self.focal * self.baseline))
+
+    def independent(self, pixels: ArrayLike) -> Array:
+        """Share (0..1) of an independent reading that each of several points is, that lie `pixels` [px] apart."""
+        return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scan:
+    """One look at the scene: a point for each pixel of a pinhole grid, in the sensor frame S."""
+
+    points: Array  # (H, W, 3) [m], NaN where nothing came back
+    tangent_x: Array  # (W,) x/z of each column
+    tangent_y: Array  # (H,) y/z of each row
+
+    @property
+    def depth(self) -> Array:
+        """(H, W) [m] along the optical axis."""
+        return self.points[..., 2]
+
+    @property
+    def pitches(self) -> Array:
+        """Angles (2,) between neighbouring columns and between neighbouring rows, as tangents."""
+        return np.array([self.tangent_x[1] - self.tangent_x[0], self.tangent_y[1] - self.tangent_y[0]])
+
+    @property
+    def pitch(self) -> float:
+        """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not square."""
+        return float(np.sqrt(self.pitches.prod()))
+
+    def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Row and column (N,) of points (N, 3) [m] in S, clipped to the grid, and whether they lie within it."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            tangents = points[:, :2] / points[:, 2:]
+        tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
+        column = (tangents[:, 0] - self.tangent_x[0]) / self.pitches[0]
+        row = (tangents[:, 1] - self.tangent_y[0]) / self.pitches[1]
+        height, width = self.depth.shape
+        inside = (column >= 0.0) & (column <= width - 1) & (row >= 0.0) & (row <= height - 1)
+        return (
+            np.rint(np.clip(row, 0, height - 1)).astype(int),
+            np.rint(np.clip(column, 0, width - 1)).astype(int),
+            inside,
+        )
+
+    def part(self, window: tuple[slice, slice]) -> "Scan":
+        """The rows and columns of `window`, whose steps may thin the grid."""
+        return Scan(
+            points=self.points[window], tangent_x=self.tangent_x[window[1]], tangent_y=self.tangent_y[window[0]]
+        )
+
+    def window(self, points: Array, margin: float, pixels: int) -> tuple[slice, slice]:
+        """Rows and columns that hold the picture of points (N, 3) [m] in S, for `part`.
+
+        `margin` is added on each side, as a share of the picture's size; the steps leave at most about `pixels`.
+        """
+        row, column, _ = self.pixels(points[points[:, 2] > 0.0])
+        if not len(row):
+            return slice(0, 0), slice(0, 0)
+        border = 4 + int(margin * max(np.ptp(row), np.ptp(column)))
+        top, bottom = max(0, int(row.min()) - border), int(row.max()) + border + 1
+        left, right = max(0, int(column.min()) - border), int(column.max()) + border + 1
+        height, width = min(bottom, self.depth.shape[0]) - top, min(right, self.depth.shape[1]) - left
+        stride = max(1, int(np.ceil(np.sqrt(height * width / pixels))))
+        return slice(top, bottom, stride), slice(left, right, stride)
+
+    @classmethod
+    def from_depth(cls, image: DepthImage) -> "Scan":
+        """The cloud of a depth frame, by its pinhole matrix. Raises ConfigurationError for a malformed frame."""
+        depth = np.asarray(image.depth, dtype=np.float64)
+        if depth.ndim != 2 or min(depth.shape) < 2:
+            raise ConfigurationError(f"depth frame: expected (height, width) numbers, got shape {depth.shape}")
+        K = np.asarray(image.K, dtype=np.float64)
+        if K.shape != (3, 3) or not np.all(np.isfinite(K)) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
+            raise ConfigurationError(f"depth frame: K must be a pinhole matrix, got {K.tolist()}")
+        if abs(K[0, 0] / K[1, 1] - 1.0) > 1e-3:
+            raise ConfigurationError(f"depth frame: pixels must be square, got focal lengths {K[0, 0]} and {K[1, 1]}")
+        depth = np.where(np.isfinite(depth) & (depth > 0.0), depth, np.nan)
+        tangent_x = (np.arange(depth.shape[1]) - K[0, 2]) / K[0, 0]
+        tangent_y = (np.arange(depth.shape[0]) - K[1, 2]) / K[1, 1]
+        return cls.of_grid(depth, tangent_x, tangent_y)
+
+    @classmethod
+    def from_cloud(cls, cloud: ArrayLike) -> "Scan":
+        """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad points are left out.
+
+        A depth sensor's pixels are kept, or found again, where there are any (`cloud_grid`). Points behind the sensor
+        (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no cloud at all,
+        PerceptionError if too few points are left or they span no surface.
+        """
+        values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
+        if values.size == 0:
+            raise PerceptionError("the cloud is empty")
+        if values.ndim not in (2, 3) or values.shape[-1] != 3:
+            raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
+        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # NaN is neither
+        count = int(usable.sum())
+        if count < MIN_POINTS:
+            raise PerceptionError(f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}")
+        grid = organised_grid(values, usable) if values.ndim == 3 else None
+        if grid is None:
+            points = values[usable]
+            grid = lattice_grid(points) or scatter_grid(points)
+        return cls.of_grid(grid.depth, grid.tangent_x, grid.tangent_y)
+
+    @classmethod
+    def of_grid(cls, depth: Array, tangent_x: Array, tangent_y: Array) -> "Scan":
+        """Depth (H, W) [m], NaN where nothing came back, of a pinhole's columns (W,) and rows (H,)."""
+        points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
+        return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+
+
+def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
+    """Triangulated surface of the masked (H, W) pixels: vertices (V, 3) [m] in S, triangles (T, 3).
+
+    Two triangles for each cell of the grid, left out where depth jumps.
+    """
+    index = np.full(mask.shape, -1)
+    index[mask] = np.arange(int(mask.sum()))
+    vertices = scan.points[mask]
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
+    faces = faces[(faces >= 0).all(axis=1)]
+    z = vertices[faces, 2]
+    return vertices, faces[np.ptp(z, axis=1) < jump(z.min(axis=1))]
+
+
+def without_flying_pixels(scan: Scan) -> np.ndarray:
+    """Mask (H, W) of pixels that share their surface with at least 3 of their 8 neighbours."""
+    z = scan.depth
+    padded = np.pad(z, 1, constant_values=np.nan)
+    step = jump(z)
+    support = np.zeros(z.shape, dtype=np.int8)
+    height, width = z.shape
+    for dy in (0, 1, 2):
+        for dx in (0, 1, 2):
+            if (dy, dx) != (1, 1):
+                support += np.abs(padded[dy : dy + height, dx : dx + width] - z) < step
+    return support >= 3
+
+
+def background(
+    scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator, planes: int = 5
+) -> np.ndarray:
+    """Mask (H, W) of the masked pixels that lie on background planes.
+
+    Background is a plane that reaches further than the object can: points of surface that lies as it does spread over
+    more than `extent` [m]; a strip where it only cuts through something does not count. The `planes` largest planes
+    are judged; a face of the object may be among them, and is left.
+    """
+    found = np.zeros_like(mask)
+    every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
+    part, thinned = scan.part((every, every)), mask[every, every]
+    normals = _local_normals(part, thinned, max(3, round(_FACET / part.pitch)))
+    rows, columns = np.nonzero(thinned)
+    step = max(1, len(rows) // 3000)
+    sample, facing = part.points[rows[::step], columns[::step]], normals[rows[::step], columns[::step]]
+    least = max(20, int(0.08 * len(sample)))
+    for _ in range(planes):
+        plane = _largest_plane(sample, sensor, rng)
+        if plane is None or plane.inliers.sum() < least:
+            break
+        lying = sample[plane.inliers & (np.abs(facing @ plane.normal) > _ALIGNED)]
+        if len(lying) and 2.0 * float(np.percentile(np.linalg.norm(lying - lying.mean(axis=0), axis=1), 95)) > extent:
+            off = np.abs((scan.points - plane.center) @ plane.normal)
+            with np.errstate(invalid="ignore"):
+                found |= mask & (off < _plane_tolerance(scan.depth, sensor))
+        sample, facing = sample[~plane.inliers], facing[~plane.inliers]
+    return found
+
+
+def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
+    """Unit normals (H, W, 3) of the masked surface around each pixel, `width` [px] wide; 0 where it is not known.
+
+    A plane is a linear function of the pixel in inverse depth, where a stereo pair's errors are alike all over.
+    """
+    x, y = np.meshgrid(scan.tangent_x, scan.tangent_y)
+    inverse = np.where(mask, 1.0 / np.where(mask, scan.depth, 1.0), 0.0)
+    terms = (mask, mask * x, mask * y, mask * x * x, mask * x * y, mask * y * y, inverse, inverse * x, inverse * y)
+    n, mx, my, xx, xy, yy, m, mxz, myz = (ndimage.uniform_filter(term.astype(np.float64), width) for term in terms)
+    known = mask & (n > 0.25)
+    n = np.where(known, n, 1.0)
+    mx, my, m = mx / n, my / n, m / n
+    xx, xy, yy, xz, yz = xx / n - mx * mx, xy / n - mx * my, yy / n - my * my, mxz / n - mx * m, myz / n - my * m
+    determinant = xx * yy - xy * xy
+    known &= determinant > 1e-9 * scan.pitch**4
+    determinant = np.where(known, determinant, 1.0)
+    a, b = (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
+    normals = np.stack([a, b, m - a * mx - b * my], axis=-1)
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    return np.where(known[..., None] & (length > 0.0), normals / np.where(length > 0.0, length, 1.0), 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plane:
+    center: Array  # (3,) [m]
+    normal: Array  # (3,) unit
+    inliers: np.ndarray  # (N,) bool
+
+
+def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
+    return 3.0 * sensor.sigma(z) + 0.003
+
+
+def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
+    """The plane with most of the points (N, 3) near it: 150 random triples, then least squares; None if degenerate."""
+    if len(points) < 3:
+        return None
+    a, b, c = points[rng.integers(len(points), size=(3, 150))]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    normals, a = normals[length > 1e-9] / length[length > 1e-9, None], a[length > 1e-9]
+    if not len(normals):
+        return None
+    tolerance = _plane_tolerance(points[:, 2], sensor)
+    near = np.abs(points @ normals.T - np.einsum("ij,ij->i", normals, a)) < tolerance[:, None]
+    inliers = near[:, int(near.sum(axis=0).argmax())]
+    center, normal = points[0], normals[0]
+    for _ in range(3):
+        if inliers.sum() < 3:
+            return None
+        center = points[inliers].mean(axis=0)
+        normal = np.linalg.eigh(np.cov((points[inliers] - center).T))[1][:, 0]
+        inliers = np.abs((points - center) @ normal) < tolerance
+    return _Plane(center, normal, inliers)
+
+
+@njit(cache=True)
+def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
+    """Mask (H, W) of the points (H, W, 3) that lie within `reach` of one of `centers` (K, 3) [m]; NaN never."""
+    near = np.zeros(points.shape[:2], dtype=np.bool_)
+    for i in range(points.shape[0]):
+        for j in range(points.shape[1]):
+            x, y, z = points[i, j]
+            for u, v, w in centers:
+                if (x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2 < reach**2:
+                    near[i, j] = True
+                    break
+    return near
+
+
+def hang_together(points: Array, reach: float) -> np.ndarray:
+    """Label (N,) of the surface that each of the points (N, 3) belongs to: neighbours within `reach` [m] share one."""
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
+    return connected_components(graph, directed=False)[1]
+
+
+def voxel_means(points: Array, size: float) -> Array:
+    """Mean (M, 3) of the points (N, 3) in each occupied cube of edge `size` [m], in a fixed order."""
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
+
+
+def one_in(step: int, points: Array, size: float) -> np.ndarray:
+    """Mask (N,) of about one in `step` of the points (N, 3), by the cube of `size` [m] that each lies in.
+
+    Which ones hangs on their place alone: a point more or less elsewhere changes nothing, as it would by counting.
+    """
+    mixed = row_hash(np.floor(points / size).astype(np.int64)).astype(np.uint64)
+    return (mixed >> np.uint64(32)) % np.uint64(step) == 0
+
+
+def row_hash(rows: np.ndarray) -> np.ndarray:
+    """One number (N,) for each row of integers (N, 3), int64: the same for equal rows, nearly never for others."""
+    return (rows * _FACTORS).sum(axis=1)
+
+
+def facing_normals(points: Array, neighbours: int = 20) -> Array:
+    """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
+    near = cKDTree(points).query(points, k=range(1, min(neighbours, len(points)) + 1))[1]
+    normals = _least_axes(points, near)
+    normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
+    return normals
+
+
+@njit(cache=True)
+def _least_axes(points: Array, near: np.ndarray) -> Array:
+    """Unit axes (N, 3) of least spread of the points `near` (N, k) each: the smallest principal component.
+
+    The smallest root of the characteristic polynomial in closed form (Smith 1961), the axis as the longest cross
+    product of two rows of C - root I, which is perpendicular to both.
+    """
+    axes = np.empty((len(near), 3))
+    C = np.empty((3, 3))
+    mean = np.empty(3)
+    for n in range(len(near)):
+        mean[:] = 0.0
+        for k in near[n]:
+            for i in range(3):
+                mean[i] += points[k, i] / near.shape[1]
+        C[:] = 0.0
+        for k in near[n]:
+            for i in range(3):
+                for j in range(i + 1):
+                    C[i, j] += (points[k, i] - mean[i]) * (points[k, j] - mean[j])
+        C[0, 1], C[0, 2], C[1, 2] = C[1, 0], C[2, 0], C[2, 1]
+        third = (C[0, 0] + C[1, 1] + C[2, 2]) / 3.0
+        for i in range(3):
+            C[i, i] -= third
+        p = np.sqrt((C * C).sum() / 6.0)
+        axes[n] = 0.0
+        axes[n, 2] = 1.0
+        if p <= 1e-12 * third or p == 0.0:
+            continue  # spread alike to all sides: no axis is better than another
+        half = (
+            C[0, 0] * (C[1, 1] * C[2, 2] - C[1, 2] * C[2, 1])
+            - C[0, 1] * (C[1, 0] * C[2, 2] - C[1, 2] * C[2, 0])
+            + C[0, 2] * (C[1, 0] * C[2, 1] - C[1, 1] * C[2, 0])
+        ) / (2.0 * p**3)
+        root = 2.0 * p * np.cos(np.arccos(min(1.0, max(-1.0, half))) / 3.0 + 2.0 * np.pi / 3.0)
+        for i in range(3):
+            C[i, i] -= root
+        longest = 0.0
+        for i, j in ((0, 1), (0, 2), (1, 2)):
+            x = C[i, 1] * C[j, 2] - C[i, 2] * C[j, 1]
+            y = C[i, 2] * C[j, 0] - C[i, 0] * C[j, 2]
+            z = C[i, 0] * C[j, 1] - C[i, 1] * C[j, 0]
+            length = np.sqrt(x * x + y * y + z * z)
+            if length > longest:
+                longest = length
+                axes[n, 0], axes[n, 1], axes[n, 2] = x / length, y / length, z / length
+    return axes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contour:
+    """Where a depth edge passes between a pixel on its near side and one of that pixel's four neighbours."""
+
+    rows: np.ndarray  # (N,) of the near pixel
+    columns: np.ndarray  # (N,)
+    steps: np.ndarray  # (N, 2) columns right and rows down to the neighbour
+    tangents: Array  # (N, 2) x/z and y/z of the edge
+    depth: Array  # (N,) [m] of the near pixel
+
+
+def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
+    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty, in `depth_all` (H, W).
+
+    The edge is taken to lie midway; and on the neighbour where that belongs to neither side, for of a mixed pixel
+    nobody knows which side it is on. The border of the picture is no edge: there the view ends, not the object. Nor is
+    one that something nearer makes, whose own edge leaves a seam of empty pixels.
+    """
+    z = np.where(np.isfinite(depth_all), depth_all, np.inf)
+    here = np.where(mask, scan.depth, np.inf)
+    step = np.where(mask, jump(scan.depth), 0.0)
+    inner = np.zeros_like(mask)
+    inner[1:-1, 1:-1] = True
+    edges: list[tuple[np.ndarray, ...]] = []
+    with np.errstate(invalid="ignore"):
+        hidden = here - ndimage.minimum_filter(z, 2 * _SEAM + 1) > step
+        for right, down in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            beside = np.roll(z, (-down, -right), axis=(0, 1))
+            rows, columns = np.nonzero(mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside)))
+            beyond = z[np.clip(rows + 2 * down, 0, len(z) - 1), np.clip(columns + 2 * right, 0, z.shape[1] - 1)]
+            ends = beyond - here[rows, columns] > step[rows, columns]  # a single pixel within a surface ends it not
+            rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
+            neighbour = beside[rows, columns]
+            reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
+            edges.append((rows, columns, np.tile([right, down], (len(rows), 1)), reach))
+    rows, columns, steps, reach = (np.concatenate(part) for part in zip(*edges, strict=True))
+    tangents = np.column_stack([scan.tangent_x[columns], scan.tangent_y[rows]]) + scan.pitches * reach[:, None] * steps
+    return Contour(rows, columns, steps, tangents, scan.depth[rows, columns])
+
+
+def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Unit directions (N, 2), x then y in the image, across the depth edges at the given pixels, off the near side.
+
+    At the rim of `mask` (H, W) that is out of the mask; within it, where one part of the object lies before another,
+    towards the larger `depth` (H, W) [m].
+    """
+    smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
+    gradient = -_gradient(smooth, rows, columns)
+    closed = ndimage.binary_closing(mask, iterations=2)  # mixed pixels along an inner edge leave gaps
+    inner = ndimage.binary_erosion(closed, iterations=round(4.0 * _EDGE_WIDTH))[rows, columns]
+    if inner.any():
+        near = np.where(mask, 1.0 / np.where(mask, depth, 1.0), 0.0)
+        mean = ndimage.gaussian_filter(near, _EDGE_WIDTH) / np.maximum(smooth, 1e-6)
+        gradient[inner] = -_gradient(mean, rows[inner], columns[inner])
+    return gradient / np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), 1e-12)
+
+
+def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
+    """Gradient (N, 2), x then y, at the given pixels, none of them on the border, by Sobel's kernels."""
+    near = {(dy, dx): image[rows + dy, columns + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx}
+    x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
+    y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
+    return np.column_stack([x, y]).astype(np.float64)

@@ -1,0 +1,76 @@
+"""The state as each sensor says it, by itself: the baseline that `strapdown_filter` is measured against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import (
+    DvlMeasurement,
+    EncoderMeasurement,
+    ImuMeasurement,
+    Measurement,
+    StateEstimate,
+    TorqueMeasurement,
+    VisionMeasurement,
+)
+from sim.interfaces.spatial import GRAVITY, Array
+
+
+@dataclass(slots=True, eq=False)
+class RawState:
+    """The last word of each sensor."""
+
+    imu: ImuMeasurement
+    vision: VisionMeasurement
+    encoders: EncoderMeasurement
+    torque: TorqueMeasurement
+    v_WB_B: Array  # (3,) [m/s] of the Doppler log; zero until it speaks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawNavigation:
+    """Estimator (`sim.interfaces.protocols.Estimator`) that fuses nothing: position is the last one of vision."""
+
+    period: float = 0.002  # [s]
+
+    def init(self, first: Sequence[Measurement]) -> RawState:
+        """Raises ConfigurationError if an IMU, a vision, an encoder or a torque measurement is not among `first`."""
+        by_type = {type(m): m for m in first}
+        wanted = (ImuMeasurement, VisionMeasurement, EncoderMeasurement, TorqueMeasurement)
+        if missing := [kind.__name__ for kind in wanted if kind not in by_type]:
+            raise ConfigurationError(f"navigation needs a first {missing[0]}")
+        imu, vision, encoders, torque = (by_type[kind] for kind in wanted)
+        assert isinstance(imu, ImuMeasurement)
+        assert isinstance(vision, VisionMeasurement)
+        assert isinstance(encoders, EncoderMeasurement)
+        assert isinstance(torque, TorqueMeasurement)
+        return RawState(imu, vision, encoders, torque, np.zeros(3))
+
+    def step(self, state: RawState, measurements: Sequence[Measurement]) -> tuple[RawState, StateEstimate]:
+        """Take what has arrived, and give the estimate of now."""
+        for m in measurements:
+            if isinstance(m, ImuMeasurement):
+                state.imu = m
+            elif isinstance(m, VisionMeasurement):
+                state.vision = m
+            elif isinstance(m, EncoderMeasurement):
+                state.encoders = m
+            elif isinstance(m, TorqueMeasurement):
+                state.torque = m
+            elif isinstance(m, DvlMeasurement):
+                state.v_WB_B = m.v_WB_B
+        R_WB = state.imu.R_WB
+        X_WB = np.eye(4)
+        X_WB[:3, :3], X_WB[:3, 3] = R_WB, state.vision.p_WB
+        return state, StateEstimate(
+            time=state.imu.time,
+            X_WB=X_WB,
+            v_WB_B=state.v_WB_B,
+            w_WB_B=state.imu.w_WB_B,
+            a_WB_B=state.imu.specific_force_B - GRAVITY * R_WB[2],
+            q=state.encoders.q,
+            qd=state.encoders.qd,
+            tau=state.torque.tau,
+        )

@@ -1,0 +1,1 @@
+"""Identification: where a known object is, by ICP, with a check of the result."""

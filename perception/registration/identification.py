@@ -1,0 +1,336 @@
+"""Where is the known object? The uniform door to identification (paper 002, formulas 1 and 2).
+
+Crop around the coarse detection, background and outliers out, the model moved near, ICP, hidden points of the model
+removed, ICP again, check by projected trajectories.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import ndimage
+
+from models.objects.targets import TargetModel
+from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
+from perception.registration.fine_fit import Evidence, Fit, ModelSurface, fine_fit, score
+from perception.registration.initialiser import Expected, initial_poses
+from perception.registration.likelihood import log_likelihood
+from perception.registration.paper_icp import laid_on, paper_fit
+from perception.registration.pose_check import Check, Decision, check
+from perception.registration.symmetry_resolution import told_turn
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    finite_number,
+    one_of,
+    pose,
+    readonly,
+    shown,
+    transform_points,
+    whole_number,
+)
+
+Method = Literal["planes", "paper"]
+
+_FARTHEST = 1e5  # [m] from the sensor that anything is measured
+APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
+_REFINED = 3  # starts that are worth a full fit
+_AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
+_SLIDING = 0.7  # share of a free motion that must be a slide
+_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] along what nothing holds, to where something may
+_HOPELESS = 0.4  # a start that scores this much below the best is not refined
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FreeMotion:
+    """What the scan cannot tell of the pose, and what was done about it."""
+
+    axis: Array | None  # (3,) unit, in T: turns about it look the same (declared by the target)
+    turns: int  # number of discrete rotations that look the same, 1 for none
+    twists: Array  # (k, 6) (linear; angular x radius) in S about the model's centre, that this view does not hold
+    angle_known: bool  # whether the turn about the axis was measured; where it was not it is chosen
+    policy: str  # how the free part was chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Hypothesis:
+    """A pose that the full fit came to rest at."""
+
+    X_sensor_target: Array  # (4, 4) pose of T in S
+    log_likelihood: float  # [nats] of the scan, up to a constant that all poses share
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Identification:
+    """The outcome of one look. A pose that was not accepted is the best found, for logs only."""
+
+    X_sensor_target: Array  # (4, 4) pose of T in S
+    accepted: bool
+    reason: str  # why not; empty if accepted
+    check: Check | None  # None if there was nothing to check
+    symmetry: FreeMotion
+    X_sensor_start: Array  # (4, 4) coarse pose that was given, else the one that the search came upon
+    cloud: Array  # (N, 3) [m] points that took part, thinned, in S
+    model_before: Array  # (M, 3) [m] all model points at the start, in S
+    model_after: Array  # (K, 3) [m] visible model points at the fitted pose, in S
+    evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
+    surface: ModelSurface  # the model as it was matched
+    score: float  # share of model confirmed and scan explained, up to 2
+    hypotheses: tuple[Hypothesis, ...]  # poses that differ, best first: the first is the one reported
+    duration_s: float  # [s]
+
+    @property
+    def margin(self) -> float:
+        """Log likelihood [nats] above the best different pose that was fitted; inf if there was none."""
+        if len(self.hypotheses) < 2:
+            return np.inf
+        return self.hypotheses[0].log_likelihood - self.hypotheses[1].log_likelihood
+
+    @property
+    def decision(self) -> Decision:
+        """What to do now: work on it, look again from another place, or leave it."""
+        if self.accepted:
+            return Decision.ACCEPT
+        if self.check is None or self.check.decision is Decision.ACCEPT:
+            return Decision.REFUSE  # nothing there to check, or what holds lies where it cannot be
+        return self.check.decision
+
+
+def identify(
+    cloud: ArrayLike | Scan,
+    target: TargetModel | ModelSurface | str | Path | Any,
+    approach: ArrayLike | None = None,
+    orientation: ArrayLike | None = None,
+    *,
+    sensor: SensorModel | None = None,
+    approach_error: float = APPROACH_ERROR,
+    seed: int = 0,
+    method: Method = "planes",
+) -> Identification:
+    """Find `target` in one look of a depth sensor.
+
+    `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
+    `target`: a TargetModel, or a mesh [m]: a file, or an object with `vertices` and `faces` (trimesh's) or `triangles`.
+    `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
+    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
+    `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
+    `method`: "planes", or "paper" for the papers' own fit (`paper_icp`), which searches nothing: give `orientation`.
+
+    An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
+    reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without a ray caster.
+    """
+    started = perf_counter()
+    p_approach = None if approach is None else checked(approach, (3,), "approach")
+    if p_approach is not None and np.abs(p_approach).max() > _FARTHEST:
+        raise ConfigurationError(f"approach: must lie within {_FARTHEST:g} m of the sensor, got {shown(p_approach)}")
+    R_prior = None if orientation is None else checked(orientation, (3, 3), "orientation")
+    if R_prior is not None and (
+        np.abs(R_prior).max() > 2.0
+        or np.abs(R_prior @ R_prior.T - np.eye(3)).max() > 1e-3
+        or not np.linalg.det(R_prior) > 0.0
+    ):
+        raise ConfigurationError(f"orientation: expected a rotation matrix, got {shown(R_prior)}")
+    seed = whole_number(seed, "seed")
+    approach_error = finite_number(approach_error, "approach_error [m]", above=0.0, most=_FARTHEST)
+    one_of(method, get_args(Method), "method")
+    if sensor is not None and not isinstance(sensor, SensorModel):
+        raise ConfigurationError(f"sensor: expected a SensorModel, got {shown(sensor)}")
+    surface = _surface(target, seed)
+    sensor = sensor or SensorModel()
+    X_prior = pose(R_prior if R_prior is not None else np.eye(3), p_approach)
+    if p_approach is not None:
+        X_prior[:3, 3] -= X_prior[:3, :3] @ surface.center
+    try:
+        scan = cloud if isinstance(cloud, Scan) else Scan.from_cloud(cloud)
+        mask = segment(scan, surface.target, p_approach, sensor, approach_error, np.random.default_rng(seed))
+        expected = Expected(p=p_approach, error=1.5 * approach_error, R=R_prior)
+        if method == "planes":
+            starts = initial_poses(scan, mask, surface, sensor, expected)
+        else:
+            starts = [laid_on(scan.points[mask], surface, X_prior[:3, :3])]
+        mask &= _around(starts, surface, scan)
+        _need(mask, "lie where the object could be")
+        evidence = Evidence.of(scan, mask, 0.8 * surface.spacing, sensor)
+        if len(evidence.points) < MIN_POINTS:
+            raise PerceptionError(f"only {len(evidence.points)} points are left of the object; need {MIN_POINTS}")
+    except PerceptionError as error:
+        return _refused(surface, X_prior, str(error), started)
+
+    found = (_best if method == "planes" else _as_in_paper)(evidence, surface, starts)
+    X_ST = found.X_ST.copy()
+    X_start = found.X_start if R_prior is None or p_approach is None else X_prior
+    X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], X_start[:3, :3] if R_prior is None else R_prior)
+    X_told = told_turn(evidence, surface, X_ST)
+    if X_told is not None:
+        X_ST = X_told
+    second = found.others[0].log_likelihood if found.others else -np.inf
+    verdict = check(evidence, surface, X_ST, found.fit, second)
+    if found.asks and verdict.decision is Decision.ACCEPT:
+        verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
+    reason = verdict.reason
+    if not reason and not expected.admits(X_ST[None], surface)[0]:
+        reason = "what was found lies, or is turned, too far from what was expected"
+    visible = surface.visible(X_ST, scan, sensor.max_incidence)
+    return Identification(
+        X_sensor_target=readonly(X_ST),
+        accepted=not reason,
+        reason=reason,
+        check=verdict,
+        symmetry=_free_motion(surface.target, verdict.free, X_told is not None, R_prior is not None),
+        X_sensor_start=readonly(X_start),
+        cloud=readonly(evidence.points),
+        model_before=readonly(transform_points(X_start, surface.points)),
+        model_after=readonly(transform_points(X_ST, surface.points[visible])),
+        evidence=evidence,
+        surface=surface,
+        score=score(evidence, surface, X_ST),
+        hypotheses=(Hypothesis(X_sensor_target=readonly(X_ST), log_likelihood=found.log_likelihood), *found.others),
+        duration_s=perf_counter() - started,
+    )
+
+
+def segment(
+    scan: Scan,
+    target: TargetModel,
+    approach: Array | None,
+    sensor: SensorModel,
+    approach_error: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Mask (H, W) of the pixels that may belong to `target`: near `approach` [m], on no background, in company.
+
+    Raises PerceptionError if fewer than MIN_POINTS are left at any stage.
+    """
+    usable = without_flying_pixels(scan)
+    _need(usable, "of the scan form a surface")
+    mask = usable & ~background(scan, usable, 2.4 * target.radius, sensor, rng)
+    if approach is not None:
+        mask &= near_any(scan.points, approach[None], target.radius + approach_error)
+        _need(mask, "lie near the approach")
+    else:
+        _need(mask, "stand out from the background")
+    # Specks of a few pixels are what is left of flying pixels and of the background's roughness.
+    label, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    size = np.bincount(label.ravel(), minlength=count + 1)
+    size[0] = 0
+    mask &= (size >= max(20, 0.005 * size.max()))[label]
+    _need(mask, "form patches of any size")
+    return mask
+
+
+def _need(mask: np.ndarray, what: str) -> None:
+    count = int(mask.sum())
+    if count < MIN_POINTS:
+        raise PerceptionError(f"nothing to find: only {count} points {what}; need {MIN_POINTS}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    X_ST: Array
+    fit: Fit | None  # that came to rest there; None for another method's
+    X_start: Array
+    log_likelihood: float
+    others: tuple[Hypothesis, ...] = ()  # most likely first
+    asks: str = ""  # why the method asks for a new scan
+
+
+def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
+    """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
+    centers = np.array([transform_points(X, surface.center) for X in starts]).reshape(-1, 3)  # there may be none
+    return near_any(scan.points, centers, _AROUND * surface.radius)
+
+
+def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+    """Full fits from those of `starts` that score highest, and that of the fits which makes the scan most likely."""
+    rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
+    fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
+    fits += [(fit, fits[0][1]) for fit in _slid(evidence, surface, fits[0][0])]
+    ranked = sorted(
+        ((log_likelihood(evidence, surface, fit.X_ST), fit, X_start) for fit, X_start in fits),
+        key=lambda item: -item[0],
+    )
+    best, fit, X_start = ranked[0]
+    poses, others = [fit.X_ST], []
+    for likelihood, other, _ in ranked[1:]:
+        apart = [surface.target.symmetry.error(other.X_ST, X) for X in poses]
+        if all(p > 2.0 * surface.spacing or a > np.deg2rad(5.0) for p, a in apart):
+            poses.append(other.X_ST)
+            others.append(Hypothesis(X_sensor_target=readonly(other.X_ST), log_likelihood=likelihood))
+    return _Found(fit.X_ST, fit, X_start, best, tuple(others))
+
+
+def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
+    """The papers' fit from the only start, and their rule for a new scan."""
+    fit = paper_fit(evidence, surface, starts[0])
+    asks = ""
+    if fit.error > fit.required:
+        asks = f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are {1e3 * fit.required:.1f} mm"
+    return _Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
+
+
+def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:
+    """Fits from where `fit` can slide to, the best way along each free motion: what nothing holds, nothing pulls."""
+    fits: list[Fit] = []
+    for twist in fit.free:
+        if np.linalg.norm(twist[:3]) < _SLIDING:
+            continue
+        slides = [pose(p=share * surface.radius * twist[:3]) @ fit.X_ST for share in _SLIDES]
+        fits.append(fine_fit(evidence, surface, max(slides, key=lambda X: score(evidence, surface, X))))
+    return fits
+
+
+def _free_motion(target: TargetModel, twists: Array, told: bool, with_prior: bool) -> FreeMotion:
+    symmetry = target.symmetry
+    policy = "none needed"
+    if told:
+        policy = "told by parts in view that do not share the symmetry"
+    elif symmetry.axis is not None or len(symmetry.rotations) > 1:
+        origin = "the coarse orientation" if with_prior else "the start that fitted best"
+        policy = f"of all attitudes that look the same, the one nearest to {origin}"
+    return FreeMotion(
+        axis=symmetry.axis,
+        turns=len(symmetry.rotations),
+        twists=readonly(twists),
+        angle_known=told or symmetry.axis is None,
+        policy=policy,
+    )
+
+
+def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float) -> Identification:
+    nothing = readonly(np.zeros((0, 3)))
+    return Identification(
+        X_sensor_target=readonly(X_prior),
+        accepted=False,
+        reason=reason,
+        check=None,
+        symmetry=_free_motion(surface.target, np.zeros((0, 6)), False, True),
+        X_sensor_start=readonly(X_prior),
+        cloud=nothing,
+        model_before=readonly(transform_points(X_prior, surface.points)),
+        model_after=nothing,
+        evidence=None,
+        surface=surface,
+        score=-1.0,
+        hypotheses=(),
+        duration_s=perf_counter() - started,
+    )
+
+
+def _surface(target: Any, seed: int) -> ModelSurface:
+    """`target`, in any of the forms of `identify`, made ready for matching."""
+    if isinstance(target, ModelSurface):
+        return target
+    if isinstance(target, TargetModel):
+        return ModelSurface.of(target, seed)
+    if isinstance(target, (str, Path)):
+        return ModelSurface.of(TargetModel.from_file(target), seed)
+    if hasattr(target, "vertices") and (hasattr(target, "faces") or hasattr(target, "triangles")):
+        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (T, 3, 3)
+        return ModelSurface.of(TargetModel(name="mesh", vertices=target.vertices, triangles=triangles), seed)
+    raise ConfigurationError(
+        f"target: expected a TargetModel, a mesh file or a mesh (vertices, faces), got {type(target).__name__}"
+    )

@@ -1,0 +1,406 @@
+"""Where could the object be, and how is it turned? Poses to start a fit from, whether or not something is expected.
+
+The model is looked at once from all sides. Each patch of the scan is then taken for the object, seen from each of these
+sides and turned about the line of sight. A quick fit on few points, which reads the nearest model point in view from a
+table, moves every such pose to where it rests; what the scan then explains and confirms of the model ranks them.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from models.meshes.closed_shells import sphere
+from perception.clouds.scan import Scan, SensorModel, facing_normals, hang_together, voxel_means
+from perception.registration.fine_fit import ModelSurface
+from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
+
+_SPINS = 12  # about the line of sight, for each view
+_DISTANCE = 4.0  # [radii] from which the model is looked at
+_MODEL_POINTS = 4000
+_SHOWN = 150  # model points of a view that are held against the depth frame
+_CELLS = 40  # of the table, along its longest side
+_MARGIN = 0.35  # [radii] by which the table reaches beyond the model
+_THIN = 1.0 / 20.0  # [radii] between points of the scan
+_TOGETHER = 0.12  # [radii] up to which they hang together
+_PATCHES = 5  # largest ones that are tried
+_SMALL = 0.1  # share of the largest patch's points below which one is not tried
+_VICINITY = 1.2  # [radii] around a patch in which other patches may be parts of the same object
+_ROUGH = (60, np.geomspace(0.5, 0.15, 8))  # points of a patch, and [radii] up to which they are paired, step by step
+_CLOSE = (200, np.geomspace(0.25, 0.08, 10))
+_TRIED = 120  # poses of a patch that are worth the close fit
+_FACING = 0.4  # cosine between normals of points that are paired
+_PULL = 0.3  # weight of distances along the surface against those across it
+_DAMPING = 1e-3  # share of the normal equations' trace
+_ASTRAY = np.deg2rad(70.0)  # from the attitude that is expected: 45 it may be wrong by, and the grid of views is coarse
+_KEPT = 5
+_SHORT_OF = 0.35  # score below the best from which on a pose is not worth a start
+_APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] between poses that are worth a start each
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expected:
+    """What is known beforehand."""
+
+    p: Array | None = None  # (3,) [m] of the model's centre, in S
+    error: float = np.inf  # [m] of `p`
+    R: Array | None = None  # (3, 3) of T in S
+
+    def admits(self, X_ST: Array, surface: ModelSurface) -> np.ndarray:
+        """Mask (H,) of the poses (H, 4, 4) that are not too far from this."""
+        mask = self.admits_turn(X_ST[:, :3, :3], surface)
+        if self.p is not None:
+            mask &= np.linalg.norm(X_ST[:, :3, :3] @ surface.center + X_ST[:, :3, 3] - self.p, axis=1) < self.error
+        return mask
+
+    def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
+        """Mask (H,) of the attitudes (H, 3, 3) within 70 deg of `R`, modulo declared symmetry."""
+        if self.R is None:
+            return np.ones(len(R_ST), dtype=bool)
+        axis, trace = surface.target.symmetry.axis, np.full(len(R_ST), -np.inf)
+        for G in surface.target.symmetry.rotations:
+            M = self.R.T @ R_ST @ G
+            of_G = np.trace(M, axis1=1, axis2=2)
+            if axis is not None:  # the largest that a turn about it gives, in closed form as in `Symmetry.nearest`
+                along = np.einsum("i,hij,j->h", axis, M, axis)
+                aside = (M[:, [2, 0, 1], [1, 2, 0]] - M[:, [1, 2, 0], [2, 0, 1]]) @ axis
+                of_G = along + np.hypot(of_G - along, aside)
+            trace = np.maximum(trace, of_G)
+        return 0.5 * (trace - 1.0) > np.cos(_ASTRAY)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Views:
+    """The model as seen from V sides, all in T."""
+
+    points: Array  # (P, 3) [m]
+    normals: Array  # (P, 3)
+    spacing: float  # [m]
+    center: Array  # (3,) [m] of the model
+    radius: float  # [m]
+    ways: Array  # (V, 3) unit, from the model's centre to the sensor
+    turns: Array  # (V, _SPINS, 3, 3) that lay a way along z, in all spins about it
+    middles: Array  # (V, 3) [m] mean of the points in view
+    shown: np.ndarray  # (V, _SHOWN) indices of points in view
+    nearest: np.ndarray  # (V, nx, ny, nz) index of the point in view that is nearest to a cell
+    corner: Array  # (3,) [m] of the cells
+    cell: float  # [m]
+
+
+@lru_cache(maxsize=16)
+def _views(surface: ModelSurface, max_incidence: float) -> _Views:
+    every = max(1, len(surface.points) // _MODEL_POINTS)
+    points, normals = surface.points[::every], surface.normals[::every]
+    margin = _MARGIN * surface.radius
+    corner, size = points.min(axis=0) - margin, np.ptp(points, axis=0) + 2.0 * margin
+    cell = float(size.max() / _CELLS)
+    shape = np.ceil(size / cell).astype(int)
+    cells = np.minimum(((points - corner) / cell).astype(int), shape - 1)
+    ways, middles, shown, nearest = [], [], [], []
+    spins = np.stack([exp_so3([0.0, 0.0, angle]) for angle in np.arange(_SPINS) * (2.0 * np.pi / _SPINS)])
+    for way in sphere(1)[0]:
+        mask = surface.exposed(surface.center + _DISTANCE * surface.radius * way, max_incidence, every)
+        seen = np.nonzero(mask)[0]
+        if len(seen) < 10:
+            continue  # a plate from its edge
+        owner = np.full(shape, -1, dtype=np.int32)
+        owner[tuple(cells[seen].T)] = seen
+        index = ndimage.distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
+        ways.append(way)
+        middles.append(points[seen].mean(axis=0))
+        shown.append(_some(seen, _SHOWN))
+        nearest.append(owner[tuple(np.asarray(index))])
+    return _Views(
+        points=points,
+        normals=normals,
+        spacing=surface.spacing * float(np.sqrt(every)),
+        center=surface.center,
+        radius=surface.radius,
+        ways=np.array(ways).reshape(-1, 3),
+        turns=np.array([spins @ _facing(way).T for way in ways]).reshape(-1, _SPINS, 3, 3),
+        middles=np.array(middles).reshape(-1, 3),
+        shown=np.array(shown),
+        nearest=np.array(nearest),
+        corner=corner,
+        cell=cell,
+    )
+
+
+def initial_poses(
+    scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
+) -> list[Array]:
+    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best of each, and up to 5 others.
+
+    Patches are not held against each other: some part of any model explains a sliver best. None if nothing in the scan
+    looks like the model where and as it is expected.
+    """
+    views = _views(surface, sensor.max_incidence)
+    if not len(views.ways):
+        return []
+    points = voxel_means(scan.points[mask], _THIN * surface.radius)
+    normals = facing_normals(points, 12)
+    found: list[tuple[float, Array]] = []
+    firsts: list[tuple[float, Array]] = []
+    for patch in _patches(points, surface.radius):
+        sigma = float(np.median(sensor.sigma(points[patch, 2])))
+        X = _turned(views, points[patch].mean(axis=0))
+        X = X[expected.admits_turn(X[:, :3, :3], surface)]
+        score = np.zeros(len(X))
+        for count, gates in (_ROUGH, _CLOSE):
+            X = X[np.argsort(-score, kind="stable")[:_TRIED]] if score.any() else X
+            some = _some(patch, count)
+            score = _settle(
+                X,
+                points[some],
+                normals[some],
+                sigma,
+                gates * views.radius,
+                views.points,
+                views.normals,
+                views.ways,
+                views.nearest,
+                views.corner,
+                views.cell,
+                views.center,
+                views.radius,
+                views.spacing,
+            )
+            score += _confirmed(
+                X,
+                views.points,
+                views.ways,
+                views.shown,
+                views.center,
+                scan.depth,
+                scan.tangent_x[0],
+                scan.tangent_y[0],
+                scan.pitches[0],
+                scan.pitches[1],
+                2.0 * views.spacing + 3.0 * sigma,
+            )
+        admitted = expected.admits(X, surface)
+        of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
+        firsts += of_patch[:1]
+        found += of_patch[1:]
+    for each in (firsts, found):
+        each.sort(key=lambda item: -item[0])
+    kept: list[Array] = []
+    least, most = firsts[0][0] - _SHORT_OF if firsts else 0.0, len(firsts) + _KEPT
+    for score, X in firsts + found:
+        if score < least or len(kept) == most:
+            continue
+        if all(_differ(surface, X, Y) for Y in kept):
+            kept.append(X)
+    return kept
+
+
+def _some(values: np.ndarray, count: int) -> np.ndarray:
+    """`count` of the `values` (N,), evenly spread."""
+    return values[np.linspace(0, len(values) - 1, count).astype(int)]
+
+
+def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
+    turn = surface.target.symmetry.error(A, B)[1]
+    moved = np.linalg.norm(transform_points(A, surface.center) - transform_points(B, surface.center))
+    return bool(moved > _APART[0] * surface.radius or turn > _APART[1])
+
+
+def _patches(points: Array, radius: float) -> list[np.ndarray]:
+    """Indices of points (N, 3) that may be the object: what hangs together, and that with what lies around it."""
+    label = hang_together(points, _TOGETHER * radius)
+    size = np.bincount(label)
+    patches: list[np.ndarray] = []
+    for k in np.argsort(-size, kind="stable")[:_PATCHES]:
+        if size[k] < _SMALL * size.max():
+            break
+        alone = np.nonzero(label == k)[0]
+        patches.append(alone)
+        near = np.linalg.norm(points - points[alone].mean(axis=0), axis=1) < _VICINITY * radius
+        if not 0.9 < near.sum() / len(alone) < 1.1:
+            patches.append(np.nonzero(near)[0])
+    return patches
+
+
+def _turned(views: _Views, middle: Array) -> Array:
+    """Poses (V * _SPINS, 4, 4) that show each view, turned to all sides, with what is seen around `middle` (3,) [m]."""
+    R = _facing(-middle) @ views.turns
+    X = np.zeros((*R.shape[:2], 4, 4))
+    X[..., :3, :3] = R
+    X[..., :3, 3] = middle - np.einsum("vsij,vj->vsi", R, views.middles)
+    X[..., 3, 3] = 1.0
+    return X.reshape(-1, 4, 4)
+
+
+def _facing(z: Array) -> Array:
+    """Some rotation (3, 3) whose z axis is along `z` (3,)."""
+    return rotation_from_z(z, np.eye(3)[int(np.abs(z).argmin())])
+
+
+@njit(cache=True)
+def _settle(
+    X_ST: Array,
+    points: Array,
+    normals: Array,
+    sigma: float,
+    gates: Array,
+    model: Array,
+    model_normals: Array,
+    ways: Array,
+    nearest: np.ndarray,
+    corner: Array,
+    cell: float,
+    center: Array,
+    radius: float,
+    spacing: float,
+) -> Array:
+    """Fit every pose of `X_ST` (H, 4, 4), in place; returns the share (H,) of the points (N, 3) that it explains.
+
+    One Gauss-Newton step for each of `gates` [m]; explained is what the last one finds before it moves.
+    """
+    explained = np.empty(len(X_ST))
+    H, g, row = np.empty((6, 6)), np.empty(6), np.empty(6)
+    nx, ny, nz = nearest.shape[1:]
+    reach = 2.0 * (cell + spacing)
+    for h in range(len(X_ST)):
+        X = X_ST[h]
+        for gate in gates:
+            view = _view(X, ways, center)
+            H[:] = 0.0
+            g[:] = 0.0
+            count = 0
+            scale = max(2.0 * sigma, 0.25 * gate)
+            for n in range(len(points)):
+                dx, dy, dz = points[n, 0] - X[0, 3], points[n, 1] - X[1, 3], points[n, 2] - X[2, 3]
+                x = X[0, 0] * dx + X[1, 0] * dy + X[2, 0] * dz
+                y = X[0, 1] * dx + X[1, 1] * dy + X[2, 1] * dz
+                z = X[0, 2] * dx + X[1, 2] * dy + X[2, 2] * dz
+                i, j, k = int((x - corner[0]) / cell), int((y - corner[1]) / cell), int((z - corner[2]) / cell)
+                if not (0 <= i < nx and 0 <= j < ny and 0 <= k < nz):
+                    continue
+                m = nearest[view, i, j, k]
+                ox, oy, oz = x - model[m, 0], y - model[m, 1], z - model[m, 2]
+                square = ox * ox + oy * oy + oz * oz
+                if square > gate * gate:
+                    continue
+                a, b, c = normals[n]
+                u, v, w = model_normals[m]
+                cosine = (
+                    u * (X[0, 0] * a + X[1, 0] * b + X[2, 0] * c)
+                    + v * (X[0, 1] * a + X[1, 1] * b + X[2, 1] * c)
+                    + w * (X[0, 2] * a + X[1, 2] * b + X[2, 2] * c)
+                )
+                if abs(cosine) < _FACING:
+                    continue
+                along = u * ox + v * oy + w * oz
+                if abs(along) < spacing + 3.0 * sigma and square < (reach + 3.0 * sigma) ** 2:
+                    count += 1
+                weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2
+                ax, ay, az = (x - center[0]) / radius, (y - center[1]) / radius, (z - center[2]) / radius
+                _add(H, g, row, weight, along, u, v, w, ax, ay, az)
+                if square > reach * reach:  # where the model does not reach it is pulled along its surface
+                    weight *= _PULL / (1.0 + square / gate**2)
+                    _add(H, g, row, weight, ox, 1.0, 0.0, 0.0, ax, ay, az)
+                    _add(H, g, row, weight, oy, 0.0, 1.0, 0.0, ax, ay, az)
+                    _add(H, g, row, weight, oz, 0.0, 0.0, 1.0, ax, ay, az)
+            explained[h] = count / len(points)
+            damping = _DAMPING * np.trace(H) + 1e-9
+            for a in range(6):
+                H[a, a] += damping
+                for b in range(a):
+                    H[b, a] = H[a, b]
+            step = np.linalg.solve(H, g)
+            step *= min(1.0, 0.5 * radius / max(np.sqrt(np.sum(step**2)), 1e-12))
+            _move(X, step, center, radius)
+    return explained
+
+
+@njit(cache=True)
+def _view(X_ST: Array, ways: Array, center: Array) -> int:
+    """Index of that of the `ways` (V, 3) which is nearest to the way from the model's centre to the sensor."""
+    p = X_ST[:3, 3]
+    w = np.empty(3)
+    for a in range(3):
+        w[a] = -center[a] - (X_ST[0, a] * p[0] + X_ST[1, a] * p[1] + X_ST[2, a] * p[2])
+    best, index = -np.inf, 0
+    for v in range(len(ways)):
+        cosine = ways[v, 0] * w[0] + ways[v, 1] * w[1] + ways[v, 2] * w[2]
+        if cosine > best:
+            best, index = cosine, v
+    return index
+
+
+@njit(cache=True)
+def _add(
+    H: Array,
+    g: Array,
+    row: Array,
+    weight: float,
+    offset: float,
+    u: float,
+    v: float,
+    w: float,
+    x: float,
+    y: float,
+    z: float,
+) -> None:
+    """Add to the normal equations (lower half) an `offset` [m] along (u, v, w) at (x, y, z) [radii] from the centre."""
+    row[0], row[1], row[2] = u, v, w
+    row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
+    for a in range(6):
+        weighted = weight * row[a]
+        g[a] += weighted * offset
+        for b in range(a + 1):
+            H[a, b] += weighted * row[b]
+
+
+@njit(cache=True)
+def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
+    """Move the model by `step` (6,) (linear [m]; angular x radius [m]), in T about its centre."""
+    x, y, z = step[3] / radius, step[4] / radius, step[5] / radius
+    angle = np.sqrt(x * x + y * y + z * z)
+    sine, cosine = (1.0, 0.5) if angle < 1e-6 else (np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + sine * K + cosine * (K @ K)  # Rodrigues
+    R = X_ST[:3, :3].copy()
+    X_ST[:3, 3] += R @ (center + step[:3] - turn @ center)
+    X_ST[:3, :3] = R @ turn
+
+
+@njit(cache=True)
+def _confirmed(
+    X_ST: Array,
+    model: Array,
+    ways: Array,
+    shown: np.ndarray,
+    center: Array,
+    depth: Array,
+    tangent_x: float,
+    tangent_y: float,
+    pitch_x: float,
+    pitch_y: float,
+    tolerance: float,
+) -> Array:
+    """Of the model in view at the poses `X_ST` (H, 4, 4), the share (H,) that is seen less the share seen through."""
+    share = np.empty(len(X_ST))
+    height, width = depth.shape
+    for h in range(len(X_ST)):
+        X = X_ST[h]
+        total = 0
+        for m in shown[_view(X, ways, center)]:
+            x, y, z = model[m]
+            ahead = X[2, 0] * x + X[2, 1] * y + X[2, 2] * z + X[2, 3]
+            if ahead <= 0.0:
+                continue
+            column = (X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3]) / ahead
+            row = (X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3]) / ahead
+            i, j = round((row - tangent_y) / pitch_y), round((column - tangent_x) / pitch_x)
+            if 0 <= i < height and 0 <= j < width:
+                behind = depth[i, j] - ahead
+                if abs(behind) < tolerance:
+                    total += 1
+                elif behind > 2.0 * tolerance:
+                    total -= 1
+        share[h] = total / shown.shape[1]
+    return share

@@ -1,0 +1,58 @@
+"""Attitudes in which an object nearly looks the same: an arm of a starfish further, a plate turned round.
+
+They are found on the model alone, by turning it about its main axes; a scan must then tell the pose that was found from
+them. Rotations that the target declares as symmetry are the same pose, not another.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
+from perception.registration.likelihood import log_likelihood
+from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+
+_FOLDS = (2, 3, 4, 5, 6, 8)
+_ALIKE = 0.06  # rms distance of the surfaces, as a share of the radius, up to which a rotation is worth a try
+_POINTS = 600
+_TRIED = 6  # of them, the most alike first
+
+
+@lru_cache(maxsize=16)
+def look_alikes(surface: ModelSurface) -> tuple[Array, ...]:
+    """Poses G (4, 4) in T such that the model at X G nearly looks as at X, most alike first; none for a lone shape.
+
+    Turns by 360/n deg, n = 2 to 8, about the main axes through the middle of the surface and of the bounding box.
+    """
+    points = surface.points[:: max(1, len(surface.points) // _POINTS)]
+    tree = cKDTree(surface.points)
+    symmetry = surface.target.symmetry
+    found: list[tuple[float, Array]] = []
+    for middle in (surface.points.mean(axis=0), surface.center):
+        main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
+        for axis in np.vstack([main, np.eye(3)]):
+            for angle in sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)}):
+                R = exp_so3(angle * axis)
+                G = pose(R, middle - R @ middle)
+                distance = tree.query(transform_points(G, points))[0]
+                unlike = float(np.sqrt(np.mean(distance**2)))
+                if unlike > _ALIKE * surface.radius:
+                    continue
+                if all(_differ(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+                    found.append((unlike, G))
+    return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+
+
+def _differ(symmetry, A: Array, B: Array) -> bool:
+    return symmetry.error(A, B)[1] > np.deg2rad(8.0)
+
+
+def best_look_alike(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood of the scan at the best attitude, fitted, that looks as `X_ST` (4, 4) does; -inf if none does."""
+    best = -np.inf
+    for G in look_alikes(surface):
+        fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
+        if _differ(surface.target.symmetry, fitted, X_ST):  # else it has come back
+            best = max(best, log_likelihood(evidence, surface, fitted))
+    return best

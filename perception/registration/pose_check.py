@@ -1,0 +1,319 @@
+"""Is the fit true? Paper 002's check by projected trajectories, made robust, and what to do about it.
+
+Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the scanned and on the fitted
+model's triangulated surface (eq. 2); the distances E_i between both projections say how far the surfaces lie apart.
+
+The paper's Q = sqrt(sum E_i^2) (`perception.registration.projection`) grows with the number of rays and has no rule for
+rays that miss or meet something before the object, and a few rays at edges dominate it. Here each ray of several curves
+is sorted: both surfaces agree, the scan lies before the model, behind it (it sees through), or something hides the
+model there, which is no evidence at all. A trimmed rms, the shares of these kinds, the coverage and the offset of sharp
+depth edges are held against limits from the sensor's noise and resolution. Three more things must hold: the pose is
+where the fit comes to rest, the object is as large as the model, and the scan is far less likely with the model
+anywhere else where it looks alike (an arm of a starfish further) or where another fit came to rest.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import ndimage
+
+from models.meshes.ray_casting import RayScene
+from perception.clouds.scan import hang_together, triangulate
+from perception.registration.fine_fit import Evidence, Fit, ModelSurface, edge_offsets, explained, fine_fit
+from perception.registration.likelihood import OCCLUDER, log_likelihood
+from perception.registration.pose_ambiguity import best_look_alike
+from perception.registration.projection import ACROSS_EDGES, clear_of_edges, curves, direction
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+TRIM = 0.15  # share of the largest distances left out of the figure
+MODEL_TOLERANCE = 0.001  # [m], how truly a model is known
+_SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
+_MIN_RAYS = 40
+_TOGETHER = 3.0  # [spacings] between points of one surface
+_PART = 0.1  # share of a surface from which on, where the model explains it, the rest should be the model's too
+_PATCHES = 9.0  # patches to the model's radius
+_PATCH_RAYS = 5
+_PATCH_TRIM = 0.25  # share of patches that may be fouled or dented
+# Limits on shares of rays and edges (0..1) and on figures in units of the noise, set between true poses (clean, fouled,
+# up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts what they let through.
+MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
+MIN_AGREEMENT = 0.70
+MAX_THROUGH = 0.12
+MIN_EDGE_SHARE = 0.25
+MAX_GOES_ON = 0.35
+MAX_BEYOND = 0.25  # of the surface that hangs together with what the model explains; fouled objects reach 0.13
+MIN_COVERAGE = 0.25  # of what should be seen, that the scan must show
+WHOLE = 0.5  # coverage from which on a second look is not expected to change what the first one contradicts
+MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which the fit may move the pose further
+MAX_SIZE = (0.03, 3.0)  # share by which the object may seem larger or smaller, and that many of its sigma more
+MIN_MARGIN = 6.0  # [nats] over any other pose; right ones among near twins (an uneven starfish) reach 8
+
+
+class Decision(StrEnum):
+    """What to do after a look."""
+
+    ACCEPT = "accept"
+    RESCAN = "rescan"  # from another place: what was seen neither proves the pose nor rules it out
+    REFUSE = "refuse"  # what was seen contradicts the model
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Check:
+    """Figures of the check and their limits; `reason` is empty if all hold."""
+
+    decision: Decision
+    figure_m: float  # [m] trimmed rms distance of both projections along o; inf if it could not be made
+    threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
+    form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: what noise does not explain
+    form_threshold_m: float  # [m]
+    agreement: float  # share of the rays, but those that meet an occluder, where both surfaces lie within 3 sigma
+    through: float  # share of them where the scan lies behind the model's surface
+    coverage: float  # share of all rays where the scan shows the object
+    hidden: float  # share of all rays where something else is before it
+    rays: int  # that should hit both
+    edge_m: float  # [m] median offset of sharp depth edges along their worst direction; NaN without any in view
+    edge_threshold_m: float  # [m]
+    edge_share: float  # share of sharp depth edges found in the scan; NaN without any in view
+    goes_on: float  # share of sharp model edges beyond which the scanned surface goes on
+    beyond: float  # share of the scanned surface, of what hangs together with the model, that it does not explain
+    move_m: float  # [m] rms by which a further fit moves the visible model
+    move_threshold_m: float  # [m]
+    size: float  # of the object, as a share of the model's, that would fit best
+    size_threshold: float  # by which it may differ from 1
+    margin: float  # [nats] log likelihood above that of the best other pose that was tried; inf if none was
+    free: Array  # (k, 6) twists as in `Fit` that nothing in the scan holds
+    points_scan: Array  # (K, 3) [m] projections C_i on the scan, in S, rays that hit both
+    points_model: Array  # (K, 3) [m] projections C'_i on the model, in S
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Rays along o that should meet the model where the sensor sees it, and what became of them. All (N,) or (N, 3)."""
+
+    C_model: Array  # [m] in S
+    starts: Array
+    o: Array  # (3,)
+    E: Array  # [m] scan behind (+) or before (-) the model; inf where the ray meets no scan
+    sigma: Array  # [m] of E
+    pitch: Array  # [m] between pixels there
+    hidden: np.ndarray
+    near: np.ndarray
+    through: np.ndarray
+    judged: np.ndarray  # near, before or through: evidence for or against
+
+    @property
+    def compared(self) -> np.ndarray:
+        """Rays that meet the scan, and no occluder."""
+        return np.isfinite(self.E) & ~self.hidden
+
+
+def check(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | None = None, others: float = -np.inf
+) -> Check:
+    """Judge the pose `X_ST` (4, 4) of the model against the scan.
+
+    `fit`: that of `fine_fit` that came to rest at `X_ST` (or at an attitude that looks the same by declaration);
+    None: whether it does is tried. `others`: log likelihood [nats] of the best different pose that is known.
+    """
+    visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+    if visible.sum() < 10:
+        return _unmade("the model at the fitted pose is out of view")
+    rays = _cast(evidence, surface, X_ST, transform_points(X_ST, surface.points[visible]))
+    if isinstance(rays, str):
+        return _unmade(rays)
+    E, both, sigma = rays.E, rays.compared, rays.sigma
+    if both.sum() < _MIN_RAYS:
+        return _unmade(f"only {int(both.sum())} check rays meet the object in the scan; need {_MIN_RAYS}")
+    judged = max(1, int(rays.judged.sum()))
+    agreement, seen_through = float(rays.near.sum() / judged), float(rays.through.sum() / judged)
+    coverage = float((rays.judged & ~rays.through).mean())
+    noise = float(np.sqrt(np.mean(sigma[both] ** 2)))
+    figure, threshold = _trimmed_rms(E[both], TRIM), MAX_FIGURE * noise
+    size = surface.radius / _PATCHES
+    form = _form(rays.C_model[both], E[both], size)
+    independent = max(1.0, size / float(np.median(rays.pitch)) / evidence.sensor.noise_length)
+    form_threshold = MODEL_TOLERANCE + 1.1 * noise / np.sqrt(independent)
+
+    offsets, edge_share, goes_on = edge_offsets(evidence, surface, X_ST)
+    beyond = _beyond(evidence, surface, X_ST)
+    edge = float(np.median(np.abs(offsets))) if len(offsets) else np.nan
+    edge_threshold = 3.0 * float(np.median(rays.pitch)) + 0.002
+    rest = fit or fine_fit(evidence, surface, X_ST, rounds=2)
+    points = surface.points[visible]
+    move = 0.0
+    if fit is None:
+        move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
+    move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
+    size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
+    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_look_alike(evidence, surface, X_ST))
+    undeclared = len(rest.free) - (surface.target.symmetry.axis is not None)
+
+    against = [
+        text
+        for failed, text in (
+            (figure > threshold, f"surfaces lie {1e3 * figure:.1f} mm apart, limit {1e3 * threshold:.1f} mm"),
+            (form > form_threshold, f"shapes differ by {1e3 * form:.1f} mm, limit {1e3 * form_threshold:.1f} mm"),
+            (agreement < MIN_AGREEMENT, f"only {agreement:.0%} of the check rays agree, need {MIN_AGREEMENT:.0%}"),
+            (seen_through > MAX_THROUGH, f"the scan sees through {seen_through:.0%} of the model"),
+            (edge > edge_threshold, f"edges lie {1e3 * edge:.1f} mm apart, limit {1e3 * edge_threshold:.1f} mm"),
+            (goes_on > MAX_GOES_ON, f"the surface goes on beyond {goes_on:.0%} of the model's edges"),
+            (beyond > MAX_BEYOND, f"{beyond:.0%} of the surface that it lies on is not the model's"),
+            (
+                move > move_threshold,
+                f"a further fit moves it by {1e3 * move:.1f} mm, limit {1e3 * move_threshold:.1f} mm",
+            ),
+            (abs(rest.size - 1.0) > size_threshold, f"at {rest.size:.2f} times its size it fits better"),
+            (margin < -MIN_MARGIN, "another pose fits better"),
+        )
+        if failed
+    ]
+    lacking = [
+        text
+        for failed, text in (
+            (coverage < MIN_COVERAGE, f"only {coverage:.0%} of what should be seen is seen, need {MIN_COVERAGE:.0%}"),
+            (edge_share < MIN_EDGE_SHARE, f"only {edge_share:.0%} of the model's edges are in the scan"),
+            (undeclared > 0, "this view does not hold the whole pose: the model can slide or turn on what is seen"),
+            (abs(margin) <= MIN_MARGIN, "another pose fits as well"),
+        )
+        if failed
+    ]
+    gross = agreement < 0.5 or seen_through > 0.3 or figure > 2.0 * threshold
+    decision = Decision.ACCEPT
+    if against or lacking:
+        decision = Decision.REFUSE if gross and coverage + seen_through > WHOLE else Decision.RESCAN
+    return Check(
+        decision=decision,
+        figure_m=figure,
+        threshold_m=threshold,
+        form_m=form,
+        form_threshold_m=form_threshold,
+        agreement=agreement,
+        through=seen_through,
+        coverage=coverage,
+        hidden=float(rays.hidden.mean()),
+        rays=len(E),
+        edge_m=edge,
+        edge_threshold_m=edge_threshold,
+        edge_share=edge_share,
+        goes_on=goes_on,
+        beyond=beyond,
+        move_m=move,
+        move_threshold_m=move_threshold,
+        size=rest.size,
+        size_threshold=size_threshold,
+        margin=margin,
+        free=rest.free,
+        points_scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both],
+        points_model=rays.C_model[both],
+        reason="; ".join(against + lacking),
+    )
+
+
+def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
+    """The rays across the visible model `points` (M, 3) [m] in S; why not, if too few should meet it."""
+    sensor, scan = evidence.sensor, evidence.scan
+    H_D, o = direction(points)
+    starts = curves(H_D, o, points)
+    X_TS = inverse(X_ST)
+    on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
+    hit = np.isfinite(on_model["t"])
+    hit &= clear_of_edges(
+        surface, X_TS, starts, on_model["t"], o, ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
+    )
+    t_model, starts = on_model["t"][hit], starts[hit]
+    C_model = starts + t_model[:, None] * o
+    # The rays are parallel, the sensor's are not: keep those whose model point the sensor itself should see.
+    line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
+    origin_T = X_TS[:3, 3]
+    sight = surface.scene.cast(origin_T, transform_points(X_TS, C_model) - origin_T)["t"]
+    cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
+    row, column, inside = scan.pixels(C_model)
+    expected = (sight > 0.995) & (cosine > np.cos(np.deg2rad(65.0))) & inside
+    if expected.sum() < _MIN_RAYS:
+        return f"only {int(expected.sum())} check rays meet the visible model; need {_MIN_RAYS}"
+    C_model, starts, t_model, cosine = C_model[expected], starts[expected], t_model[expected], cosine[expected]
+    row, column = row[expected], column[expected]
+
+    part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
+    vertices, triangles = triangulate(part, part.depth > 0.0)
+    if not len(triangles):
+        return "the scan has no surface"
+    t_scan = RayScene(vertices, triangles).cast(starts, np.broadcast_to(o, starts.shape))["t"]
+    met = np.isfinite(t_scan)
+    E = np.where(met, t_scan - t_model, np.inf)
+    z = C_model[:, 2]
+    pitch = scan.pitch * z
+    slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
+    sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
+    # The ray begins before the object, what hides it may lie nearer: that only the sensor's own line of sight tells.
+    first = np.where(np.isfinite(scan.depth), scan.depth, np.inf)
+    around = ndimage.minimum_filter(first, 3)[row, column]
+    occluder = np.maximum(OCCLUDER, 6.0 * sigma)
+    hidden = (around < z - occluder) | (-occluder > E)
+    # Where the ray meets no triangle the line of sight tells: it goes on beyond, or nothing came back around there.
+    past = ~met & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
+    past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
+    near = ~hidden & (np.abs(E) < 3.0 * sigma)
+    through = ~hidden & ((met & (3.0 * sigma <= E)) | past)
+    before = ~hidden & met & (-3.0 * sigma >= E)
+    return _Rays(C_model, starts, o, E, sigma, pitch, hidden, near, through, near | through | before)
+
+
+def _trimmed_rms(distances: Array, trim: float) -> float:
+    kept = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
+    return float(np.sqrt(np.mean(kept**2)))
+
+
+def _rms_distance(a: Array, b: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
+
+
+def _form(points: Array, E: Array, size: float) -> float:
+    """Trimmed rms [m] of the medians of `E` (N,) over cubes of edge `size` [m]; 0 where there are too few.
+
+    Averaging takes the noise out and leaves what is wrong with shape and pose.
+    """
+    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
+    _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    large = np.nonzero(count >= _PATCH_RAYS)[0]
+    return _trimmed_rms(np.asarray(ndimage.median(E, patch, large)), _PATCH_TRIM) if len(large) >= 4 else 0.0
+
+
+def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Share of the scanned surfaces that the model at `X_ST` is part of, and that it does not explain."""
+    on_model = explained(evidence, surface, X_ST)
+    label = hang_together(evidence.points, _TOGETHER * surface.spacing)
+    taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
+    return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
+
+
+def _unmade(reason: str) -> Check:
+    nothing = np.zeros((0, 3))
+    return Check(
+        decision=Decision.RESCAN,
+        figure_m=np.inf,
+        threshold_m=0.0,
+        form_m=np.inf,
+        form_threshold_m=0.0,
+        agreement=0.0,
+        through=0.0,
+        coverage=0.0,
+        hidden=np.nan,
+        rays=0,
+        edge_m=np.nan,
+        edge_threshold_m=0.0,
+        edge_share=np.nan,
+        goes_on=np.nan,
+        beyond=np.nan,
+        move_m=np.nan,
+        move_threshold_m=0.0,
+        size=np.nan,
+        size_threshold=0.0,
+        margin=np.inf,
+        free=np.zeros((0, 6)),
+        points_scan=nothing,
+        points_model=nothing,
+        reason=reason,
+    )

@@ -1,0 +1,118 @@
+"""Sonar scans or depth frames of the seabed in, the ground and the tool's path on it out: the finder of seabed work."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from perception.clouds.scan import Scan
+from perception.clouds.sonar_cloud import without_lone_echoes
+from perception.seabed.terrain import ReliefLimits
+from perception.seabed.terrain_path import SeabedPlan, core_path, plan_seabed_work
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target
+from sim.interfaces.spatial import Array, checked, pose, readonly, transform_points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeabedFinderState:
+    """What was seen last, for the log, and what waits for more of its kind."""
+
+    waiting: tuple[Array, ...] = ()  # clouds (N, 3) [m] in W
+    cloud_W: Array | None = None  # (N, 3) [m] the last that was judged
+    plan: SeabedPlan | None = None  # in W; None where the work was refused
+
+
+class SeabedFinder:
+    """Builds the seabed from each scan, lets the targets down on it and lays the tool's path.
+
+    Implements `sim.interfaces.protocols.TargetFinder`.
+    """
+
+    def __init__(
+        self,
+        B_W: ArrayLike,
+        up_W: ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        core_depth: float = 0.12,
+        width: float = 0.1,
+        limits: ReliefLimits | None = None,
+        cloud_W: ArrayLike | None = None,
+        looks: int = 1,
+    ) -> None:
+        """Take the points `B_W` (s, 3) [m] over the seabed, W: one for a core, more for a profile between them.
+
+        `up_W` (3,) is the direction z against which they are let down; `core_depth` [m] is how deep a core's way is
+        laid; `width` [m] that of the tool. With `cloud_W` (N, 3) [m] that is believed in place of what is scanned.
+        `looks` scans or frames are taken together: their noise averages out. Raises ConfigurationError for malformed
+        points, or less than one look.
+        """
+        self._B = np.array(B_W, dtype=np.float64)
+        if self._B.ndim != 2 or self._B.shape[1:] != (3,) or not len(self._B):
+            raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {self._B.shape}")
+        if isinstance(looks, bool) or looks < 1:
+            raise ConfigurationError(f"looks: must be at least 1, got {looks}")
+        self._looks = looks if cloud_W is None else 1
+        self._up = np.array(checked(up_W, (3,), "up_W"))
+        self._core_depth, self._width, self._limits = core_depth, width, limits
+        self._cloud_W = None if cloud_W is None else np.asarray(cloud_W, dtype=np.float64)
+
+    def init(self) -> SeabedFinderState:
+        return SeabedFinderState()
+
+    def step(
+        self, state: SeabedFinderState, estimate: StateEstimate, measurement: Measurement
+    ) -> tuple[SeabedFinderState, Target | None]:
+        """Look at the seabed in one scan, made when the hull was where `estimate` says; None while more are wanted.
+
+        Scans that show none that can be worked give a Target that is not accepted, with the reason.
+        """
+        seen = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
+        clouds = (*state.waiting, seen)
+        if len(clouds) < self._looks:
+            return replace(state, waiting=clouds), None
+        cloud_W = np.concatenate(clouds)
+        center = self._B.mean(axis=0)
+        reach = float(np.linalg.norm(center - estimate.X_WB[:3, 3]))
+        try:
+            plan = plan_seabed_work(cloud_W, self._B, self._up, width=self._width, limits=self._limits)
+        except PerceptionError as error:
+            refused = Target(
+                time=measurement.time,
+                X_WT=readonly(pose(p=center)),
+                accepted=False,
+                check_m=float("inf"),
+                range_m=reach,
+                reason=str(error),
+                path=None,
+            )
+            return SeabedFinderState(cloud_W=readonly(cloud_W)), refused
+        A = plan.targets.A
+        away = np.linalg.norm(A - estimate.X_WB[:3, 3], axis=1)
+        R = plan.terrain.R_ground
+        path = plan.path or core_path(A[0], -R[2], R[0], self._core_depth)
+        target = Target(
+            time=measurement.time,
+            X_WT=readonly(pose(p=A.mean(axis=0))),
+            accepted=True,
+            check_m=float(plan.targets.sigma.max()),
+            range_m=float(away.max()),
+            reason="",
+            path=path,
+            ground=plan.terrain.vertices,
+        )
+        return SeabedFinderState(cloud_W=readonly(cloud_W), plan=plan), target
+
+
+def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
+    """Points (N, 3) [m] in W of one sonar scan or depth frame, made by a hull at `X_WB` (4, 4)."""
+    if isinstance(measurement, SonarScan):
+        points, X_BS = without_lone_echoes(measurement.points), measurement.X_BS
+    elif isinstance(measurement, DepthImage):
+        points, X_BS = Scan.from_depth(measurement).points, measurement.X_BC
+    else:
+        raise ConfigurationError(
+            f"seabed finder: expected a SonarScan or a DepthImage, got {type(measurement).__name__}"
+        )
+    points = points.reshape(-1, 3)
+    return transform_points(X_WB @ X_BS, points[np.isfinite(points).all(axis=1)])

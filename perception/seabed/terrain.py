@@ -1,0 +1,441 @@
+"""The surface of an unknown seabed from a sonar's cloud: cleaned, triangulated, with a map of how well it is known.
+
+Paper 004, first section. Seen from a vehicle above it a seabed is a height over the ground plane, so the cloud is
+triangulated by Delaunay in that plane: no parameter, no normals, one height at each place, edges that a vertical plane
+cuts in order. Ball pivoting leaves holes wherever the density changes, and Poisson invents soil where nothing was
+measured, which is where a sampler must not go (`scripts/studies/seabed.py --speed` has the figures). Overhangs are not
+shown: what lies under one cannot be reached from above either. Two surfaces one above the other are refused.
+
+Frame S is that of the cloud (paper: Oxyz of the hull); `up` is its vertical, the paper's z.
+"""
+
+from dataclasses import dataclass, field
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import Delaunay, QhullError, cKDTree
+
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
+
+_FARTHEST = 1e5  # [m] from the sensor that ground is measured
+MIN_POINTS = 60
+MAX_VERTICES = 16_000  # more add time, not shape: denser clouds are averaged in cells of the ground plane
+_NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
+_SWEEPS = 4  # of its weights
+_FAR = 4.0  # standard deviations from its neighbours' quadric, beyond which a point is an outlier
+_THIN = 0.02  # ratio of a cloud's sides below which it is a line
+_LAYER_POINTS = 12_000  # points at which two layers are looked for
+_LAYER_GAP = 0.02  # [m] between the layers that matters, beside noise and what curvature explains
+_LAYER_SHARE = 0.12  # of the points with two heights around them: the edges of rocks are fewer
+_LAYER_RADIUS = 0.15  # [m] around a target
+_HOLE = 4.0  # mean spacings that an edge may span
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Terrain:
+    """A triangulated seabed in S."""
+
+    vertices: Array  # (V, 3) [m]
+    triangles: np.ndarray  # (T, 3) indices, counter-clockwise from above
+    up: Array  # (3,) unit vertical, the paper's z
+    sigma: Array  # (V,) [m] standard error of each vertex's height
+    noise: float  # [m] standard deviation of one point's height, as found
+    spacing: float  # [m] mean distance of neighbouring vertices
+    hole: float  # [m] longest edge that was taken for surface
+    points: int  # of the cloud
+    outliers: int  # of them, left out
+    scene: RayScene = field(repr=False)  # of the mesh, about `origin`
+    origin: Array = field(repr=False)  # (3,) [m]
+    layered: Array = field(repr=False)  # (k, 2) [m] places on the ground plane with two heights around them
+    looked_at: Array = field(repr=False)  # (m, 2) [m] places where they were looked for
+
+    @property
+    def R_ground(self) -> Array:
+        """Rows (3, 3): two axes of the ground plane, and `up`, in S."""
+        return _axes(self.up)
+
+    def ground(self, points: ArrayLike) -> Array:
+        """(N, 3) [m]: places on the ground plane and heights of `points` (N, 3) [m]."""
+        return np.asarray(points, dtype=np.float64) @ self.R_ground.T
+
+    def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
+        """Distance (N,) [m] straight down from `points` (N, 3) to the surface, inf if there is none, and triangles."""
+        p = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
+        return hit["t"].astype(np.float64), hit["triangle"]
+
+
+def build_terrain(
+    cloud: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0), *, hole: float | None = None, max_vertices: int = MAX_VERTICES
+) -> Terrain:
+    """The surface that `cloud` (N, 3) [m] shows, `up` (3,) being the vertical.
+
+    `hole` [m]: edges longer than that span no surface; default four times the mean spacing of the points.
+    Raises ConfigurationError for what is no cloud, PerceptionError for one that is no surface: too few points,
+    numbers that are none, all in a line, two layers.
+    """
+    points = _as_cloud(cloud)
+    z = unit_vector(up, "up")
+    if hole is not None:
+        hole = finite_number(hole, "hole [m]", above=0.0)
+    origin = points.mean(axis=0)
+    R = _axes(z)
+    local = (points - origin) @ R.T
+    _check_spread(local)
+    looked_at, layered = _layers(local)
+    if len(layered) > _LAYER_SHARE * len(looked_at):
+        raise PerceptionError(
+            f"cloud: it shows two surfaces one above the other at {len(layered) / len(looked_at):.0%} of the places "
+            "looked at; which of them is the seabed cannot be told"
+        )
+    kept, count, noise = _thinned(local, max_vertices)
+    height, sigma, noise, good = _fitted(kept, count, noise)
+    vertices = np.column_stack([kept[:, :2], height])[good]
+    triangles = _delaunay(vertices)
+    spacing = np.sqrt(_area(local) / len(vertices))
+    limit = _HOLE * spacing if hole is None else hole
+    edges = np.linalg.norm(np.diff(vertices[triangles][:, [0, 1, 2, 0], :2], axis=1), axis=2).max(axis=1)
+    triangles = triangles[edges <= limit]
+    if not len(triangles):
+        raise PerceptionError(f"cloud: no three neighbouring points are within {limit:.3f} m of each other")
+    p_S = vertices @ R
+    triangles.setflags(write=False)
+    return Terrain(
+        vertices=readonly(p_S + origin),
+        triangles=triangles,
+        up=z,
+        sigma=readonly(sigma[good]),
+        noise=noise,
+        spacing=float(spacing),
+        hole=float(limit),
+        points=len(points),
+        outliers=int(count[~good].sum()) + len(points) - int(count.sum()),
+        scene=RayScene(p_S, triangles),
+        origin=readonly(origin),
+        layered=readonly(layered + (R @ origin)[:2]),
+        looked_at=readonly(looked_at + (R @ origin)[:2]),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Projection:
+    """Targets on the surface: A_i = B_i - t_i z (paper 004, eq. 1 to 4)."""
+
+    A: Array  # (s, 3) [m] in S
+    t: Array  # (s,) [m] from B_i down to A_i
+    normal: Array  # (s, 3) unit, out of the ground, of the triangle that was hit
+    sigma: Array  # (s,) [m] standard error of the surface there
+
+
+def project(terrain: Terrain, B: ArrayLike) -> Projection:
+    """Points `B` (s, 3) [m] in S let down on the terrain.
+
+    The ray caster does what eq. (4) does over all triangles. Raises PerceptionError, naming the point, for one with a
+    hole under it, one that lies under the surface, and one over two layers.
+    """
+    targets = real_array(B, "targets B", "(s, 3) numbers")
+    if targets.ndim != 2 or targets.shape[1:] != (3,) or not len(targets):
+        raise ConfigurationError(f"targets B: expected (s, 3) numbers, s > 0, got shape {targets.shape}")
+    if not np.all(np.isfinite(targets)):
+        bad = int(np.argmin(np.isfinite(targets).all(axis=1)))
+        raise ConfigurationError(f"targets B: every number must be finite, B_{bad + 1} is {targets[bad].tolist()}")
+    checked_place(targets, targets.shape, "targets B", _FARTHEST)
+    t, triangle = terrain.under(targets)
+    for i in np.flatnonzero(~np.isfinite(t)):
+        _say_missed(terrain, targets[i], f"B_{i + 1}")
+    A = targets - t[:, None] * terrain.up
+    for i in range(len(A)):
+        _check_layers(terrain, A[i], f"A_{i + 1}")
+    corner = terrain.vertices[terrain.triangles[triangle]]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    sigma = terrain.sigma[terrain.triangles[triangle]].max(axis=1)
+    return Projection(A=readonly(A), t=readonly(t), normal=readonly(normal), sigma=readonly(sigma))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReliefLimits:
+    """What relief the work may be begun on."""
+
+    slope: float = float(np.radians(30.0))  # [rad] of the plane through the patch
+    roughness: float = 0.025  # [m] standard deviation of the heights from that plane
+    step: float = 0.12  # [m] between the highest and the lowest of them
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.slope < 0.5 * np.pi and self.roughness > 0.0 and self.step > 0.0):
+            raise ConfigurationError(f"relief limits: slope in (0, pi/2), roughness and step > 0, got {self}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Relief:
+    """How the seabed lies around a place."""
+
+    slope: float  # [rad]
+    roughness: float  # [m]
+    step: float  # [m]
+    reason: str  # why it is unsuitable; empty if it is not
+
+    @property
+    def suitable(self) -> bool:
+        return not self.reason
+
+
+def relief(
+    terrain: Terrain, around: ArrayLike, radius: float, limits: ReliefLimits | None = None, name: str = "the work site"
+) -> Relief:
+    """Slope and roughness of the patch within `radius` [m] of any of the points `around` (k, 3) [m] in S.
+
+    Raises PerceptionError if too little of the patch was measured to tell.
+    """
+    limits = limits or ReliefLimits()
+    centers = terrain.ground(np.atleast_2d(np.asarray(around, dtype=np.float64)))
+    heights = terrain.ground(terrain.vertices)
+    near = cKDTree(centers[:, :2]).query(heights[:, :2], distance_upper_bound=radius)[0] <= radius
+    if near.sum() < 6:
+        raise PerceptionError(f"relief: only {near.sum()} measured points within {radius:g} m of {name}")
+    patch = heights[near]
+    middle = patch.mean(axis=0)
+    (sx, sy), *_ = np.linalg.lstsq(patch[:, :2] - middle[:2], patch[:, 2] - middle[2], rcond=None)
+    off = patch[:, 2] - middle[2] - (patch[:, :2] - middle[:2]) @ [sx, sy]
+    slope, rough, step = float(np.arctan(np.hypot(sx, sy))), float(off.std()), float(np.ptp(off))
+    found = [
+        f"{word} {value * scale:.{digits}f} {unit} over the limit of {limit * scale:.{digits}f}"
+        for word, value, limit, scale, digits, unit in (
+            ("slope", slope, limits.slope, np.degrees(1.0), 0, "deg"),
+            ("roughness", rough, limits.roughness, 1e3, 0, "mm"),
+            ("step", step, limits.step, 1e3, 0, "mm"),
+        )
+        if value > limit
+    ]
+    reason = f"the relief at {name} is unsuitable: {', '.join(found)}" if found else ""
+    return Relief(slope=slope, roughness=rough, step=step, reason=reason)
+
+
+# -- the cloud -----------------------------------------------------------------------------------------------------
+
+
+def _as_cloud(cloud: ArrayLike) -> Array:
+    points = real_array(cloud, "cloud", "(N, 3) numbers [m]")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ConfigurationError(f"cloud: expected (N, 3) numbers [m], got shape {points.shape}")
+    if len(points) < MIN_POINTS:
+        raise PerceptionError(f"cloud: {len(points)} points show no surface, at least {MIN_POINTS} are needed")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise PerceptionError(
+            f"cloud: {bad.sum()} of {len(points)} points are not finite numbers, the first is point "
+            f"{int(bad.argmax()) + 1}"
+        )
+    return checked_place(points, points.shape, "cloud", _FARTHEST)
+
+
+def _check_spread(local: Array) -> None:
+    """Refuse a cloud that covers no area of the ground plane."""
+    flat = local[:, :2] - local[:, :2].mean(axis=0)
+    size, axes = np.linalg.eigh(flat.T @ flat / len(flat))
+    across, along = np.sqrt(np.maximum(size, 0.0))
+    if not across > _THIN * along or not along > 1e-6:
+        whole = float(np.ptp(flat @ axes[:, 1]))
+        raise PerceptionError(
+            f"cloud: seen from above all {len(local)} points lie in a line ({whole:.3g} m long, {across:.2g} m wide): "
+            "they span no surface"
+        )
+
+
+def _area(local: Array) -> float:
+    """Ground [m^2] that the points cover, by the cells of a grid that they touch; its cells hold some dozen each."""
+    low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
+    side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
+    cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
+    return side**2 * len(np.unique(cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]))
+
+
+def _layers(local: Array) -> tuple[Array, Array]:
+    """Places (m, 2) looked at, and those (k, 2) with two heights around them.
+
+    The heights of a point's neighbours are compared with the plane through them: at an edge or on a curved surface
+    the points of either side lie apart on the ground too, and the plane takes them up; of two layers they do not.
+    """
+    part = local[:: max(1, -(-len(local) // _LAYER_POINTS))]
+    k = 12
+    if len(part) < 4 * k:
+        return part[:, :2], part[:0, :2]
+    distance, index = cKDTree(part[:, :2]).query(part[:, :2], k=k)
+    offset = part[index] - part[:, None]
+    ones = np.ones((*offset.shape[:2], 1))
+    M = np.concatenate([ones, offset[..., :2] / np.maximum(distance[:, -1:, None], 1e-9)], axis=2)
+    normal = np.einsum("nki,nkj->nij", M, M) + 1e-6 * np.eye(3)
+    plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", M, offset[..., 2])[..., None])[..., 0]
+    off = np.sort(offset[..., 2] - np.einsum("nki,ni->nk", M, plane), axis=1)
+    side = 3  # at least so many of them on either side
+    gaps = np.diff(off, axis=1)[:, side - 1 : k - side]
+    at = gaps.argmax(axis=1) + side
+    gap = gaps.max(axis=1)
+    upper = np.arange(k) >= at[:, None]
+    spread = np.zeros(len(part))
+    for rows in (upper, ~upper):
+        n = rows.sum(axis=1)
+        mean = (off * rows).sum(axis=1) / n
+        spread = np.maximum(spread, np.sqrt((((off - mean[:, None]) * rows) ** 2).sum(axis=1) / n))
+    two = gap > _LAYER_GAP + 2.0 * spread + 0.3 * distance[:, -1]
+    return part[:, :2], part[two, :2]
+
+
+def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
+    """At most about `most` points, each the mean of a cell's, how many it stands for, and the noise [m] of one.
+
+    Where no averaging is needed the points themselves, and no noise (NaN). In each cell what lies far from the median
+    is left out.
+    """
+    if len(local) <= most:
+        return _distinct(local), np.ones(len(_distinct(local)), dtype=np.int64), np.nan
+    side = np.sqrt(_area(local) / most)
+    low = local[:, :2].min(axis=0)
+    cell = ((local[:, :2] - low) / side).astype(np.int64)
+    key = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    order = np.lexsort((local[:, 2], key))
+    key, p = key[order], local[order]
+    first = np.flatnonzero(np.diff(key, prepend=key[0] - 1))
+    count = np.diff(first, append=len(key))
+    row = np.repeat(np.arange(len(first)), count)
+    median = 0.5 * (p[first + (count - 1) // 2, 2] + p[first + count // 2, 2])
+    off = np.abs(p[:, 2] - median[row])
+    spread = 1.48 * float(np.median(off[count[row] >= 3])) if np.any(count >= 3) else np.inf
+    near = off <= _FAR * spread + side
+    held = np.bincount(row[near], minlength=len(first))
+    some = np.maximum(held, 1)
+    mean = np.column_stack([np.bincount(row[near], p[near, i], len(first)) for i in range(3)]) / some[:, None]
+    rest = (p[near, 2] - mean[row[near], 2]) ** 2
+    many = held >= 3
+    variance = np.bincount(row[near], rest, len(first))[many] / (held[many] - 1)
+    noise = float(np.sqrt(np.median(variance))) if many.any() else np.nan
+    return mean[held > 0], held[held > 0], noise  # of two points far from each other neither is believed
+
+
+def _distinct(local: Array) -> Array:
+    """Without points over the same place (to a micrometre), of which Delaunay would keep one."""
+    _, index = np.unique(np.round(local[:, :2] * 1e6), axis=0, return_index=True)
+    return local[np.sort(index)]
+
+
+def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Array, float, np.ndarray]:
+    """Heights (V,) [m] of `points` freed of noise, standard errors, the noise of one point, and who is no outlier.
+
+    A quadric is fitted robustly around each point. Where it explains the neighbours to within their noise it is the
+    better measurement; where the relief is finer than that the point itself is: Wiener's filter between the two.
+    """
+    k = min(_NEIGHBOURS, len(points))
+    distance, index = cKDTree(points[:, :2]).query(points[:, :2], k=k)
+    fit, scatter, leverage = np.empty((3, len(points)))
+    _fit_quadrics(points, index, distance, count.astype(np.float64), fit, scatter, leverage)
+    off = points[:, 2] - fit
+    # The quadric goes through a part of each point's own noise.
+    one = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
+    if not np.isfinite(noise):
+        noise = 1.48 * float(np.median(np.abs(off) * one))
+    own = noise / np.sqrt(count)
+    scale = np.maximum(scatter, np.median(scatter))
+    good = np.abs(off) <= _FAR * np.maximum(scale, own) + 1e-6
+    keep = np.maximum(0.0, 1.0 - own**2 / np.maximum(scatter**2, 1e-18))
+    height = fit + keep * off
+    sigma = own * np.sqrt(keep**2 + (1.0 - keep**2) * leverage)
+    return height, sigma, noise, good
+
+
+@numba.njit(cache=True)
+def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
+    """For each point: height of a robust quadric through its neighbours, their scatter about it, and its leverage."""
+    n, k = index.shape
+    M = np.empty((k, 6))
+    w = np.empty(k)
+    off = np.empty(k)
+    A = np.empty((6, 6))
+    b = np.empty(6)
+    e = np.empty(6)
+    x = np.zeros(6)
+    for i in range(n):
+        radius = max(distance[i, k - 1], 1e-9) * 1.05
+        for j in range(k):
+            u = (points[index[i, j], 0] - points[i, 0]) / radius
+            v = (points[index[i, j], 1] - points[i, 1]) / radius
+            M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
+            off[j] = points[index[i, j], 2]
+        # From the neighbours' median on: least squares would begin beside the surface where two of them are wild.
+        off -= np.median(off)
+        scale = max(1.48 * np.median(np.abs(off)), 1e-9)
+        for _ in range(_SWEEPS):
+            A[:] = 0.0
+            b[:] = 0.0
+            for j in range(k):
+                share = distance[i, j] / radius
+                w[j] = (1.0 - share**3) ** 3 * count[index[i, j]]
+                r = off[j] / (4.685 * scale)
+                w[j] *= max(1e-3, 1.0 - r * r) ** 2 if abs(r) < 1.0 else 1e-6
+                z = points[index[i, j], 2] - points[i, 2]
+                for p in range(6):
+                    b[p] += w[j] * M[j, p] * z
+                    for q in range(6):
+                        A[p, q] += w[j] * M[j, p] * M[j, q]
+            trace = A[0, 0]
+            for p in range(6):
+                A[p, p] += 1e-9 * trace
+            x = np.linalg.solve(A, b)
+            for j in range(k):
+                z = points[index[i, j], 2] - points[i, 2]
+                for p in range(6):
+                    z -= M[j, p] * x[p]
+                off[j] = z
+            scale = max(1.48 * np.median(np.abs(off)) * np.sqrt(k / max(k - 6.0, 1.0)), 1e-9)
+        e[:] = 0.0
+        e[0] = 1.0
+        fit[i] = points[i, 2] + x[0]
+        scatter[i] = scale
+        leverage[i] = min(1.0, np.linalg.solve(A, e)[0] * w[0])
+
+
+def _delaunay(vertices: Array) -> np.ndarray:
+    """Triangles (T, 3) over the ground plane, counter-clockwise from above."""
+    try:
+        triangles = Delaunay(vertices[:, :2]).simplices.astype(np.int64)
+    except QhullError as error:
+        raise PerceptionError("cloud: seen from above its points lie in a line: they span no surface") from error
+    corner = vertices[triangles][..., :2]
+    a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    triangles = np.where((twice < 0.0)[:, None], triangles[:, ::-1], triangles)
+    return triangles[np.abs(twice) > 1e-12]
+
+
+# -- rays ----------------------------------------------------------------------------------------------------------
+
+
+def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
+    """Why a ray from `B` meets no surface."""
+    above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
+    if np.isfinite(above):
+        raise PerceptionError(f"target {name} lies {above:.2f} m under the surface: the ray down from it meets nothing")
+    place = terrain.ground(B[None])[0]
+    nearest = float(np.linalg.norm(terrain.ground(terrain.vertices)[:, :2] - place[:2], axis=1).min())
+    raise PerceptionError(
+        f"target {name}: a hole in the cloud lies under it, the nearest measured point is {nearest:.2f} m aside"
+    )
+
+
+def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
+    """Refuse a place around which the cloud shows two heights."""
+    place = terrain.ground(A[None])[0, :2]
+    two = int((np.linalg.norm(terrain.layered - place, axis=1) < _LAYER_RADIUS).sum())
+    if two and two > _LAYER_SHARE * (np.linalg.norm(terrain.looked_at - place, axis=1) < _LAYER_RADIUS).sum():
+        raise PerceptionError(f"target {name}: the cloud shows two surfaces one above the other around it")
+
+
+def _axes(up: Array) -> Array:
+    """Rows (3, 3): two axes across `up`, the first nearest to x of S, and `up`."""
+    first = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
+    x = first - float(first @ up) * up
+    x /= np.linalg.norm(x)
+    y = np.array([up[1] * x[2] - up[2] * x[1], up[2] * x[0] - up[0] * x[2], up[0] * x[1] - up[1] * x[0]])
+    return np.stack([x, y, up])

@@ -1,0 +1,244 @@
+"""The path of a tool over an unknown seabed: vertical profiles between targets, their axes, a spline, a speed law.
+
+Paper 004, first section: the surface is cut by the planes of A_i A_i+1 and z; where a plane crosses the edges of the
+triangles lie the points T_j, each with the unit axes a_j (the tool's, into the ground) and n_j (along the path).
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.spatial import cKDTree
+
+from perception.seabed.terrain import Projection, Relief, ReliefLimits, Terrain, build_terrain, project, relief
+from sim.interfaces.errors import ConfigurationError, PerceptionError
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, finite_number, readonly, real_array
+
+NARROWEST, WIDEST = 1e-3, 10.0  # [m] of a tool
+SLOWEST, FASTEST = 1e-5, 10.0  # [m/s] of a tool
+_DENSE = 0.003  # [m] between the points that the spline is fitted to
+_KNOTS = 0.02  # [m] between its knots
+_PINNED = 1e3  # weight of the targets, which the spline is to pass through
+_BARE = 1e-6  # [m] of a profile without surface that is no hole
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Profile:
+    """The cut of the surface from target to target, in S."""
+
+    T: Array  # (m, 3) [m] the targets and the points between them, in order
+    a: Array  # (m, 3) unit tool axis, into the ground
+    n: Array  # (m, 3) unit, along the path, across a
+    target: np.ndarray  # (m,) bool: T_j is one of the targets A_i
+
+
+def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
+    """Cut `terrain` by the vertical planes through neighbours of the targets `A` (s, 3) [m] on it.
+
+    The axes a_j are the normals of the ground as a tool of `width` [m] meets it. Raises ConfigurationError for less
+    than two targets or two at one place, PerceptionError where a hole of the cloud lies between two of them.
+    """
+    targets = real_array(A, "profile: targets", "(s, 3) numbers")
+    if targets.ndim != 2 or targets.shape[1:] != (3,) or len(targets) < 2 or not np.all(np.isfinite(targets)):
+        raise ConfigurationError(f"profile: expected two or more finite targets (s, 3), got shape {targets.shape}")
+    width = _width(width)
+    ground, ends = terrain.ground(terrain.vertices), terrain.ground(targets)
+    points, along, flags = [], [], []
+    for i in range(len(ends) - 1):
+        cut, way = _cut(ground, terrain.triangles, ends[i], ends[i + 1], f"A_{i + 1}", f"A_{i + 2}")
+        points += [ends[i : i + 1], cut]
+        along.append(np.broadcast_to(way, (1 + len(cut), 2)))
+        flags += [True] + [False] * len(cut)
+    points.append(ends[-1:])
+    along.append(along[-1][-1:])
+    T = np.concatenate(points)
+    normal = _normals(ground, T, max(0.5 * width, 2.0 * terrain.spacing))
+    way = np.column_stack([np.concatenate(along), np.zeros(len(T))])
+    n = way - np.einsum("ij,ij->i", way, normal)[:, None] * normal
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    R = terrain.R_ground
+    return Profile(T=readonly(T @ R), a=readonly(-normal @ R), n=readonly(n @ R), target=np.array([*flags, True]))
+
+
+def _width(width: float) -> float:
+    return finite_number(width, "the tool's width [m]", least=NARROWEST, most=WIDEST)
+
+
+def _cut(
+    ground: Array, triangles: np.ndarray, start: Array, end: Array, first: str, second: str
+) -> tuple[Array, Array]:
+    """Points (k, 3) where edges cross the vertical plane between two targets, in order, and its direction (2,)."""
+    length = float(np.linalg.norm(end[:2] - start[:2]))
+    if length < 1e-6:
+        raise ConfigurationError(f"profile: {first} and {second} lie over the same place, no plane goes through them")
+    way = (end[:2] - start[:2]) / length
+    offset = ground[:, :2] - start[:2]
+    aside, u = offset[:, 1] * way[0] - offset[:, 0] * way[1], offset @ way
+    left = aside >= 0.0
+    crossed = triangles[(left[triangles].any(axis=1)) & (~left[triangles]).any(axis=1)]
+    edges = np.sort(crossed[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 3, 2), axis=2)
+    cuts = left[edges[..., 0]] != left[edges[..., 1]]  # two of three edges of each triangle
+    pairs = edges[cuts].reshape(-1, 2, 2)
+    a, b = pairs[..., 0], pairs[..., 1]
+    share = aside[a] / (aside[a] - aside[b])
+    at = u[a] + share * (u[b] - u[a])  # (k, 2) from where to where the plane runs in each triangle
+    _check_covered(at, length, first, second)
+    edge, index = np.unique(pairs.reshape(-1, 2), axis=0, return_index=True)
+    s = at.reshape(-1)[index]
+    p = ground[edge[:, 0]] + share.reshape(-1)[index, None] * (ground[edge[:, 1]] - ground[edge[:, 0]])
+    within = (s > 1e-6) & (s < length - 1e-6)
+    order = np.argsort(s[within])
+    s, p = s[within][order], p[within][order]
+    return p[np.diff(s, prepend=0.0) > 1e-6], way  # edges that meet in one vertex give one point
+
+
+def _check_covered(at: Array, length: float, first: str, second: str) -> None:
+    """Refuse a plane that leaves the surface between its targets."""
+    low, high = at.min(axis=1), at.max(axis=1)
+    order = np.argsort(low)
+    reached = np.maximum.accumulate(np.concatenate([[0.0], high[order]]))
+    begins = np.concatenate([low[order], [length]])
+    inside = (reached < length - _BARE) & (begins > reached + _BARE)
+    if inside.any():
+        hole = int(inside.argmax())
+        size = min(begins[hole], length) - reached[hole]
+        raise PerceptionError(
+            f"profile: between {first} and {second} a hole in the cloud {size:.2f} m long begins {reached[hole]:.2f} m "
+            f"from {first}"
+        )
+
+
+def _normals(ground: Array, T: Array, radius: float) -> Array:
+    """Unit normals (m, 3), upwards, of the planes through the vertices within `radius` [m] of each point (m, 3)."""
+    tree = cKDTree(ground[:, :2])
+    normal = np.empty((len(T), 3))
+    for j, near in enumerate(tree.query_ball_point(T[:, :2], radius)):
+        if len(near) < 6:
+            near = tree.query(T[j, :2], k=min(6, len(ground)))[1]
+        patch = ground[near] - ground[near].mean(axis=0)
+        slope = np.linalg.lstsq(patch[:, :2], patch[:, 2], rcond=None)[0]
+        normal[j] = [-slope[0], -slope[1], 1.0]
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
+    """The profile as a cubic B-spline through its targets, sampled each `spacing` [m] of its length."""
+    spacing = finite_number(spacing, "spacing [m]", least=1e-5)
+    u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
+    fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
+    weight = np.where(np.isin(fine, u[cut.target]), _PINNED, 1.0)
+    p, a, n = (np.column_stack([np.interp(fine, u, column) for column in each.T]) for each in (cut.T, cut.a, cut.n))
+    curve, axis, ahead = (_spline(fine, values, weight) for values in (p, a, n))
+    dense = np.linspace(0.0, u[-1], max(64, 4 * round(u[-1] / spacing)))
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve(dense), axis=0), axis=1))])
+    s = np.linspace(0.0, length[-1], max(8, 1 + round(length[-1] / spacing)))
+    at = np.interp(s, length, dense)
+    z = axis(at)
+    z /= np.linalg.norm(z, axis=1, keepdims=True)
+    x = ahead(at)
+    x -= np.einsum("ij,ij->i", x, z)[:, None] * z
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    on_scan = np.ones(len(s), dtype=bool)
+    on_scan.setflags(write=False)
+    return ToolPath(s=readonly(s), p=readonly(curve(at)), z=readonly(z), x=readonly(x), on_scan=on_scan)
+
+
+def _spline(u: Array, values: Array, weight: Array) -> BSpline:
+    count = max(1, min(int(u[-1] / _KNOTS), (len(u) - 4) // 2))
+    inner = np.linspace(0.0, u[-1], count + 1)[1:-1]
+    return make_lsq_spline(u, values, np.concatenate([[0.0] * 4, inner, [u[-1]] * 4]), k=3, w=weight)
+
+
+def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
+    """A core sampler's way from the surface at `A` (3,) [m] by `depth` [m] along its axis `a` (3,); x is `n` (3,)."""
+    depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
+    s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
+    ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
+    scanned.setflags(write=False)
+    return ToolPath(
+        s=readonly(s), p=readonly(A + s[:, None] * a), z=readonly(ones * a), x=readonly(ones * n), on_scan=scanned
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpeedLaw:
+    """When the tool is where on its path: from rest to rest."""
+
+    time: Array  # (N,) [s] at the path's samples
+    s: Array  # (N,) [m]
+    speed: Array  # (N,) [m/s]
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Arc length [m] and speed [m/s] at `time` [s]; at rest at the ends before and after."""
+        if not self.time[0] < time < self.time[-1]:
+            return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
+        i = int(np.searchsorted(self.time, time)) - 1
+        h = time - self.time[i]
+        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # even between two samples
+        return float(self.s[i] + self.speed[i] * h + 0.5 * a * h * h), float(self.speed[i] + a * h)
+
+
+def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> SpeedLaw:
+    """The fastest motion along `path` within `speed` [m/s] and `acceleration` [m/s^2], along the path and across it.
+
+    Across: v^2 kappa <= acceleration, so the tool slows down in bends.
+    """
+    speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
+    acceleration = finite_number(acceleration, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
+    tangent = np.gradient(path.p, path.s, axis=0)
+    bend = np.linalg.norm(np.gradient(tangent, path.s, axis=0), axis=1)
+    v = np.minimum(speed, np.sqrt(acceleration / np.maximum(bend, 1e-9)))
+    v[0] = v[-1] = 0.0
+    step = np.diff(path.s)
+    for i in range(len(step)):  # forwards, then back: v^2 changes by no more than 2 a ds
+        v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + 2.0 * acceleration * step[i]))
+    for i in range(len(step) - 1, -1, -1):
+        v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2.0 * acceleration * step[i]))
+    time = np.concatenate([[0.0], np.cumsum(2.0 * step / (v[:-1] + v[1:]))])
+    return SpeedLaw(time=readonly(time), s=path.s, speed=readonly(v))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeabedPlan:
+    """All from the cloud to the path; in S."""
+
+    terrain: Terrain
+    targets: Projection
+    relief: Relief
+    profile: Profile | None  # None for a single target
+    path: ToolPath | None
+    duration_s: float  # [s] that it took
+
+
+def plan_seabed_work(
+    cloud: ArrayLike,
+    B: ArrayLike,
+    z: ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    width: float = 0.1,
+    patch: float = 0.15,
+    limits: ReliefLimits | None = None,
+) -> SeabedPlan:
+    """From a cloud (N, 3) [m], the points `B` (s, 3) [m] over it and the vertical `z` to a path on the seabed.
+
+    The relief is judged within `patch` [m] of the targets and of the profile between them. Raises PerceptionError,
+    with the reason, for a bad cloud, a hole under a target or on the way, and a relief beyond `limits`.
+    """
+    began = time.perf_counter()
+    width = _width(width)
+    if limits is not None and not isinstance(limits, ReliefLimits):
+        raise ConfigurationError(f"limits: expected ReliefLimits, got {type(limits).__name__}")
+    patch = finite_number(patch, "patch [m]", above=0.0, most=100.0)
+    terrain = build_terrain(cloud, z)
+    targets = project(terrain, B)
+    cut = profile(terrain, targets.A, width) if len(targets.A) > 1 else None
+    found = relief(terrain, targets.A if cut is None else cut.T, patch, limits)
+    if not found.suitable:
+        raise PerceptionError(found.reason)
+    path = None if cut is None else smooth_path(cut)
+    return SeabedPlan(
+        terrain=terrain, targets=targets, relief=found, profile=cut, path=path, duration_s=time.perf_counter() - began
+    )

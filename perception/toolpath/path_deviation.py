@@ -1,0 +1,305 @@
+"""Where the scanned surface of an object lies off its model along a path, and how far (paper 002, eq. 2).
+
+Points of the path are projected along +-o on the scanned and on the model's triangulation. The sensor's noise decides
+what of the difference means anything: a steep and high bump shows in few pixels, a low and wide one, or a pose that is
+a little off, only in the mean of many, so the difference is judged at three widths, the finest first.
+
+Holes in the scan are bridged where they are short and refused where they are long: nobody knows what is there. A side
+that the sensor cannot see well is no hole; there the model stays.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.interpolate import PchipInterpolator
+
+from models.meshes.ray_casting import RayScene
+from models.objects.targets import ModelPath
+from perception.clouds.scan import jump, triangulate
+from perception.registration.fine_fit import Evidence, ModelSurface
+from sim.interfaces.errors import PerceptionError
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
+_BEFORE = 0.2  # [m] before the path, where projecting rays begin
+_SAME_FACE = 0.03  # [m] along o between a path point and the first model surface met, else that is another face
+BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])  # [m] across the path, where it is seen
+_INNER = slice(1, -1)
+_LATERAL = BESIDE[_INNER]  # neighbours whose median is the deviation
+_MEDIAN = 0.025  # [m] along the path
+_SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
+_SMOOTH_LOW = 0.025  # [m] for what is low,
+_SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
+_NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
+POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
+_RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
+_LEAST_RAYS = 3  # of those across the path
+_MEDIAN_FORM = 0.013  # [m] along the path, for the form of what is high and steep
+_FORM_NOISE = 1.9  # times that of a mean: a parabola of seven lines, and a Gaussian of second order
+_MEAN_ERROR = 0.0015  # [m] by which a mean over such a form lies off its middle
+_FADE = (0.05, 4.0)  # [m], and times its size: length over which a deviation fades out into what is not seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Deviation:
+    """How far the scanned surface lies behind (+) or before (-) the model along a path."""
+
+    o: Array  # (3,) unit direction of projection, from the sensor to the object, in S
+    along_o: Array  # (N,) [m], 0 where the model is kept
+    across: Array  # (N,) slope of the deviation across the path, [m]/[m]
+    share: Array  # (N,) of the scan in the tool axis, 0 to 1, without steps
+    on_scan: np.ndarray  # (N,) bool: a deviation beyond doubt
+    seen: np.ndarray  # (N,) bool: the scan was compared with the model there; elsewhere the path is a guess
+    bridged: np.ndarray  # (N,) bool: in a hole of the scan, between what was seen on both sides
+    threshold: Array  # (N,) [m] that a high and steep deviation must exceed
+    section: Array  # (N, 7) [m] along o from points BESIDE the path, across it, to the model; inf where it is missed
+    form: Array  # (N, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
+
+
+def deviate(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, path: ModelPath, max_deviation: float, bridge: float
+) -> Deviation:
+    """Project a dense `path` (in S) along +-o on the scanned and on the model's surface and compare (eq. 2).
+
+    `max_deviation` [m] beyond which what the scan shows is another thing; `bridge` [m] the longest hole, along the
+    path, over which the deviations on both sides are joined. Raises PerceptionError, with the place and the cause, for
+    a longer hole where the sensor should see the object well.
+    """
+    H_D = transform_points(X_ST, surface.center)
+    o = H_D / np.linalg.norm(H_D)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
+    step = float(np.diff(s).mean())
+    n = len(path.p)
+    lateral = np.cross(path.a, path.b)
+    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (N, L, 3)
+    starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin before both
+
+    model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
+    scan = _project_on_scan(evidence, path.p, starts.reshape(-1, 3), o).reshape(n, -1)
+    with np.errstate(invalid="ignore"):  # inf - inf where both are missed
+        difference = scan - model
+        in_bounds = np.isfinite(difference) & (np.abs(difference) < max_deviation)
+    sight = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    cosine = np.einsum("nli,ni->nl", sight, path.a)
+    face = cosine > SEEN_WELL
+    face &= np.abs(model - _BEFORE) < _SAME_FACE
+    well = face & in_bounds
+    form, section = _form(well, difference, s), np.where(face, model - _BEFORE, np.inf)
+    face, well = face[:, _INNER], well[:, _INNER]
+    difference, rays = difference[:, _INNER], rays[:, _INNER]
+    usable = well.sum(axis=1) >= _LEAST_RAYS
+    hole = ~usable & (_in_plain_view(evidence, surface, X_ST, rays, face).sum(axis=1) >= _LEAST_RAYS)
+    bridged = _bridgeable(usable, hole, s, bridge, evidence, path.p)
+
+    nearest = _nearest(usable)
+    middle = np.zeros(n)
+    middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
+    if usable.any():
+        middle = np.interp(s, s[usable], middle[usable])  # so that a median near a gap takes none of it
+    middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
+
+    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, by 120 paths on clean
+    # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
+    # and one false dent tips the tool: hence 4.5 sigma, not 3.
+    doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
+    pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
+    radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
+
+    def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
+        """Gaussian mean over the `known` points, and its noise: at an end or a gap fewer points take part."""
+        value, weight = _blur_known(middle, known, width / step)
+        patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
+        return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
+
+    fine, sigma = mean(usable, _SMOOTH)
+    threshold = 4.5 * sigma + pose_error
+    high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
+    rest = usable & ~high
+    wide, sigma = mean(rest, _SMOOTH_LOW)
+    low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
+    rest &= ~low
+    widest, sigma = mean(rest, _SMOOTH_POSE)
+    # What was fouled or dented has also pulled the pose. No threshold for that: a step would tip the tool more than the
+    # error is worth; what noise explains is shrunk away. On a clean path the model is the better measurement.
+    along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
+    # The form is nearer the truth than a mean, and noisier: as much of it as the noise leaves worth having.
+    patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
+    trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
+    trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
+    steep = fine + trust * (form[:, 0] - fine)
+    for found, values in ((low, wide), (high, steep)):
+        share = _blur(found[nearest].astype(float), step)  # a gap beside it is not where a deviation ends
+        along += share * (values - along)
+    across = _slope(well, difference, middle)
+    along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
+    share, across = _blur(on_scan.astype(float), step), _blur(across, 0.5 * step)
+    bend = share * trust * np.where(usable & high[nearest], form[:, 2], 0.0)
+    return Deviation(
+        o=o,
+        along_o=along,
+        across=across,
+        share=share,
+        on_scan=on_scan,
+        seen=usable,
+        bridged=bridged,
+        threshold=threshold,
+        section=section,
+        form=np.column_stack([along, share * across, bend]),
+    )
+
+
+def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
+    """Tool axes (N, 3) into the deviating surface, from its slopes along and across the path."""
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
+    along, across = np.gradient(deviation.along_o, s), deviation.share * deviation.across
+    c = np.cross(path.a, path.b)
+    normal = np.cross(path.b + along[:, None] * deviation.o, c + across[:, None] * deviation.o)
+    # a x b = c, so b x c = a: the same side as the carried axis.
+    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:
+    """Distances (N,) [m] along `o` from `starts` (N, 3) in S to the model's surface, inf if missed."""
+    X_TS = inverse(X_ST)
+    way = np.broadcast_to(X_TS[:3, :3] @ o, starts.shape)
+    return surface.scene.cast(transform_points(X_TS, starts), way)["t"]
+
+
+def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -> np.ndarray:
+    """Distances (N,) [m] along `o` from `starts` (N, 3) in S to the scan around `near` (M, 3), inf if missed."""
+    part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
+    if min(part.depth.shape) < 2:
+        return np.full(len(starts), np.inf)
+    vertices, triangles = triangulate(part, np.isfinite(part.depth))
+    if not len(triangles):
+        return np.full(len(starts), np.inf)
+    scene = RayScene(vertices, triangles)
+    return scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
+
+
+def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray) -> np.ndarray:
+    """Mask (N, L) of the points `rays` (N, L, 3) in S that the sensor should see well, the model being where it is."""
+    flat = rays.reshape(-1, 3)
+    X_TS = inverse(X_ST)
+    hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
+    inside = evidence.scan.pixels(flat)[2] & (flat[:, 2] > 0.0)
+    return face & (inside & (hit > 1.0 - _SAME_FACE / np.linalg.norm(flat, axis=1))).reshape(face.shape)
+
+
+def _bridgeable(
+    usable: np.ndarray, hole: np.ndarray, s: Array, bridge: float, evidence: Evidence, p: Array
+) -> np.ndarray:
+    """Mask (N,) of the gaps to be bridged. Raises PerceptionError for a hole longer than `bridge` [m]."""
+    step = float(np.diff(s).mean())
+    label, count = ndimage.label(hole)
+    for i in range(1, count + 1):
+        rows = np.flatnonzero(label == i)
+        length = float(s[rows[-1]] - s[rows[0]]) + step
+        if length > bridge:
+            raise PerceptionError(
+                f"the scan has a hole of {1e3 * length:.0f} mm on the tool path, {s[rows[0]]:.2f} m from its start: "
+                f"{_cause(evidence, p[rows])}; at most {1e3 * bridge:.0f} mm can be bridged"
+            )
+    bridged = np.zeros_like(usable)
+    label, count = ndimage.label(~usable)
+    for i in range(1, count + 1):
+        rows = np.flatnonzero(label == i)
+        inner = rows[0] > 0 and rows[-1] < len(usable) - 1
+        if inner and float(s[rows[-1]] - s[rows[0]]) + step <= bridge:
+            bridged[rows] = True
+    return bridged
+
+
+def _cause(evidence: Evidence, p: Array) -> str:
+    """What the scan shows at the points (N, 3) in S, in words."""
+    row, column, _ = evidence.scan.pixels(p)
+    behind = evidence.scan.depth[row, column] - p[:, 2]
+    if np.isfinite(behind).mean() < 0.5:
+        return "nothing came back from there"
+    middle = float(np.nanmedian(behind))
+    if abs(middle) < float(jump(np.median(p[:, 2]))):
+        return "what came back from there is no surface"
+    return f"what it shows lies {1e3 * abs(middle):.0f} mm {'behind' if middle > 0.0 else 'before'} the object"
+
+
+def _over_gaps(
+    along: Array, across: Array, on_scan: np.ndarray, usable: np.ndarray, bridged: np.ndarray, s: Array
+) -> tuple[Array, Array, np.ndarray]:
+    """Deviation, its slope across and the flag continued over what was not seen."""
+    if not usable.any():
+        nothing = np.zeros(len(s))
+        return nothing, nothing, np.zeros(len(s), dtype=bool)
+    if usable.all():
+        return along, across, on_scan
+    at = s[usable]
+    if len(at) >= 2:
+        along = np.where(usable, along, PchipInterpolator(at, along[usable], extrapolate=False)(s))
+    across = np.interp(s, at, across[usable])
+    before = np.maximum.accumulate(np.where(usable, np.arange(len(s)), -1))
+    after = np.minimum.accumulate(np.where(usable, np.arange(len(s)), len(s))[::-1])[::-1]
+    out = ~(usable | bridged)
+    faded, faded_across = np.zeros(len(s)), np.zeros(len(s))
+    for edge, there in ((before, before >= 0), (after, after < len(s))):
+        rows = np.flatnonzero(out & there)
+        size = along[edge[rows]]
+        u = np.abs(s[rows] - s[edge[rows]]) / np.maximum(_FADE[0], _FADE[1] * np.abs(size))
+        left = np.where(u < 1.0, 1.0 - u * u * (3.0 - 2.0 * u), 0.0)
+        faded[rows] += left * size
+        faded_across[rows] += left * across[edge[rows]]
+    joined = bridged & on_scan[np.clip(before, 0, None)] & on_scan[np.clip(after, None, len(s) - 1)]
+    return np.where(out, faded, along), np.where(out, faded_across, across), (on_scan & usable) | joined
+
+
+def _nearest(known: np.ndarray) -> np.ndarray:
+    """Index (N,) of the nearest row that is `known`; its own where none is."""
+    if not known.any():
+        return np.arange(len(known))
+    return ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)[0]
+
+
+def _blur(values: Array, step: float) -> Array:
+    return ndimage.gaussian_filter1d(values, _SMOOTH / step, mode="nearest")
+
+
+def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, Array]:
+    """Gaussian mean of `values` over the `known` among them, 0 where none is near, and their share of the Gaussian.
+
+    `width` in samples. Beyond the ends nothing is known.
+    """
+    weight = ndimage.gaussian_filter1d(known.astype(float), width, mode="constant")
+    total = ndimage.gaussian_filter1d(np.where(known, values, 0.0), width, mode="constant")
+    return np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), 0.0), weight
+
+
+def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
+    """Runs where `size` stays above a share of `threshold` and somewhere exceeds it whole."""
+    label, _ = ndimage.label(size > _RESUME * threshold)
+    return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
+
+
+def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
+    """Polynomial (N, 3) across the path of the deviation, by [m]: that of a surface that bends both ways.
+
+    A mean over what bends lies off its middle; hence parabolas across, and a Gaussian without that error along.
+    """
+    step = float(np.diff(s).mean())
+    lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
+    for k, known in enumerate(well.T):
+        if known.sum() < 2:
+            continue
+        line = np.interp(s, s[known], difference[known, k])
+        line = _blur(ndimage.median_filter(line, size=2 * int(0.5 * _MEDIAN_FORM / step) + 1, mode="nearest"), step)
+        lines[:, k], weight[:, k] = 2.0 * line - _blur(line, step), _blur(known.astype(float), step)
+    x = BESIDE / BESIDE[-1]
+    powers = x[:, None] ** np.arange(3)
+    normal = np.einsum("nk,kp,kq->npq", weight, powers, powers) + np.diag([1e-9, 1e-3, 1e-3])
+    found = np.linalg.solve(normal, np.einsum("nk,kp,nk->np", weight, powers, lines)[..., None])[..., 0]
+    return found / BESIDE[-1] ** np.arange(3)
+
+
+def _slope(well: np.ndarray, difference: Array, middle: Array) -> Array:
+    """Slope (N,) of the deviation across the path by least squares over the lateral rays."""
+    weight = well * _LATERAL
+    slope = (np.where(well, difference - middle[:, None], 0.0) * weight).sum(axis=1)
+    return slope / np.maximum((weight * _LATERAL).sum(axis=1), 1e-8)

@@ -1,0 +1,1 @@
+"""Benchmarks: each a command that times ours beside named peers, as ratios in one run."""

@@ -1,0 +1,154 @@
+"""How long a fit of 63 touches takes: ours against pybotics with SciPy, the same residuals, prior and start.
+
+    ./uvw run scripts/benchmarks/calibration.py                                         # ours alone
+    python3 -m venv /tmp/peers && /tmp/peers/bin/pip install pybotics scipy
+    ./uvw run scripts/benchmarks/calibration.py --peer-python /tmp/peers/bin/python     # and the peer
+
+pybotics holds numpy below 2, so it runs in a Python of its own, in turns with ours; its imports do not count.
+figaroh does not take part: it has no residual of coincidence (its data are measured poses or planes).
+"""
+
+from scenarios.start import parse, run_scenario  # isort: skip
+
+import os
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from calib import identify
+from calib.fit import Data, Problem, solve
+from calib.parameters import prior_deviations, select
+from calib.touches import first_tcp
+from scenarios.calibration_input import nominal, simulated
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, pose
+
+NOISE = 0.092e-3  # [m]
+SAME = "ours, the same fit"
+PRIOR = {"theta": np.deg2rad(0.2), "alpha": np.deg2rad(0.2), "d": 0.5e-3, "a": 0.5e-3, "tcp": 0.1}
+
+
+@dataclass
+class Options:
+    """Time of a fit of the paper's 63 touches of a UR10e."""
+
+    rounds: int = 5  # ours and the peer's in turns; medians count
+    seed: int = 0
+    peer_python: Path | None = None  # a Python that has pybotics and scipy
+
+
+def craig(dh: Array) -> tuple[Array, Array]:
+    """Craig's rows (n, 4): alpha, a, theta, d, of standard ones, and the rest of the last row as a tool (4, 4)."""
+    theta, d, a, alpha = dh.T
+    rows = np.column_stack([np.append(0.0, alpha[:-1]), np.append(0.0, a[:-1]), theta, d])
+    return rows, pose(exp_so3([alpha[-1], 0.0, 0.0]), [a[-1], 0.0, 0.0])
+
+
+def write_task(file: Path, series: list[Array], dh: Array, tcp: Array) -> None:
+    """The task for the peer."""
+    rows, rest = craig(dh)
+    sigma = np.tile([PRIOR["alpha"], PRIOR["a"], PRIOR["theta"], PRIOR["d"]], (len(rows), 1))
+    np.savez(
+        file,
+        q=np.vstack(series),
+        starts=np.cumsum([0, *(len(q) for q in series[:-1])]),
+        mdh=rows,
+        tool=rest @ pose(p=tcp),
+        sigma=np.append(sigma.ravel(), [PRIOR["tcp"]] * 3),
+        noise=NOISE,
+    )
+
+
+def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
+    """Seconds, cost [m^2] and calls of the residuals of one fit by the peer."""
+    result = folder / "result.npz"
+    script = Path(__file__).parent / "peers" / "calibration.py"
+    run = subprocess.run([python, script, task, result], capture_output=True, text=True, check=False)
+    if run.returncode != 0:
+        raise ConfigurationError(f"--peer-python {python}: {run.stderr.strip().splitlines()[-1]}")
+    return {name: float(value) for name, value in np.load(result).items() if name != "scipy"}
+
+
+def main() -> int:
+    options = parse(Options)
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would take
+    if options.peer_python is not None and not options.peer_python.exists():
+        raise ConfigurationError(f"--peer-python: there is no {options.peer_python}")
+    rng = np.random.default_rng(options.seed)
+    source = nominal("ur10e", Path(), None, None)
+    case = simulated(source, points=3, touches=21, noise=NOISE, pin="off-axis", known=False, errors=0, rng=rng)
+    series = [np.array(q) for q in case.touches.series]
+    tcp = first_tcp(source.arm, series)
+
+    def same() -> float:
+        return identify(
+            series,
+            source.arm,
+            free=("theta", "d", "a", "alpha", "tcp"),
+            prior=PRIOR,
+            noise=NOISE,
+            tcp=tcp,
+            robust=False,
+        ).cost
+
+    def all_of_it() -> float:
+        return identify(series, source.arm).cost
+
+    parameters = select(source.arm, ("theta", "d", "a", "alpha", "tcp"))
+    starts = np.cumsum([0, *(len(q) for q in series[:-1])])
+    rows = np.ascontiguousarray(np.vstack(series))
+    mean = np.concatenate([source.arm.table.ravel(), tcp, np.zeros(source.arm.n)])
+    deviations = prior_deviations(parameters, PRIOR)
+
+    def alone() -> float:
+        data = Data(q=rows, starts=starts, weights=np.ones(len(rows)))
+        return solve(Problem(source.arm, data, parameters, mean), deviations, noise=NOISE, adapt=False).cost
+
+    ways = {
+        SAME: alone,
+        "ours, with checks, intervals and rank report": same,
+        "ours, all found from the data": all_of_it,
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in ways}
+    cost: dict[str, float] = {}
+    calls = 0
+    for way in ways.values():
+        way()  # compiles
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_task(folder / "task.npz", series, np.array(source.arm.table[:, :4]), tcp)
+        for _ in range(options.rounds):
+            for label, way in ways.items():
+                began = time.perf_counter()
+                cost[label] = way()
+                seconds[label].append(time.perf_counter() - began)
+            if options.peer_python is not None:
+                answer = peer_fit(options.peer_python, folder / "task.npz", folder)
+                label = "pybotics and SciPy, the same fit"
+                seconds.setdefault(label, []).append(answer["seconds"])
+                cost[label], calls = answer["cost"], int(answer["calls"])
+    table = Table(title=f"63 touches, 27 parameters, {options.rounds} rounds in turns, one core", title_justify="left")
+    table.add_column("")
+    for column in ("median [ms]", "J [mm²]", "times as long"):
+        table.add_column(column, justify="right")
+    shortest = float(np.median(seconds[SAME]))
+    for label, times in seconds.items():
+        median = float(np.median(times))
+        table.add_row(label, f"{1e3 * median:.1f}", f"{1e6 * cost[label]:.3f}", f"{median / shortest:.1f}")
+    console = Console()
+    console.print(table)
+    if calls:
+        console.print(f"the peer called its residuals {calls} times", highlight=False)
+    return 0
+
+
+if __name__ == "__main__":
+    run_scenario(main)

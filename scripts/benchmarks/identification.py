@@ -1,0 +1,278 @@
+"""Identification raced against what people use: the same scenes, the same points cut out, the same coarse start.
+
+    ./uvw run --extra open3d scripts/benchmarks/identification.py                      # against Open3D
+    ./uvw run --extra open3d --with small_gicp scripts/benchmarks/identification.py    # and small_gicp
+
+All get the points that our segmentation leaves of the object and the model sampled evenly, and start from the coarse
+attitude with the middles of both clouds laid on each other; RANSAC on FPFH features needs no start. The peers match
+scan to whole model in three stages, whose reach narrows from 20 cm to three spacings. Times are of the processor, in
+turns, without segmentation but for "ours, whole", which begins at the depth frame. A pose counts as found within 1 % of
+the range and 5 deg, modulo declared symmetry.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from models.meshes import open3d_loader
+from perception.clouds.scan import facing_normals
+from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit, score
+from perception.registration.identification import identify
+from perception.registration.initialiser import Expected, initial_poses
+from scenarios.object_scenes import ObjectScene, object_scene, target_of
+from scenarios.start import new_folder, parse, run_scenario
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from sim.runs.saving import write_whole
+
+FOUND = (0.01, 5.0)  # of range, deg
+FIT_POINTS = 10_000
+FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] off the truth, where a fit alone is timed
+Method = Callable[["Case"], Array]
+
+
+@dataclass
+class Options:
+    """Scenes to race on."""
+
+    objects: tuple[str, ...] = ("barrel", "manifold", "rock", "starfish", "valve")
+    """Names of objects."""
+    scenes: int = 10
+    """Of each object."""
+    sensor: str = "stereo"
+    """Name of the sensor."""
+    first_seed: int = 0
+    """Of the scenes, one after the other."""
+    out: Path | None = None
+    """Folder of figures.json."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What every method gets."""
+
+    scene: ObjectScene
+    surface: ModelSurface
+    evidence: Evidence
+    X_start: Array  # (4, 4) of T in S
+
+    @property
+    def stages(self) -> tuple[float, ...]:
+        return 0.2, 0.05, 3.0 * self.surface.spacing  # [m]
+
+
+def whole(case: Case) -> Array:
+    scene = case.scene
+    found = identify(scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    return found.X_sensor_target
+
+
+def ours(case: Case) -> Array:
+    scene, evidence = case.scene, case.evidence
+    expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
+    starts = initial_poses(evidence.scan, evidence.mask, case.surface, evidence.sensor, expected)
+    best = max(starts, key=lambda X: score(evidence, case.surface, X), default=case.X_start)
+    return fine_fit(evidence, case.surface, best).X_ST
+
+
+def open3d_icp(kind: str) -> Method:
+    def method(case: Case) -> Array:
+        registration = open3d_loader.load().pipelines.registration
+        X_TS = inverse(case.X_start)
+        for reach in case.stages:
+            X_TS = _open3d_stage(registration, kind, _clouds(case), reach, X_TS)
+        return inverse(X_TS)
+
+    return method
+
+
+def fpfh(case: Case) -> Array:
+    o3d = open3d_loader.load()
+    registration = o3d.pipelines.registration
+    o3d.utility.random.seed(case.scene.seed)
+    voxel = 2.0 * case.surface.spacing
+    thin = [cloud.voxel_down_sample(voxel) for cloud in _clouds(case)]
+    for cloud in thin:
+        cloud.normalize_normals()
+    features = [
+        registration.compute_fpfh_feature(cloud, o3d.geometry.KDTreeSearchParamHybrid(5.0 * voxel, 100))
+        for cloud in thin
+    ]
+    rough = registration.registration_ransac_based_on_feature_matching(
+        *thin,
+        *features,
+        True,
+        1.5 * voxel,
+        registration.TransformationEstimationPointToPoint(False),
+        3,
+        [
+            registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
+            registration.CorrespondenceCheckerBasedOnDistance(1.5 * voxel),
+        ],
+        registration.RANSACConvergenceCriteria(100_000, 0.999),
+    )
+    return inverse(_open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation))
+
+
+def small_gicp(case: Case) -> Array:
+    library = import_module("small_gicp")
+    model, points = case.surface.points, case.evidence.points
+    X_TS = inverse(case.X_start)
+    for reach in case.stages:
+        X_TS = library.align(
+            model,
+            points,
+            X_TS,
+            registration_type="GICP",
+            max_correspondence_distance=reach,
+            downsampling_resolution=case.surface.spacing,
+            num_threads=1,
+        ).T_target_source
+    return inverse(X_TS)
+
+
+def _clouds(case: Case) -> tuple[Any, Any]:
+    """Scan and model as Open3D's clouds with normals."""
+    o3d = open3d_loader.load()
+    clouds = []
+    for thing in (case.evidence, case.surface):
+        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(thing.points))
+        cloud.normals = o3d.utility.Vector3dVector(thing.normals)
+        clouds.append(cloud)
+    return clouds[0], clouds[1]
+
+
+def _open3d_stage(registration: Any, kind: str, clouds: tuple[Any, Any], reach: float, X_TS: Array) -> Array:
+    criteria = registration.ICPConvergenceCriteria(max_iteration=40)
+    if kind == "generalised":
+        found = registration.registration_generalized_icp(
+            *clouds, reach, X_TS, registration.TransformationEstimationForGeneralizedICP(), criteria
+        )
+    else:
+        estimation = {
+            "point": registration.TransformationEstimationPointToPoint(),
+            "plane": registration.TransformationEstimationPointToPlane(),
+        }[kind]
+        found = registration.registration_icp(*clouds, reach, X_TS, estimation, criteria)
+    return np.array(found.transformation)
+
+
+METHODS: dict[str, Method] = {
+    "ours, whole": whole,
+    "ours, search and fit": ours,
+    "Open3D ICP, point to point": open3d_icp("point"),
+    "Open3D ICP, point to plane": open3d_icp("plane"),
+    "Open3D generalised ICP": open3d_icp("generalised"),
+    "Open3D RANSAC on FPFH, then planes": fpfh,
+}
+if find_spec("small_gicp"):
+    METHODS["small_gicp"] = small_gicp
+
+
+def case_of(scene: ObjectScene, surface: ModelSurface) -> Case | None:
+    """None if the segmentation leaves nothing."""
+    found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
+    if found.evidence is None:
+        return None
+    R = scene.orientation
+    middle = found.evidence.points.mean(axis=0)
+    return Case(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
+
+
+def fit_times(case: Case, rng: np.random.Generator) -> dict[str, float]:
+    """Processor time [s] of a fit alone of 10 000 scan points from nearby, ours and Open3D's."""
+    evidence, scene = case.evidence, case.scene
+    points = evidence.scan.points[evidence.mask]
+    points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
+    dense = Evidence(
+        evidence.scan,
+        evidence.mask,
+        points,
+        facing_normals(points),
+        evidence.sensor.sigma(points[:, 2]),
+        np.ones(FIT_POINTS),
+        evidence.sensor,
+    )
+    turn, aside = rng.normal(size=(2, 3))
+    X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
+    X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
+    near = Case(scene, case.surface, dense, X_near)
+    registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
+    fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
+    for kind in ("point", "plane", "generalised"):
+        fits[f"Open3D, {kind}"] = lambda kind=kind: _open3d_stage(registration, kind, clouds, 0.05, inverse(X_near))
+    return {name: _timed(fit)[0] for name, fit in fits.items()}
+
+
+def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
+    began = process_time()
+    result = what()
+    return process_time() - began, result
+
+
+def main() -> None:
+    options = parse(Options)
+    if options.scenes < 1:
+        raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
+    folder = new_folder("bench_identification", options.out, options.first_seed)
+    open3d_loader.load()
+    rows, fits = [], []
+    for name in options.objects:
+        surface = ModelSurface.of(target_of(name))
+        for seed in range(options.first_seed, options.first_seed + options.scenes):
+            scene = object_scene(name, seed, options.sensor)
+            case = case_of(scene, surface)
+            if case is None:
+                continue
+            for method, run in METHODS.items():
+                spent, X = _timed(lambda run=run, case=case: run(case))
+                position, angle = scene.error(X)
+                degrees = float(np.rad2deg(angle))
+                found = position < FOUND[0] * scene.range_m and degrees < FOUND[1]
+                rows.append(
+                    {
+                        "object": name,
+                        "seed": seed,
+                        "method": method,
+                        "found": bool(found),
+                        "position_m": position,
+                        "angle_deg": degrees,
+                        "process_s": spent,
+                    }
+                )
+            fits.append(fit_times(case, np.random.default_rng([seed, 29])))
+    show(rows, fits, options, folder)
+
+
+def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Options, folder: Path) -> None:
+    """Tables on the screen, figures in a file of `folder`. Errors are of the poses that were found."""
+    table = Table("method", *options.objects, "time: median [ms]", "to ours")
+    base = np.median([row["process_s"] for row in rows if row["method"] == "ours, search and fit"])
+    for method in METHODS:
+        cells = []
+        for name in options.objects:
+            of = [row for row in rows if row["method"] == method and row["object"] == name]
+            found = [1e3 * row["position_m"] for row in of if row["found"]]
+            error = f"{np.median(found):.2f} mm" if found else "-"
+            cells.append(f"{len(found)}/{len(of)}, {error}")
+        spent = float(np.median([row["process_s"] for row in rows if row["method"] == method]))
+        table.add_row(method, *cells, f"{1e3 * spent:.0f}", f"{spent / base:.2f}")
+    console = Console(width=170)
+    console.print(table)
+    alone = {name: float(np.median([fit[name] for fit in fits])) for name in fits[0]}
+    console.print(f"a fit alone of {FIT_POINTS} points, from 1 cm and 2 deg off, median: ", end="")
+    console.print(", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items()), highlight=False)
+    write_whole(folder / "figures.json", json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
+
+
+if __name__ == "__main__":
+    run_scenario(main)

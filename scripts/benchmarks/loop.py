@@ -1,0 +1,258 @@
+"""Where the time of a contact job's loop goes: microseconds a physics step for each part, and how often real time.
+
+    ./uvw run scripts/benchmarks/loop.py                     # about half a minute; any option of clean_barrel.py too
+
+The job runs twice from the same seed: as it is, for the real-time factor on processor time, so that other work on the
+machine does not count; then with a stopwatch around every part, for the shares. Both must end alike to the last bit;
+the digest of what was recorded is printed, so that a change that ought to change nothing can be held against it.
+Writes bench_loop.json into --out.
+"""
+
+import copy
+import hashlib
+import time
+from array import array
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from scenarios import barrel
+from scenarios.contact_job import Built, Outcome, build, run
+from scenarios.runner import rehearse
+from scenarios.start import parse, run_scenario
+from sim.interfaces.errors import UuvError
+from sim.interfaces.messages import WorkState
+from sim.loop.recording import Recorder
+from sim.loop.rollout import Moment
+from sim.runs.saving import write_json
+from sim.sensors.depth_camera import DepthCamera
+
+GOAL = 20.0  # times real time
+SLOWEST = 0.01  # share of a part's calls that is left out: those in which the machine did something else
+
+
+@dataclass(kw_only=True)
+class Options(barrel.Options):
+    """Cost of every part of the loop, in the job of clean_barrel.py without recording."""
+
+    record: bool = False
+    """Keep what the report needs as well; no log is written."""
+
+
+class Stopwatch:
+    """Durations of one kind of call, by one of the two clocks."""
+
+    def __init__(self, clock: Callable[[], int]) -> None:
+        self.spent = array("q")  # [ns]
+        self.tally = 0  # [ns] since somebody set it to zero
+        self._clock = clock
+
+    def around(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        clock, add = self._clock, self.spent.append
+
+        def timed(*given: Any) -> Any:
+            began = clock()
+            result = call(*given)
+            spent = clock() - began
+            add(spent)
+            self.tally += spent
+            return result
+
+        return timed
+
+    @property
+    def total(self) -> float:
+        """[s]"""
+        return 1e-9 * sum(self.spent)
+
+    def typical(self, overhead: float) -> float:
+        """Mean [us] of a call, the slowest left out, less what reading the clock costs [us]."""
+        spent = np.sort(self.spent)[: max(1, int((1.0 - SLOWEST) * len(self.spent)))]
+        return max(0.0, 1e-3 * float(spent.mean()) - overhead)
+
+
+class Part:
+    """A part of the loop with a stopwatch around one of its methods; otherwise as it is."""
+
+    def __init__(self, part: Any, method: str, watch: Stopwatch) -> None:
+        self._part = part
+        setattr(self, method, watch.around(getattr(part, method)))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._part, name)
+
+
+class PlannerPart:
+    """A planner whose placement of the hull, one long call, has a stopwatch of its own."""
+
+    def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
+        self.period, self.init = part.period, part.init
+        self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
+
+    def step(self, state: Any, *given: Any) -> Any:
+        scanning = state.state is WorkState.SCAN
+        state, reference = self._step(state, *given)
+        if scanning and reference.state is not WorkState.SCAN:
+            self._placing.append(self._spent.pop())
+        return state, reference
+
+
+class Rest:
+    """What each step takes beside the calls that have a stopwatch."""
+
+    def __init__(self, watches: Mapping[str, Stopwatch]) -> None:
+        self.watch = Stopwatch(time.perf_counter_ns)
+        self._watches, self._last = watches, time.perf_counter_ns()
+
+    def observe(self, moment: Moment) -> None:
+        now = time.perf_counter_ns()
+        inside = sum(watch.tally for watch in self._watches.values())
+        if moment.tick:
+            self.watch.spent.append(now - self._last - inside)
+        for watch in self._watches.values():
+            watch.tally = 0
+        self._last = time.perf_counter_ns()
+
+
+class Instants:
+    """Keeps copies of the plant's data every second, to step MuJoCo alone from the same states."""
+
+    def __init__(self, built: Built) -> None:
+        self._model, self._data, self.copies = built.plant.model, built.plant.data, []
+        self._ticks = round(1.0 / built.plant.timestep)
+
+    def observe(self, moment: Moment) -> None:
+        if moment.tick % self._ticks == 0:
+            self.copies.append(copy.copy(self._data))
+
+    def step_us(self) -> float:
+        """What MuJoCo's own step takes [us]: the best of ten at each instant, and their mean."""
+        best = []
+        for data in self.copies:
+            spent = []
+            for _ in range(10):
+                began = time.perf_counter_ns()
+                mujoco.mj_step(self._model, data)
+                spent.append(time.perf_counter_ns() - began)
+            best.append(min(spent))
+        return 1e-3 * float(np.mean(best))
+
+
+def fresh(options: Options) -> Built:
+    """The job, built from the seed, its code loaded."""
+    rng = np.random.default_rng(options.seed)
+    built = build(barrel.barrel_job(options, rng), options, rng)
+    rehearse(built.ready)
+    return built
+
+
+def digest(outcome: Outcome) -> str:
+    """Twelve letters that change with any bit of what was recorded."""
+    word = hashlib.sha256()
+    for name, series in sorted(outcome.recording.series.items()):
+        word.update(name.encode() + series.value.tobytes())
+    return word.hexdigest()[:12]
+
+
+def as_it_is(options: Options) -> tuple[Outcome, dict[str, float], Instants]:
+    """Run the job; processor time [s] of the whole, of identification and of placement."""
+    built = fresh(options)
+    seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
+    parts = built.parts
+    parts = replace(
+        parts,
+        sensors=[Part(s, "step", seeing) if isinstance(s, DepthCamera) else s for s in parts.sensors],
+        finder=Part(parts.finder, "step", seeing),
+        planner=PlannerPart(parts.planner, planning, placing),
+    )
+    instants = Instants(built)
+    began = time.process_time()
+    outcome = run(replace(built, parts=parts), observers=[instants])
+    spent = {"whole": time.process_time() - began, "identification": seeing.total, "placement": placing.total}
+    return outcome, spent, instants
+
+
+def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]:
+    """Run the job with a stopwatch around every part, and one for the rest of the loop."""
+    built = fresh(options)
+    watches: dict[str, Stopwatch] = {}
+
+    def watch(name: str) -> Stopwatch:
+        return watches.setdefault(name, Stopwatch(time.perf_counter_ns))
+
+    parts, plant, recorder = built.parts, built.plant, Recorder(built.plant.model, full=options.record)
+    timed = replace(
+        parts,
+        sensors=[Part(s, "step", watch(f"sensor {type(s).__name__}")) for s in parts.sensors],
+        estimator=Part(parts.estimator, "step", watch("navigation")),
+        finder=Part(parts.finder, "step", watch("finder")),
+        planner=PlannerPart(parts.planner, watch("planner"), watch("placement")),
+        controller=Part(parts.controller, "step", watch("controller")),
+    )
+    stepped = Part(Part(plant, "observe", watch("plant, up to the sensors")), "step", watch("plant, from the commands"))
+    rest = Rest(watches)
+    recorder_part: Any = Part(recorder, "observe", watch("recorder"))
+    timed_built: Any = replace(built, parts=timed, plant=stepped)
+    outcome = run(timed_built, recorder=recorder_part, observers=[rest])
+    return outcome, watches, rest.watch
+
+
+def main() -> int:
+    options = parse(Options)
+    folder = options.folder("bench_loop")
+    console = Console()
+    outcome, spent, instants = as_it_is(options)
+    again, watches, rest_watch = by_part(options)
+    if digest(outcome) != digest(again):
+        raise UuvError(f"the two runs differ: {digest(outcome)} and {digest(again)}")
+    steps = outcome.last.tick + 1
+    simulated = outcome.recording.duration
+    loop = spent["whole"] - spent["identification"] - spent["placement"]
+    clock = Stopwatch(time.perf_counter_ns)
+    for nothing in [clock.around(lambda: None)] * 20_000:
+        nothing()
+    reading = clock.typical(0.0)  # [us]
+    once = ("sensor DepthCamera", "finder", "placement")
+    rows = {name: (len(w.spent) / steps, w.typical(reading)) for name, w in watches.items() if name not in once}
+    # Around a call a stopwatch costs about as much again as it sees of itself.
+    rest = rest_watch.typical(reading * sum(often for often, _ in rows.values()))
+    whole = rest + sum(often * us for often, us in rows.values())
+    table = Table(title=f"{steps} physics steps of {1e3 * simulated / steps:g} ms, digest {digest(outcome)}")
+    for column in ("part", "calls a step", "us a call", "us a step", "share"):
+        table.add_column(column, justify="left" if column == "part" else "right")
+    for name, (often, us) in rows.items():
+        table.add_row(name, f"{often:.2g}", f"{us:.1f}", f"{often * us:.1f}", f"{often * us / whole:.0%}")
+    table.add_row("loop itself", "1", "", f"{rest:.1f}", f"{rest / whole:.0%}", end_section=True)
+    table.add_row("all", "", "", f"{whole:.1f}", "100%")
+    own = instants.step_us()
+    table.add_row("MuJoCo's step alone", "1", f"{own:.1f}", f"{own:.1f}", f"{own / whole:.0%}")
+    console.print(table)
+    factors = {"loop": simulated / loop, "whole": simulated / spent["whole"]}
+    console.print(
+        f"{simulated:.1f} s simulated. Loop alone {1e6 * loop / steps:.0f} us a step, "
+        f"[bold]{factors['loop']:.1f}[/bold] times real time (goal {GOAL:g}); with identification "
+        f"({spent['identification']:.2f} s) and placement ({spent['placement']:.2f} s) "
+        f"[bold]{factors['whole']:.1f}[/bold] times.",
+        highlight=False,
+    )
+    figures = {
+        "digest": digest(outcome),
+        "steps": steps,
+        "simulated_s": simulated,
+        "processor_s": spent,
+        "real_time_factor": factors,
+        "mujoco_step_us": own,
+        "us_a_step": {**{name: often * us for name, (often, us) in rows.items()}, "loop itself": rest},
+    }
+    write_json(folder / "bench_loop.json", figures)
+    console.print(f"written to {folder}/", highlight=False)
+    return 0 if factors["loop"] >= GOAL else 1
+
+
+if __name__ == "__main__":
+    run_scenario(main)

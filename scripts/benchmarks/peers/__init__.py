@@ -1,0 +1,1 @@
+"""Other people's code behind one kind of call, for the benchmarks alone."""

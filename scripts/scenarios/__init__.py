@@ -1,0 +1,1 @@
+"""The scenario layer: wires the rooms together into runs. Nothing else may."""

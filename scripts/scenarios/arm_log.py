@@ -1,0 +1,70 @@
+"""Visual logs of arms that move on given joint values, for the Rerun viewer; timeline "sim_time"."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.arms.published_arms import Arm
+from sim.interfaces.spatial import Array
+from sim.reporting.rerun_program import spawn_viewer
+
+TIMELINE = "sim_time"
+
+
+class ArmLog:
+    """Writes `file`; with `view`, also shows it in a Rerun viewer. Use as a context manager, or call `close`."""
+
+    def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
+        import rerun as rr  # heavy, and not needed without a log
+
+        self._rr, self._stream = rr, rr.RecordingStream("uuv-arm")
+        if view:
+            spawn_viewer(rr)
+            self._stream.set_sinks(rr.FileSink(str(file)), rr.GrpcSink())
+        else:
+            self._stream.save(str(file))
+        self._stream.send_recording_name(title)
+        self._stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._stream.send_blueprint(blueprint, make_active=True, make_default=True)
+
+    def __enter__(self) -> "ArmLog":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def arm(self, name: str, arm: Arm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1) -> None:
+        """The arm's links and joints and the trail of its tip at joint values `q` (N, n), each `stride` rows."""
+        rr = self._rr
+        points = np.array([arm.frames(row)[:, :3, 3] for row in q[::stride]])
+        strips = [np.vstack([np.zeros(3), row]) for row in points]
+        size = 0.006 * float(np.linalg.norm(np.diff(strips[0], axis=0), axis=1).sum())
+        self._columns(f"world/{name}/links", time[::stride], rr.LineStrips3D.columns(strips=strips))
+        self._columns(
+            f"world/{name}/joints",
+            time[::stride],
+            rr.Points3D.columns(positions=points.reshape(-1, 3)).partition([points.shape[1]] * len(points)),
+        )
+        style = {"colors": color, "radii": size}
+        self._stream.log(f"world/{name}/links", rr.LineStrips3D.from_fields(**style), static=True)
+        self._stream.log(f"world/{name}/joints", rr.Points3D.from_fields(colors=color, radii=2.0 * size), static=True)
+
+    def line(self, name: str, points: Array, color: tuple[int, int, int], radius: float) -> None:
+        """A line (N, 3) [m] that stays."""
+        rr = self._rr
+        self._stream.log(f"world/{name}", rr.LineStrips3D([points], colors=color, radii=radius), static=True)
+
+    def series(self, name: str, labels: list[str], time: Array, values: Array) -> None:
+        """Curves over time: `values` (N, k), one label each."""
+        rr = self._rr
+        self._stream.log(f"series/{name}", rr.SeriesLines(names=labels, widths=1.5), static=True)
+        self._columns(f"series/{name}", time, rr.Scalars.columns(scalars=values))
+
+    def close(self) -> None:
+        """Write the rest and close the file."""
+        self._stream.flush(timeout_sec=10.0)
+        self._stream.disconnect()
+
+    def _columns(self, entity: str, time: Array, columns: Any) -> None:
+        self._stream.send_columns(entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns)

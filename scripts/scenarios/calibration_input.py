@@ -1,0 +1,463 @@
+"""What is to be calibrated: an arm and touches of it, from files or simulated, with the truth where there is one."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+
+import models
+from calib import Calibration, identify, kernels, verification
+from calib.arm import Arm
+from calib.arm_files import ArmSource, mjcf_geometry, of_geometry, read_arm
+from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
+from calib.simulation import wrong_arm
+from calib.touch_files import Touches, read_touches
+from models.arms import dh_geometry as arm_geometry
+from models.arms import published_arms as arms
+from models.arms.dh_geometry import ArmGeometry
+from models.site import scenes
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
+from scenarios.contact_parts import with_parts
+from scenarios.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
+from scenarios.touching import Session, touch
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.spatial import Array, readonly
+from sim.loop.rollout import Observer
+
+Touching = Literal["noise", "clamped", "hovering"]
+TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] in the flange
+LOOKING_DOWN = (0.0, 0.0, -1.0)
+WORKSHOP = {"theta": np.deg2rad(0.3), "d": 2e-3, "a": 2e-3, "alpha": np.deg2rad(0.3), "beta": np.deg2rad(0.3)}
+# What a maker's own calibration leaves: of the order of the 0.256 mm that the paper measured of its UR10e's table.
+MAKERS = {"theta": np.deg2rad(0.02), "d": 2e-4, "a": 2e-4, "alpha": np.deg2rad(0.02), "beta": np.deg2rad(0.02)}
+
+# Paper 000, the table identified for its UR10e: theta [deg], a [mm], d [mm], alpha [deg].
+PAPER_UR10E = np.array(
+    [
+        [0.0, 0.0015, 180.7, 90.0193],
+        [0.0047, -612.7056, -0.0002, -0.0682],
+        [0.0015, -571.3064, -0.0002, -0.2073],
+        [0.0017, -0.0756, 174.1, 89.9643],
+        [0.0467, 0.1869, 120.2671, -90.0688],
+        [-0.0253, 0.0356, 115.8641, -0.0102],
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Truth:
+    """The arm as it is, of which nothing but touches is known to the calibration."""
+
+    arm: Arm
+    tcp: Array  # (3,) [m]
+    limits: Array  # (n, 2) [rad] or [m]
+    hangs: bool  # z of its base points down
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """What is calibrated, and what it will be judged by."""
+
+    title: str
+    source: ArmSource  # the nominal arm
+    touches: Touches
+    distances: tuple[tuple[int, int, float, float], ...] = ()
+    held_out: Touches | None = None
+    truth: Truth | None = None
+    session: Session | None = None  # of touching by contact
+    X_BA: Array | None = None  # (4, 4) arm base on a hull that moved while it touched
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """A calibration and what it is worth."""
+
+    calibration: Calibration
+    arm: Arm  # identified, without the joints of a hull that moved
+    tcp: Array  # (3,) [m]
+    series: tuple[Array, ...]  # what was identified from
+    clouds: dict[str, verification.Cloud] = field(default_factory=dict)
+    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # point: RMS [m] nominal, identified
+    tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
+    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering, navigation left aside
+
+
+def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
+    """The arm called `name`: a published one, the arm of a vehicle (written to `folder`), or a file."""
+    if name in arms.available():
+        found = arms.load(name)
+        arm = replace(Arm.from_dh(found.dh, found.joint_types), X_n_flange=readonly(found.tool))
+        return ArmSource(
+            path=Path(name),
+            kind="dh",
+            arm=arm,
+            joint_names=tuple(f"joint{k + 1}" for k in range(arm.n)),
+            base="base",
+            tip="flange",
+            tcp=readonly(np.zeros(3)),
+            limits=found.limits,
+            sha256="",
+        )
+    if name in models.available():
+        file = folder / f"{name}.xml"
+        file.write_text(models.load(name).to_xml(), encoding="utf-8")
+        return read_arm(file, base=base, tip=tip)
+    if not Path(name).suffix:
+        known = (*arms.available(), *models.available())
+        raise ConfigurationError(f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file")
+    return read_arm(name, base=base, tip=tip)
+
+
+def from_files(
+    source: ArmSource,
+    touches: Sequence[Path],
+    held_out: Sequence[Path],
+    units: Literal["auto", "rad", "deg"],
+    distances: Sequence[tuple[str, str, float]],
+) -> Case:
+    """Touches of the user's own arm. Raises ConfigurationError for points that `distances` name and that are none."""
+    how = {
+        "joint_types": source.arm.joint_types,
+        "joint_names": source.joint_names,
+        "units": units,
+        "limits": source.limits,
+    }
+    read = read_touches(touches, **how)
+    rest = read_touches(held_out, **how) if held_out else None
+    pairs = []
+    for first, second, length in distances:
+        for name in (first, second):
+            if name not in read.names:
+                raise ConfigurationError(f"--distance: no point {name!r}; there are {', '.join(read.names)}")
+        pairs.append((read.names.index(first), read.names.index(second), length, LENGTH_ERROR))
+    return Case(
+        title=f"Calibration of {source.path.name}",
+        source=source,
+        touches=read,
+        distances=tuple(pairs),
+        held_out=rest,
+        notes=(*source.notes, *read.notes, *(rest.notes if rest else ())),
+    )
+
+
+def simulated(
+    source: ArmSource,
+    *,
+    points: int,
+    touches: int,
+    noise: float,
+    pin: str,
+    known: bool,
+    errors: int,
+    rng: np.random.Generator,
+) -> Case:
+    """Touches by hand of an arm with errors: the paper's own for a UR10e, else those of a workshop, of seed `errors`.
+
+    `known` tells the distance between the two points that are farthest apart.
+    """
+    drawing = np.random.default_rng(errors)
+    if source.kind == "mjcf":
+        _, geometry = mjcf_geometry(source.path, source.base, source.tip)
+        built = arm_geometry.with_errors(geometry, drawing)
+        arm, limits = of_geometry(built), np.array(built.limits)
+        # The tool is what the tip site is the tip of; off-axis it stands out to the side.
+        tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
+        hangs, title = True, f"Calibration of {source.path.stem}, built with workshop errors {errors}"
+    else:
+        tcp, limits, hangs = np.array(TOOLS[pin]), np.array(source.limits), False
+        if source.path.name == "ur10e":
+            theta, a, d, alpha = PAPER_UR10E.T
+            arm = Arm.from_dh(np.column_stack([np.deg2rad(theta), d * 1e-3, a * 1e-3, np.deg2rad(alpha)]))
+            title = "Calibration of a UR10e as of paper 000"
+        else:
+            arm = wrong_arm(source.arm, WORKSHOP, drawing)
+            title = f"Calibration of {source.path.name}, built with workshop errors {errors}"
+    series, places = touched(
+        arm, tcp, limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
+    )
+    truth = Truth(arm=arm, tcp=tcp, limits=limits, hangs=hangs)
+    return _simulated_case(title, source, series, places, truth, known, rng)
+
+
+def by_contact(
+    source: ArmSource,
+    vehicle: str,
+    *,
+    hovering: bool,
+    points: int,
+    touches: int,
+    known: bool,
+    errors: int,
+    current: tuple[float, float, float],
+    gust: float,
+    rng: np.random.Generator,
+    watch: Callable[[mujoco.MjModel], Observer] | None = None,
+) -> Case:
+    """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
+    believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
+    own = believed.compile()
+    hull = with_parts(own, but=(CAMERA_SITE, TOOL_GEOM))
+    geometry: ArmGeometry = arm_geometry.read(
+        own,
+        ARM_BASE_BODY,
+        TIP_SITE,
+        exclude=[own.joint(j).name for j in range(own.njnt) if j not in hull.joints and own.jnt_type[j] != 0],
+    )
+    true = arm_geometry.with_errors(geometry, np.random.default_rng(errors))
+    arm_geometry.move(built, geometry, true)
+    session = touch(
+        believed,
+        built,
+        hovering=hovering,
+        nests=points,
+        touches=touches,
+        current=np.array(current if hovering else (0.0, 0.0, 0.0)),
+        gust=gust if hovering else 0.0,
+        rng=rng,
+        watch=watch,
+    )
+    title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
+    truth = Truth(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)
+    found = [k for k, one in enumerate(session.series) if len(one) > 1]
+    if len(found) < 2:
+        raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
+    case = _simulated_case(title, source, [session.series[k] for k in found], session.p_WN[found], truth, known, rng)
+    kept = replace(
+        session, series=tuple(session.series[k] for k in found), hulls=tuple(session.hulls[k] for k in found)
+    )
+    return replace(case, session=kept, X_BA=np.array(hull.X_BA) if hovering else None)
+
+
+def _simulated_case(
+    title: str,
+    source: ArmSource,
+    series: Sequence[Array],
+    places: Array,
+    truth: Truth,
+    known: bool,
+    rng: np.random.Generator,
+) -> Case:
+    distances = ()
+    if known and len(places) > 1:
+        i, j = farthest(places)
+        length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
+        distances = ((i, j, length, LENGTH_ERROR),)
+    names = tuple(f"point{k + 1}" for k in range(len(series)))
+    touches = Touches(series=tuple(readonly(q) for q in series), names=names, sha256="simulated")
+    return Case(title=title, source=source, touches=touches, distances=distances, truth=truth)
+
+
+def solve(case: Case, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]) -> Outcome:
+    """Identify and judge. Navigation's poses of a hull that moved are taken in where there are any."""
+    series, arm = list(case.touches.series), case.source.arm
+    options = {"prior": prior or None, "method": method, "distances": case.distances}
+    plain = identify(series, arm, free=list(free) or None, **options)
+    if case.X_BA is None:
+        return _judged(case, plain, plain.arm, series)
+    assert case.session is not None
+    longer = on_moving_base(arm, case.X_BA)
+    moved = [with_base(q, X) for q, X in zip(series, case.session.hulls, strict=True)]
+    full = identify(moved, longer, free=list(free) or own_parameters(longer), **options)
+    alone = own_arm(full.arm, case.X_BA)
+    outcome = _judged(case, in_own_names(full, plain), alone, moved)
+    return replace(outcome, uncorrected=_clouds(case, plain.arm, np.random.default_rng(0)))
+
+
+def _judged(case: Case, found: Calibration, arm: Arm, series: Sequence[Array]) -> Outcome:
+    tips, tcp = None, found.tcp
+    clouds: dict[str, verification.Cloud] = {}
+    if case.truth is not None:
+        clouds = _clouds(case, arm, np.random.default_rng(0))
+        if case.truth.hangs:
+            truth = case.truth
+            q = np.vstack(case.touches.series)
+            true = truth.arm.tips(q, truth.tcp)
+            tips = (
+                np.linalg.norm(case.source.arm.tips(q, truth.tcp) - true, axis=1),
+                np.linalg.norm(arm.tips(q, tcp) - true, axis=1),
+            )
+    held = {}
+    if case.held_out is not None:
+        for name, q in zip(case.held_out.names, case.held_out.series, strict=True):
+            held[name] = (_scatter(case.source.arm.tips(q, _first_tcp(case))), _scatter(found.tips(q)))
+    return Outcome(calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips)
+
+
+def _first_tcp(case: Case) -> Array:
+    """The tool point that the nominal arm is given: eq. (16) of paper 000 on the touches of the calibration."""
+    from calib.touches import first_tcp
+
+    return first_tcp(case.source.arm, list(case.touches.series))
+
+
+def _scatter(tips: Array) -> float:
+    """RMS distance of tips (m, 3) from their mean [m]."""
+    return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def _clouds(case: Case, identified: Arm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
+    """The paper's comparison with a tracker: 13 flange points, the flange turned alike, by each model of the arm."""
+    truth = case.truth
+    assert truth is not None
+    q = _moves(case, rng)
+    measured = verification.track(truth.arm, q, rng)
+    none = np.zeros(3)
+    tables = {"nominal": case.source.arm, "identified": identified}
+    if not truth.hangs:  # a robot that was bought has a table of its maker's, with errors of its own
+        tables["controller"] = wrong_arm(truth.arm, MAKERS, rng)
+    return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
+
+
+def _moves(case: Case, rng: np.random.Generator, count: int = 13, tries: int = 60) -> Array:
+    """Joint values (count, n) of flange points in a box, the flange turned alike, as the nominal arm moves to them.
+
+    Where the arm does not take the paper's box with the flange down, a box about a touched pose, in its direction.
+    """
+    truth, arm = case.truth, case.source.arm
+    assert truth is not None
+    limits = np.clip(truth.limits, -np.pi, np.pi)
+    if not truth.hangs:
+        with suppress(ReachError):
+            return verification.flange_poses(arm, rng, count, limits=limits)
+    best: list[Array] = []
+    for home in rng.permutation(np.vstack(case.touches.series))[:20]:
+        X, found = arm.flange(home[None])[0], [home]
+        R = np.ascontiguousarray(X[:3, :3])
+        for _ in range(tries):
+            q, goal = home.copy(), X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
+            reached = kernels.reach_pose(
+                arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, np.zeros(3), goal, R, q, arm.n >= 6, 60
+            )
+            if reached and np.all((q >= limits[:, 0]) & (q <= limits[:, 1])) and np.abs(q - home).max() < 0.5 * np.pi:
+                found.append(q)
+        if len(found) >= count:
+            return np.array(found[:count])
+        best = max(best, found, key=len)
+    if len(best) < 4:
+        raise ReachError("no box of flange points found within the joint limits")
+    return np.array(best)
+
+
+def failed(outcome: Outcome, method: Literal["map", "paper"]) -> list[str]:
+    """Why the identified arm is not to be used, where that can be judged; the paper's own run never settles."""
+    found, out = outcome.calibration, []
+    if not found.cost < found.cost_nominal:
+        out.append("the touches of a point lie no closer than by the nominal arm")
+    if outcome.clouds and not outcome.clouds["identified"].rms <= outcome.clouds["nominal"].rms:
+        out.append("the tracker finds the nominal arm better")
+    if outcome.held_out:
+        before, after = np.median(list(outcome.held_out.values()), axis=0)
+        if not after <= before:
+            out.append("the touches held out lie no closer than by the nominal arm")
+    if method == "map" and not found.converged:
+        out.append(f"the fit did not settle in {len(found.history) - 1} steps")
+    return out
+
+
+def figures_of_merit(case: Case, outcome: Outcome) -> list[tuple[str, str]]:
+    """Names and values for the terminal and the page."""
+    found, rank = outcome.calibration, outcome.calibration.rank
+    touches = sum(len(each) for each in found.residuals)
+    out = [
+        ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
+        ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
+        ("identified directions", f"{rank.rank} of {rank.total}"),
+        ("scale", _scale(case, outcome)),
+    ]
+    for label, clouds in (
+        ("tracker RMS", outcome.clouds),
+        ("tracker RMS, hull's motion left aside", outcome.uncorrected),
+    ):
+        if clouds:
+            before, after = clouds["nominal"].rms, clouds["identified"].rms
+            out.append((f"{label}: nominal, identified [mm]", f"{1e3 * before:.4f}, {1e3 * after:.4f}"))
+            if "controller" in clouds:
+                out.append((f"{label}: a maker's own table [mm]", f"{1e3 * clouds['controller'].rms:.4f}"))
+            out.append((f"{label}: ratio", f"{before / max(after, 1e-12):.2f}"))
+    if outcome.tips is not None:
+        before, after = (1e3 * np.sqrt((each**2).mean()) for each in outcome.tips)
+        out.append(("tip in the base, RMS: nominal, identified [mm]", f"{before:.3f}, {after:.3f}"))
+    if outcome.held_out:
+        values = 1e3 * np.array(list(outcome.held_out.values()))
+        out += [
+            (f"held out, {name}: nominal, identified [mm]", f"{before:.3f}, {after:.3f}")
+            for name, (before, after) in zip(outcome.held_out, values, strict=True)
+        ]
+        out.append(("held out, median: nominal, identified [mm]", "{:.3f}, {:.3f}".format(*np.median(values, axis=0))))
+    if case.session is not None:
+        session = case.session
+        out += [
+            ("touched for [s], nests missed", f"{session.simulated_s:.0f}, {session.missed}"),
+            ("seat of the pin, true spread [mm]", f"{1e3 * session.tip_spread:.4f}"),
+            ("hull, largest true motion between touches [mm]", f"{1e3 * session.hull_motion:.3f}"),
+        ]
+    return out
+
+
+def _scale(case: Case, outcome: Outcome) -> str:
+    """What is known of the arm's size."""
+    if not case.distances:
+        return "not told: no distance is known"
+    longest = max(case.distances, key=lambda one: one[2])
+    found = outcome.calibration
+    i, j, length, deviation = longest
+    ends = found.noise / np.sqrt(min(len(found.residuals[i]), len(found.residuals[j])))
+    ppm = 1e6 * float(np.hypot(deviation, np.sqrt(2.0) * ends)) / length
+    return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
+
+
+def metrics(case: Case, outcome: Outcome, ok: bool, seed: int) -> dict[str, Any]:
+    """metrics.json: SI units, null where there is nothing to tell."""
+    found, rank, clouds, session = outcome.calibration, outcome.calibration.rank, outcome.clouds, case.session
+    return {
+        "title": case.title,
+        "seed": seed,
+        "accepted": ok,
+        "touches": {
+            "count": sum(len(each) for each in found.residuals),
+            "points": len(found.residuals),
+            "left_out": len(found.outliers),
+            "sha256": case.touches.sha256,
+            "noise_m": float(found.noise),
+        },
+        "fit": {
+            "cost_nominal_m2": float(found.cost_nominal),
+            "cost_m2": float(found.cost),
+            "steps": len(found.history) - 1,
+            "converged": bool(found.converged),
+            "warnings": list(found.warnings),
+        },
+        "rank": {
+            "identified": rank.rank,
+            "of": rank.total,
+            "hidden": [{"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden],
+        },
+        "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
+        "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
+        "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
+        "contact": None
+        if session is None
+        else {
+            "simulated_s": session.simulated_s,
+            "missed": session.missed,
+            "seat_spread_m": session.tip_spread,
+            "hull_motion_m": session.hull_motion,
+        },
+        "parameters": {
+            name: {"value": value, "change": change, "sigma": sigma, "unit": unit}
+            for name, value, change, sigma, unit in zip(
+                found.names,
+                found.values.tolist(),
+                found.changes.tolist(),
+                found.sigma.tolist(),
+                found.parameters.units,
+                strict=True,
+            )
+        },
+    }

@@ -1,0 +1,298 @@
+"""One run of the contact study: what is drawn, what came of it, and which kind of failure it was."""
+
+import re
+import time
+import traceback
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from scenarios.barrel import Options as BarrelOptions
+from scenarios.barrel import barrel_job
+from scenarios.campaigns.variation import Variation
+from scenarios.contact_job import ContactJob, Outcome, build, run
+from sim.evaluation.metrics import path_error
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
+from sim.interfaces.messages import WorkState
+from sim.loop.recording import Recording
+from sim.runs.startup import ScenarioOptions
+
+PATHS = ("longitudinal", "transverse")
+TICK = 0.002  # [s] of which periods and delays are whole multiples
+DAMAGE = 2.0  # times the set force
+
+# Of a variation, what is one number for the whole run; `vary` says the means of what is drawn for each part.
+_DRAWN = ("friction", "stiffness", "surface_offset", "vision_period", "vision_delay", "vision_noise", "trim_error")
+KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
+    "kept",
+    "missed",
+    "broken off",
+    "damage",
+    "refused",
+    "diverged",
+    "crashed",
+)
+CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)
+
+# A failure's kind by a word of the supervisor's reason.
+_KINDS = (
+    ("reach", "out of reach"),
+    ("not identified", "not identified"),
+    ("cannot hold its place", "current too strong"),
+    ("did not become quiet", "current too strong"),
+    ("late on its way", "current too strong"),
+    ("no contact", "no contact found"),
+    ("was not reached", "force not reached"),
+    ("above the limit", "force above the limit"),
+    ("contact lost", "contact lost"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """What a run must keep, after transients of the force."""
+
+    force_peak: float = 8.0  # [N]
+    deviation: float = 0.003  # [m] across the path and along it, each
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranges:
+    """What the runs are drawn from: uniform between two values or in +- one, stiffness by its logarithm."""
+
+    current: tuple[float, float] = (0.0, 0.4)
+    """Speed of the steady current [m/s]."""
+    elevation: tuple[float, float] = (-90.0, 90.0)
+    """Of the current's direction [deg]; directions are uniform on that part of the sphere."""
+    gust: tuple[float, float] = (0.0, 0.05)
+    """Standard deviation of the gusts [m/s] per axis."""
+    water: float = 0.3
+    """Share in +- by which each added mass and drag of the plant is other than the controller believes."""
+    payload: float = 0.1
+    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull is ballasted wrong."""
+    vision_rate: tuple[float, float] = (5.0, 20.0)
+    """[Hz]"""
+    vision_delay: tuple[float, float] = (0.05, 0.25)
+    """[s]"""
+    vision_noise: tuple[float, float] = (0.001, 0.005)
+    """[m]"""
+    torque_noise: float = 0.01
+    """White noise of each torque sensor, share of its reading."""
+    torque_bias: float = 0.5
+    """Constant error in +- of each torque sensor [N m]."""
+    thruster: float = 0.2
+    """Share in +- of each thruster's lag, and of its gain."""
+    gears: float = 0.3
+    """Share in +- by which the friction of each gear, dry and viscous, is other than the controller believes."""
+    friction: tuple[float, float] = (0.1, 0.6)
+    """Between pad and surface."""
+    stiffness: tuple[float, float] = (1e4, 1e6)
+    """Of pad and surface together [N/m]."""
+    surface: float = 0.0
+    """Distance in +- by which the surface is off its identified place, along the tool [m], beside real errors."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = np.atleast_1d(getattr(self, field.name))
+            if not np.all(np.isfinite(value)) or (len(value) == 2 and value[0] > value[1]):
+                raise ConfigurationError(f"--ranges.{field.name}: expected finite numbers that rise, got {value}")
+            if field.name != "elevation" and value[0] < 0.0:
+                raise ConfigurationError(f"--ranges.{field.name}: must be >= 0, got {value}")
+        if not self.stiffness[0] > 0.0 or not self.vision_rate[0] > 0.0 or not self.friction[0] > 0.0:
+            raise ConfigurationError("--ranges: stiffness, friction and vision rate must be > 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """One run to be done; a value that a worker gets."""
+
+    study: int  # seed of the study
+    run: int
+    path: str
+    without: str = ""  # a method that is left out
+    ranges: Ranges
+    quick: bool = False
+
+    @property
+    def key(self) -> tuple[int, str]:
+        return self.run, self.without
+
+
+def draw(task: Task) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
+    """The job of a run and all that is varied around it; the same for every method that is left out."""
+    ranges, rng = task.ranges, np.random.default_rng([task.study, task.run])
+    between = rng.uniform
+    speed, azimuth = between(*ranges.current), between(-np.pi, np.pi)
+    rise = between(*np.sin(np.radians(ranges.elevation)))
+    level = np.sqrt(1.0 - rise * rise)
+    current = speed * np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
+    gust = between(*ranges.gust)
+    variation = Variation(
+        water_error=0.0,
+        water_spread=ranges.water,
+        payload_spread=ranges.payload,
+        trim_error=between(-ranges.payload, ranges.payload),
+        thruster_lag_spread=ranges.thruster,
+        thruster_gain_spread=ranges.thruster,
+        gear_spread=ranges.gears,
+        friction=between(*ranges.friction),
+        stiffness=float(np.exp(between(*np.log(ranges.stiffness)))),
+        surface_offset=between(-ranges.surface, ranges.surface),
+        vision_period=_ticks(1.0 / between(*ranges.vision_rate)),
+        vision_delay=_ticks(between(*ranges.vision_delay)),
+        vision_noise=between(*ranges.vision_noise),
+        torque_noise=ranges.torque_noise,
+        torque_bias=ranges.torque_bias,
+        seed=int(rng.integers(2**31)),
+    )
+    seed = int(rng.integers(2**31))
+    if task.path not in PATHS:
+        raise ConfigurationError(f"path: allowed {', '.join(PATHS)}, got {task.path!r}")
+    options = BarrelOptions(
+        seed=seed,
+        current=tuple(current.tolist()),
+        gust=gust,
+        record=False,
+        quick=task.quick,
+        path=task.path,  # pyright: ignore[reportArgumentType]
+        without=(task.without,) if task.without else (),  # pyright: ignore[reportArgumentType]
+    )
+    stream = np.random.default_rng(seed)
+    return options, barrel_job(options, stream), stream, variation
+
+
+def _ticks(time: float) -> float:
+    """The nearest whole multiple of TICK [s], at least one."""
+    return max(1, round(time / TICK)) * TICK
+
+
+def one_run(task: Task, bounds: Bounds | None = None) -> dict[str, Any]:
+    """Draw, run, judge: a row for results.jsonl. Never raises but for a wrong use of the study itself."""
+    options, job, stream, variation = draw(task)
+    current = np.array(options.current)
+    varied = {name: value for name, value in asdict(variation).items() if name in _DRAWN}
+    varied |= {"gust": options.gust, "current": float(np.linalg.norm(current)), "current_up": float(current[2])}
+    varied |= {"variation_seed": variation.seed}
+    row: dict[str, Any] = {
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": options.seed,
+        "varied": varied,
+        "class": CRASHED,
+        "kind": "",
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        built = build(job, options, stream, variation)
+        varied |= built.drawn
+        outcome = run(built)
+    except HydrodynamicsError as error:
+        row |= {"class": DIVERGED, "kind": "motion blew up", "detail": str(error)}
+    except UuvError as error:
+        row |= {"class": REFUSED, "kind": _kind(str(error)), "detail": str(error)}
+    except Exception:
+        row |= {"kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
+    else:
+        figures = figures_of(outcome)
+        row |= classify(outcome, figures, bounds or Bounds())
+        row["figures"] = {
+            name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
+        }
+    row["timing"] = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
+    return row
+
+
+def figures_of(outcome: Outcome) -> dict[str, float | None]:
+    """The figures of a run, SI; None where it did not live to give one."""
+    recording, metrics = outcome.recording, outcome.assessment.metrics
+    contact, tool, hull = metrics["contact"], metrics["tool"], metrics["hull"]
+    error = path_error(recording)
+    rms = {"cross_rms_m": None, "along_rms_m": None}
+    if error is not None:
+        rms = {
+            "cross_rms_m": float(np.sqrt(np.mean(error.lateral**2))),
+            "along_rms_m": float(np.sqrt(np.mean(error.along**2))),
+        }
+    return {
+        "force_rms_n": contact["force_error_rms_n"],
+        "force_peak_n": contact["force_error_max_n"],
+        "lost_s": contact["lost_s"],
+        **rms,
+        "cross_max_m": tool["cross_track_max_m"],
+        "along_max_m": tool["along_track_max_m"],
+        "estimate_rms_n": metrics["force_estimate"]["normal_error_rms_n"],
+        "estimate_vector_rms_n": metrics["force_estimate"]["error_rms_n"],
+        "tool_tilt_max_rad": tool["tilt_max_rad"],
+        "hull_excursion_max_m": hull["excursion_max_m"],
+        "hull_tilt_max_rad": hull["tilt_max_rad"],
+        "hull_unfolding_max_m": _unfolding(recording),
+        "force_over_set": force_over_set(recording, outcome.job.forces[0]),
+        "collision_s": metrics["run"]["collision_s"],
+        "saturated_s": metrics["thrusters"]["saturated_s"],
+        "identification_error_m": metrics["identification"]["position_error_m"],
+        "simulated_s": recording.duration,
+    }
+
+
+def force_over_set(recording: Recording, first: float) -> float:
+    """Greatest true normal force over the force then set; before the work that is the `first` one [N]."""
+    wanted = np.maximum(recording["set_force"].scalar, np.where(recording.within(WorkState.WORK), 0.0, first))
+    return float((recording["contact_most"].scalar / np.maximum(wanted, 1.0)).max())
+
+
+def _unfolding(recording: Recording) -> float | None:
+    """How far the hull is off its place, at most, while it is asked to stand still and the arm comes to its work."""
+    still = np.append(np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1), True)
+    still &= recording.within(WorkState.CLOSE_IN, WorkState.TARE)
+    if not still.any():
+        return None
+    off = recording["p_WB"].value[still] - recording["p_WB_reference"].value[still]
+    return float(np.linalg.norm(off, axis=1).max())
+
+
+def classify(outcome: Outcome, figures: dict[str, float | None], bounds: Bounds) -> dict[str, Any]:
+    """Class, kind and detail of what came of a run, and the bounds that it missed."""
+    recording = outcome.recording
+    note = recording.final.note
+    missed = [
+        name
+        for name, bound in (
+            ("force_peak_n", bounds.force_peak),
+            ("cross_max_m", bounds.deviation),
+            ("along_max_m", bounds.deviation),
+            ("lost_s", 0.0),
+        )
+        if not within(figures[name], bound)
+    ]
+    worked = bool(recording.within(WorkState.WORK).any())
+    ended = {"missed": missed if worked else [], "detail": note}
+    if not all(np.isfinite(value) for value in figures.values() if value is not None):
+        return {**ended, "class": DIVERGED, "kind": "figures are no numbers"}
+    if (figures["force_over_set"] or 0.0) > DAMAGE:
+        return {**ended, "class": DAMAGED, "kind": f"force above {DAMAGE:g} times the set one"}
+    if figures["collision_s"]:
+        return {**ended, "class": DAMAGED, "kind": "the vehicle touched what it should not"}
+    if recording.final.state is not WorkState.DONE:
+        touched = bool(recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK).any())
+        kind = _kind(note) if recording.final.state is WorkState.ABORT else "not done in time"
+        return {**ended, "class": BROKEN if touched else REFUSED, "kind": kind}
+    if missed:
+        return {**ended, "class": MISSED, "kind": ", ".join(missed)}
+    return {**ended, "class": KEPT, "kind": ""}
+
+
+def within(value: float | None, bound: float) -> bool:
+    return value is not None and value <= bound * (1.0 + 1e-9)
+
+
+def _kind(reason: str) -> str:
+    """The kind of a failure by its reason; one that is not known is named by its words without its numbers."""
+    for word, kind in _KINDS:
+        if word in reason:
+            return kind
+    return re.sub(r"[-+]?\d[\d.]*", "#", reason)[:80] or "no reason given"

@@ -1,0 +1,253 @@
+"""Faults of a contact job, and a run that is the same for all of them until the fault begins.
+
+The run is branched, not repeated: where the faults begin the process forks, and each child lives on with one fault.
+"""
+
+import os
+import pickle
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from controllers.tasks.supervisor import SurfaceWork
+from scenarios.contact_job import Built
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import Array
+from sim.loop.rollout import Moment, rollout
+from sim.plant import faults
+from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
+from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
+from sim.water.current import Current
+
+NAN = float("nan")
+LINGER = 6.0  # [s] that a run goes on once its work is over: what becomes of the vehicle
+LONGEST = 20.0  # [s] after the fault
+
+# Of sensors: kind of sensor, fault, how long it lasts [s].
+SENSORS: Mapping[str, tuple[type, Any, float]] = {
+    "vision lost 3 s": (VisionDrift, Lost(), 3.0),
+    "vision lost": (VisionDrift, Lost(), np.inf),
+    "vision jumps 5 cm": (VisionDrift, Offset("p_WB", 0, jump=0.05), np.inf),
+    "DVL lost": (Dvl, Lost(), np.inf),
+    "torque sensor 1 frozen": (JointTorqueSensors, Frozen(("tau",), 0), np.inf),
+    "torque sensor 2 frozen": (JointTorqueSensors, Frozen(("tau",), 1), np.inf),
+    "torque sensor 3 frozen": (JointTorqueSensors, Frozen(("tau",), 2), np.inf),
+    "torque sensor 5 frozen": (JointTorqueSensors, Frozen(("tau",), 4), np.inf),
+    "torque sensor 2 drifts 5 N m/s": (JointTorqueSensors, Offset("tau", 1, rate=5.0), np.inf),
+    "torque sensor 2 zero": (JointTorqueSensors, Fixed("tau", 1), np.inf),
+    "torque sensor 2 spikes 50 N m": (JointTorqueSensors, Spikes("tau", 1, 50.0, 0.02), np.inf),
+    "torque sensor 2 NaN": (JointTorqueSensors, Fixed("tau", 1, NAN), np.inf),
+    "torque sensors silent": (JointTorqueSensors, Lost(), np.inf),
+    "encoder 1 stuck": (Encoders, Frozen(("q", "qd"), 0), np.inf),
+    "encoder 2 stuck": (Encoders, Frozen(("q", "qd"), 1), np.inf),
+    "encoder 2 angle stuck": (Encoders, Frozen(("q",), 1), np.inf),
+    "encoder 3 NaN": (Encoders, Fixed("q", 2, NAN), np.inf),
+    "IMU NaN": (Imu, Fixed("specific_force_B", 0, NAN), np.inf),
+    "IMU NaN 10 ms": (Imu, Fixed("specific_force_B", 0, NAN), 0.01),
+    "IMU silent": (Imu, Lost(), np.inf),
+    "IMU bias jumps 0.05 m/s2": (Imu, Offset("specific_force_B", 0, jump=0.05), np.inf),
+}
+NOTHING = "nothing"
+DOUBLED = "current doubled in 1 s"
+FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
+AT_START = (FARTHER, NEARER)  # begin before the scan
+
+
+class EnoughError(Exception):
+    """The run has shown what there is to see."""
+
+
+@dataclass(slots=True, eq=False)
+class Trace:
+    """What a run was after its fault began, row by row at the loop's rate; times from then on [s]."""
+
+    case: str
+    began: float  # [s] into the run
+    set_force: float  # [N] when it began
+    thruster_names: tuple[str, ...]
+    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from there [m], tilt [rad], collision, least and
+    # greatest contact of a substep [N], thrusts [N]
+    rows: Array
+    states: list[tuple[float, WorkState, str]]
+    found: list[tuple[float, str, str]]  # time, kind and part of each fault that the vehicle found
+    blew_up: str = ""
+
+
+class Bystander:
+    """Keeps the trace, and ends the run in time."""
+
+    def __init__(self, case: str, first: Moment) -> None:
+        self._case, self._began = case, float(first.truth.time)
+        self._set = first.reference.force
+        self._p_WB = np.array(first.truth.p_WB)
+        self._up = np.array(first.truth.R_WB[2])
+        self.states: list[tuple[float, WorkState, str]] = []
+        self.found: list[tuple[float, str, str]] = []
+        self._rows: list[tuple[float, ...]] = []
+        self._names = first.truth.vehicle.thruster_names
+        self._over = np.inf
+
+    def observe(self, moment: Moment) -> None:
+        truth, reference = moment.truth, moment.reference
+        time = truth.time - self._began
+        if not self.states or reference.state is not self.states[-1][1]:
+            self.states.append((time, reference.state, reference.note))
+            if reference.state in (WorkState.DONE, WorkState.ABORT):
+                self._over = time
+        for fault in moment.command.faults:
+            if (str(fault.kind), fault.part) not in (one[1:] for one in self.found):
+                self.found.append((time, str(fault.kind), fault.part))
+        tilt = float(np.arccos(np.clip(truth.R_WB[2] @ self._up, -1.0, 1.0)))
+        self._rows.append(
+            (
+                time,
+                truth.contact_normal,
+                moment.command.felt_normal,
+                reference.force,
+                *(truth.p_WB - self._p_WB),
+                tilt,
+                float(truth.collision),
+                truth.contact_least,
+                truth.contact_most,
+                *truth.thrust,
+            )
+        )
+        if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
+            raise EnoughError
+
+    def trace(self, blew_up: str = "") -> Trace:
+        return Trace(
+            case=self._case,
+            began=self._began,
+            set_force=self._set,
+            thruster_names=self._names,
+            rows=np.array(self._rows),
+            states=self.states,
+            found=self.found,
+            blew_up=blew_up,
+        )
+
+
+class Lingering:
+    """A planner whose run does not end with its work: what happens then is of interest too."""
+
+    def __init__(self, planner: SurfaceWork) -> None:
+        self.period, self._planner = planner.period, planner
+
+    def init(self, estimate: StateEstimate) -> Any:
+        return self._planner.init(estimate)
+
+    def step(
+        self, state: Any, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[Any, Reference]:
+        state, reference = self._planner.step(state, estimate, target, last)
+        if reference.state in (WorkState.DONE, WorkState.ABORT):  # a creep that the loop takes for motion
+            reference = replace(reference, v_WG_W=np.full(3, 1e-12))
+        return state, reference
+
+
+class Branch:
+    """Observer that forks the run into its cases, each at its moment, and takes their traces in."""
+
+    def __init__(self, onsets: Mapping[str, Onset], said: Callable[[Trace], None]) -> None:
+        self._onsets, self._said = onsets, said
+        self._child: Bystander | None = None
+        self._pipe = -1
+        self._ready = 0.0
+
+    def observe(self, moment: Moment) -> None:
+        if self._child is not None:
+            self._child.observe(moment)
+            return
+        if moment.tick == 0:
+            self._fork(moment, [case for case in self._onsets if case in AT_START])
+        reference = moment.reference
+        full = reference.state is WorkState.WORK and reference.force >= 89.9
+        self._ready = self._ready + 1.0 if full else 0.0
+        if self._ready * 0.002 > 0.5 and self._child is None:  # half a second of full push
+            self._fork(moment, [case for case in self._onsets if case not in AT_START])
+            if self._child is None:
+                raise EnoughError
+
+    def _fork(self, moment: Moment, cases: list[str]) -> None:
+        for case in cases:
+            reading, writing = os.pipe()
+            with warnings.catch_warnings():  # of threads that are asleep, and stay so in the child
+                warnings.simplefilter("ignore", DeprecationWarning)
+                child = os.fork()
+            if child == 0:
+                os.close(reading)
+                self._onsets[case].begin(float(moment.truth.time))
+                self._child, self._pipe = Bystander(case, moment), writing
+                return
+            os.close(writing)
+            with os.fdopen(reading, "rb") as pipe:
+                said = pipe.read()
+            status = os.waitpid(child, 0)[1]
+            if not said:
+                raise ConfigurationError(f"case {case!r}: its run ended with status {status} and left no trace")
+            self._said(pickle.loads(said))
+
+    def finish(self, blew_up: str) -> None:
+        """In a child: hand the trace over and end, without the parent's exits."""
+        if self._child is not None:
+            with os.fdopen(self._pipe, "wb") as pipe:
+                pickle.dump(self._child.trace(blew_up), pipe)
+            os._exit(0)
+
+
+def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """By case: the arguments of its `ThrusterFault`."""
+    dead = {f"thruster {name} dead": {"thruster": i} for i, name in enumerate(names)}
+    return {
+        **dead,
+        f"thruster {names[0]} stuck": {"thruster": 0, "stuck": True},
+        f"thruster {names[0]} at 60 %": {"thruster": 0, "share": 0.6},
+    }
+
+
+def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
+    """Run the job to where its faults begin, and from there once for each case whose name holds one of `only`."""
+    if not hasattr(os, "fork"):
+        raise ConfigurationError("this study forks its runs, which this operating system cannot")
+    thrusters = thruster_cases(built.plant.vehicle.thruster_names)
+    names = [NOTHING, *thrusters, DOUBLED, *SENSORS, *AT_START]
+    chosen = [name for name in names if not only or any(part in name for part in only)]
+    if not chosen:
+        raise ConfigurationError(f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}")
+    onsets = {name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen}
+    sensors = []
+    for sensor in built.parts.sensors:
+        for name, (kind, fault, _) in SENSORS.items():
+            if name in onsets and type(getattr(sensor, "sound", sensor)) is kind:
+                sensor = FaultySensor(sensor, fault, onsets[name])
+        sensors.append(sensor)
+    finder = built.parts.finder
+    assert finder is not None
+    for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
+        if name in onsets:
+            finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
+    assert isinstance(built.parts.planner, SurfaceWork)
+    parts = replace(built.parts, sensors=sensors, finder=finder, planner=Lingering(built.parts.planner))
+    options, dt = built.options, built.plant.timestep
+    profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
+    current = Current(options.current, gust=options.gust, timestep=dt, rng=built.gusts, profile=profile)
+    built.plant.reset(current=current, X_WB=built.X_WB)
+    plant = FaultyPlant(
+        built.plant,
+        [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
+    )
+    branch, blew_up = Branch(onsets, said), ""
+    try:
+        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch])
+    except EnoughError:
+        pass
+    except Exception as error:
+        blew_up = f"{type(error).__name__}: {error}"
+        branch.finish(blew_up)
+        raise
+    branch.finish(blew_up)

@@ -1,0 +1,234 @@
+"""Tables and pictures of the contact study, on the terminal and in report.html."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from scenarios.campaigns.contact_study import CLASSES, KEPT, Bounds
+from scenarios.campaigns.study_figures import DRIVEN, DRIVERS, SHOWN, Row, bound_of
+from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
+from sim.reporting.report_page import page, provenance, section, table, text
+
+_COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
+_MOST_RUNS = 8  # named of one kind of failure
+
+Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+
+
+def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
+    """Title, columns and rows of every table, as text."""
+    yield (
+        "What came of the runs",
+        ("class", "kind", "runs", "share", "which"),
+        [
+            (
+                group["class"],
+                group["kind"],
+                str(group["count"]),
+                f"{group['share']:.1%}",
+                "" if group["class"] == KEPT else _named(group["runs"]),
+            )
+            for group in metrics["outcomes"]
+        ],
+    )
+    yield (
+        "Figures of all runs that lived to give them",
+        ("figure", "unit", "runs", "median", "95 %", "99 %", "max", "bound", "within"),
+        [
+            (
+                SHOWN[name].name,
+                SHOWN[name].unit,
+                str(row["count"]),
+                *(_number(row[key], SHOWN[name].scale) for key in ("median", "p95", "p99", "max", "bound")),
+                "" if row["share_within"] is None else f"{row['share_within']:.1%}",
+            )
+            for name, row in metrics["distributions"].items()
+        ],
+    )
+    yield (
+        "By path",
+        ("path", "runs", "kept", "share"),
+        [
+            (path, str(row["runs"]), str(row["kept"]), f"{row['kept'] / row['runs']:.1%}")
+            for path, row in metrics["by_path"].items()
+        ],
+    )
+    if metrics["ablations"]:
+        yield (
+            "What each method is worth: medians, and the median of the runs' own ratios",
+            ("left out", "figure", "unit", "runs", "with", "without", "factor", "kept with", "kept without"),
+            [
+                (
+                    row["method"],
+                    SHOWN[row["figure"]].name,
+                    SHOWN[row["figure"]].unit,
+                    f"{row['pairs']} of {row['runs']}",
+                    _number(row["median_with"], SHOWN[row["figure"]].scale),
+                    _number(row["median_without"], SHOWN[row["figure"]].scale),
+                    _number(row["factor"], 1.0),
+                    str(row["kept_with"]),
+                    str(row["kept_without"]),
+                )
+                for row in metrics["ablations"]
+            ],
+        )
+
+
+def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
+    """The same for the terminal."""
+    for title, columns, rows in tables(metrics):
+        shown = RichTable(title=escape(title), title_justify="left")
+        for i, column in enumerate(columns):
+            shown.add_column(escape(column), justify="right" if i > 1 else "left")
+        for row in rows:
+            shown.add_row(*map(escape, row))
+        yield shown
+
+
+def write_report(
+    file: Path, rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds, *, title: str, pace: str
+) -> None:
+    """Write the page. `pace` says how long the runs took."""
+    verdict = "accepted" if metrics["accepted"] else "not accepted"
+    reasons = "".join(f"<li>{text(line)}</li>" for line in metrics["failed"])
+    main = [row for row in rows if not row["without"]]
+    body = [
+        f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
+        f"<ul class=reasons>{reasons}</ul>" if reasons else "",
+        f"<p class=caption>{metrics['kept']} of {metrics['runs']} runs kept contact and stayed within "
+        f"{bounds.deviation * 1e3:g} mm and {bounds.force_peak:g} N. {text(pace)}</p></header>",
+        *(
+            f"<section><h2>{text(name)}</h2>{table(columns, lines)}</section>"
+            for name, columns, lines in tables(metrics)
+        ),
+        *(section(name, figure, caption) for name, caption, figure in figures(main, metrics, bounds)),
+        f"<section><h2>How the runs were made</h2>{provenance(metrics['settings'])}</section>",
+    ]
+    file.write_text(page(title, "\n".join(body)), encoding="utf-8")
+
+
+def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
+    """Title, caption and figure of every picture that the runs can give."""
+    if not any(row["figures"].get("force_rms_n") is not None for row in rows):
+        return
+    yield (
+        "Distributions",
+        "Share of all runs up to a figure, each by its path; dashed: the bound. A curve that does not come to one has "
+        "runs without that figure.",
+        distribution_figure(rows, bounds),
+    )
+    if metrics["drivers"]:
+        yield (
+            "What drives the errors",
+            "Rank correlation (Spearman) of each figure with each varied quantity: 1 if one always rises with the "
+            f"other. With {len(rows)} runs, what is below {2.0 / np.sqrt(max(1, len(rows))):.2f} may be chance.",
+            driver_figure(metrics["drivers"]),
+        )
+        for name in ("force_rms_n", "cross_max_m", "along_max_m"):
+            yield (
+                f"{SHOWN[name].name.capitalize()} against what varies",
+                "One dot a run, by its class.",
+                scatter_figure(rows, name),
+            )
+
+
+def distribution_figure(rows: Sequence[Row], bounds: Bounds) -> Figure:
+    names = ("force_rms_n", "force_peak_n", "estimate_rms_n", "cross_max_m", "along_max_m", "hull_excursion_max_m")
+    paths = list(dict.fromkeys(row["path"] for row in rows))
+    figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
+    for axes, name in zip(figure.subplots(2, 3).flat, names, strict=True):
+        for path, color in zip(paths, (BLUE, ORANGE, GREEN, PURPLE), strict=False):
+            here = [row["figures"].get(name) for row in rows if row["path"] == path]
+            found = np.sort([value for value in here if value is not None]) * SHOWN[name].scale
+            if len(found):
+                share = np.arange(1, len(found) + 1) / len(here)
+                axes.step(found, share, where="post", color=color, label=path, linewidth=1.4)
+        bound = bound_of(name, bounds)
+        if bound is not None:
+            axes.axvline(bound * SHOWN[name].scale, color=VERMILION, linewidth=0.9, linestyle="--")
+        axes.set_xscale("log")
+        axes.set_ylim(0.0, 1.02)
+        axes.set_xlabel(f"{SHOWN[name].name} [{SHOWN[name].unit}]", fontsize=9)
+        _bare(axes)
+    figure.axes[0].set_ylabel("share of runs")
+    figure.axes[3].set_ylabel("share of runs")
+    figure.axes[0].legend(frameon=False, fontsize=8, loc="lower right")
+    return figure
+
+
+def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
+    drivers = [name for name in DRIVERS if any(name in row for row in found.values())]
+    driven = [name for name in DRIVEN if name in found]
+    matrix = np.array([[found[figure].get(driver, np.nan) for driver in drivers] for figure in driven])
+    figure = Figure(figsize=(WIDTH, 1.6 + 0.42 * len(driven)), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(matrix, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
+    for (i, j), value in np.ndenumerate(matrix):
+        color = "white" if abs(value) > 0.6 else INK
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center", fontsize=8, color=color)
+    axes.set_xticks(range(len(drivers)), [DRIVERS[name][0] for name in drivers], rotation=35, ha="right", fontsize=8)
+    axes.set_yticks(range(len(driven)), [SHOWN[name].name for name in driven], fontsize=8)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    return figure
+
+
+def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
+    having = [row for row in rows if row["figures"].get(name) is not None]
+    drivers = [key for key in DRIVERS if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1]
+    columns = 5
+    lines = -(-len(drivers) // columns)
+    figure = Figure(figsize=(WIDTH, 0.5 + 1.8 * lines), layout="constrained")
+    all_axes = figure.subplots(lines, columns, sharey=True, squeeze=False)
+    for axes, key in zip(all_axes.flat, drivers, strict=False):
+        label, unit, scale = DRIVERS[key]
+        for word in CLASSES:
+            points = np.array(
+                [
+                    (row["varied"][key] * scale, row["figures"][name] * SHOWN[name].scale)
+                    for row in having
+                    if row["class"] == word and key in row["varied"]
+                ]
+            ).reshape(-1, 2)
+            if len(points):
+                axes.scatter(*points.T, s=9, color=_COLORS[word], label=word, linewidths=0, alpha=0.75)
+        axes.set_xlabel(f"{label} [{unit}]" if unit else label, fontsize=8)
+        axes.set_yscale("log")
+        if key == "stiffness":
+            axes.set_xscale("log")
+        _bare(axes)
+    for axes in list(all_axes.flat)[len(drivers) :]:
+        axes.set_visible(False)
+    for axes in all_axes[:, 0]:
+        axes.set_ylabel(SHOWN[name].unit, fontsize=8)
+    handles = {
+        label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside upper center", ncols=len(CLASSES), frameon=False, fontsize=8
+    )
+    return figure
+
+
+def _bare(axes: Any) -> None:
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(labelsize=8)
+
+
+def _named(runs: Sequence[int]) -> str:
+    more = f" and {len(runs) - _MOST_RUNS} more" if len(runs) > _MOST_RUNS else ""
+    return " ".join(map(str, runs[:_MOST_RUNS])) + more
+
+
+def _number(value: float | None, scale: float) -> str:
+    if value is None:
+        return ""
+    shown = value * scale
+    return f"{shown:.2f}" if abs(shown) < 100.0 else f"{shown:.0f}"

@@ -1,0 +1,250 @@
+"""A contact job: its parts wired together as a value, run without a word, or run and written for a scenario."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from rich.console import Console
+
+from controllers.hull.thrust_margin import Holding
+from controllers.mkps import Chain
+from controllers.tasks.supervisor import SurfaceWork
+from controllers.tasks.surface_task_config import Job
+from models.objects.targets import TargetModel
+from models.site import scenes
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find, pose_in_body
+from perception.navigation.raw_navigation import RawNavigation
+from perception.navigation.strapdown_filter import Navigation
+from perception.target_finder import FinderState, KnownObjectFinder
+from scenarios.campaigns.variation import NOMINAL, Variation, slide, vary
+from scenarios.contact_parts import (
+    Misplacing,
+    believed_and_built,
+    controller,
+    eyes,
+    hull_box,
+    scan_pose,
+    tool_radius,
+    undriven,
+    with_parts,
+)
+from scenarios.runner import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
+from sim import hydrodynamics
+from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.interfaces import kernel_cache
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.loop.recording import Recorder, Recording
+from sim.loop.rollout import Moment, Observer, Parts, ticks_per_period
+from sim.plant.plant import Plant
+from sim.runs.startup import ScenarioOptions
+from sim.sensors import proprioception as sensors
+from sim.water.current import Current
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactJob:
+    """What a scenario asks for; the truth about the object is for the plant and the judge alone."""
+
+    scenario: str
+    title: str
+    target: TargetModel
+    path: str
+    forces: tuple[float, ...]  # [N]
+    speed: float  # [m/s]
+    least_share: float  # of the path that must be reached
+    X_WT: Array  # (4, 4) true pose of the object
+    approach_W: Array  # (3,) [m] coarse position of its centre
+    orientation_W: Array  # (3, 3) coarse orientation
+    scan_range: float  # [m]
+    vehicle: str
+    controller: str  # MODULE:CLASS
+    without: frozenset[str]
+    arm_errors: int | None  # seed of the errors with which the arm was built; None: none
+    calibrated: bool = False  # the controller knows the arm as identified from touches
+    arm: Path | None = None  # or as a file says
+    force_rate: float = 60.0  # [N/s] at which a set force changes
+    contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
+    sees_with: str = "camera"  # or a sonar
+    looks: int = 1  # depth frames, or pings, whose median the path is planned on
+    there: TargetModel | None = None  # what really stands there, with the same paths; None: `target`, as it is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Built:
+    """A job ready to run, once: its streams of random numbers run on."""
+
+    job: ContactJob
+    options: ScenarioOptions
+    variation: Variation
+    plant: Plant
+    parts: Parts
+    truth: TrueObject
+    X_WB: Array  # (4, 4) the hull's first pose
+    gusts: np.random.Generator
+    noise: np.random.Generator  # of the sensors
+    said: str  # of the arm; empty where there is nothing to say
+    drawn: Mapping[str, float]  # what was drawn for the variation
+
+    def current(self) -> Current:
+        """The current of the job, from its beginning."""
+        options = self.options
+        return Current(options.current, gust=options.gust, timestep=self.plant.timestep, rng=self.gusts)
+
+    @property
+    def ready(self) -> Ready:
+        """What runs it."""
+        return Ready(
+            seed=self.options.seed,
+            plant=self.plant,
+            parts=self.parts,
+            loop=self.noise,
+            restart=lambda: self.plant.reset(current=self.current(), X_WB=self.X_WB),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outcome:
+    """What came of a job."""
+
+    job: ContactJob
+    recording: Recording
+    assessment: Assessment
+    last: Moment
+
+
+def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
+    """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
+    work = Job(
+        forces=job.forces,
+        speed=job.speed,
+        least_share=job.least_share,
+        force_rate=job.force_rate,
+        force_control="force-control" not in job.without,
+        contactless=job.contactless,
+    )
+    there = job.there or job.target
+    truth = TrueObject(model=there, path=job.path, X_WT=job.X_WT, contactless=job.contactless)
+    believed, built, said = believed_and_built(
+        job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
+    )
+    timestep = float(built.option.timestep)  # of the loop; a stiff surface wants a shorter one of the physics
+    drawn = vary(built, variation)
+    own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
+    vehicle = with_parts(own)
+    X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
+    X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
+    scene = scenes.work_site(built, there, job.X_WT)
+    if variation.stiffness is not None:
+        slide(scene)
+    model = hydrodynamics.compile(scene)
+    gusts, noise, start, sampling = rng.spawn(4)
+    offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
+    plant = Plant(
+        model,
+        current=Current(options.current),
+        X_WB=X_WB @ offset,
+        reaction_ticks=REACTION_TICKS if options.record else 0,
+        substeps=ticks_per_period(timestep, float(model.opt.timestep), "the loop's step"),
+    )
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
+    eye, eye_model = eyes(job.sees_with, model, X_BC)
+    finder = KnownObjectFinder(
+        job.target,
+        job.path,
+        job.approach_W,
+        job.orientation_W,
+        sensor=eye_model,
+        tool_radius=tool_radius(own),
+        looks=job.looks,
+        seed=int(sampling.integers(2**31)),
+    )
+    parts = Parts(
+        sensors=[
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(noise=variation.torque_noise, bias=variation.torque_bias),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(
+                period=variation.vision_period, delay=variation.vision_delay, noise=variation.vision_noise
+            ),
+            eye,
+        ],
+        estimator=RawNavigation() if "fusion" in job.without else Navigation(),
+        finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,
+        planner=SurfaceWork(
+            vehicle,
+            chain,
+            job.target,
+            work,
+            X_WB_scan=X_WB,
+            hull_box=hull_box(own, vehicle),
+            view_B=X_BC[:3, 2],
+            floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
+            holding=Holding.of(own),
+        ),
+        controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
+    )
+    return Built(
+        job=job,
+        options=options,
+        variation=variation,
+        plant=plant,
+        parts=parts,
+        truth=truth,
+        X_WB=X_WB @ offset,
+        gusts=gusts,
+        noise=noise,
+        said=said,
+        drawn=drawn,
+    )
+
+
+def run(
+    built: Built, *, recorder: Recorder | None = None, observers: Sequence[Observer] = (), longest: float = LONGEST
+) -> Outcome:
+    """Run the job to its end, or for `longest` [s] simulated. Writes and prints nothing.
+
+    `recorder` is that of the outcome where it is given; else one is made that keeps what the metrics need. Raises
+    UuvError for a motion that blows up, or parts that do not fit together.
+    """
+    plant = built.plant
+    recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=built.options.record)
+    ran = run_through(built.ready, recorder, observers, longest)
+    return Outcome(job=built.job, recording=ran.recording, assessment=judge(built, ran), last=ran.last)
+
+
+def judge(built: Built, ran: Ran) -> Assessment:
+    """The figures of a job that was run."""
+    state = ran.last.found
+    found = state.last if isinstance(state, FinderState) else None
+    return assess(
+        ran.recording,
+        built.truth,
+        seed=built.options.seed,
+        wall_s=ran.wall_s,
+        identification_s=found.duration_s if found is not None else None,
+    )
+
+
+def run_contact_job(
+    job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float, variation: Variation = NOMINAL
+) -> int:
+    """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
+    console = Console()
+    if not kernel_cache.is_kept("joint_servo"):
+        console.print("first start: the inner loops are compiled, once; this takes a minute or so")
+    folder = options.folder(job.scenario)  # before the work: it may not be possible
+    built = build(job, options, rng, variation)
+    if built.said:
+        console.print(built.said, highlight=False)
+
+    def pictures(ran: Ran) -> Pictures:
+        from sim.reporting.report_figures import path_figures
+
+        return path_figures(ran.recording, built.truth)
+
+    judging = Judging(assess=lambda ran: judge(built, ran), pictures=pictures, begun=(WorkState.WORK,))
+    return run_shown(job.scenario, built.ready, judging, job.title, options, folder, console, started)

@@ -1,0 +1,172 @@
+"""The concrete parts of a contact job, made from what the job says."""
+
+import importlib
+import traceback
+from collections.abc import Collection, Set
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from controllers.safety.safety_wrapper import Guarded
+from models.arms import dh_geometry as arm_geometry
+from models.site import scenes
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, Vehicle, check_parts
+from perception.clouds.scan import SensorModel
+from perception.clouds.sonar_cloud import sonar_model
+from perception.target_finder import KnownObjectFinder
+from scenarios import deck_calibration as _deck_calibration
+from sim.interfaces.errors import ConfigurationError, UuvError, one_line
+from sim.interfaces.messages import Measurement, StateEstimate, Target
+from sim.interfaces.protocols import Controller
+from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly, shown, whole_number
+from sim.sensors.depth_camera import DepthCamera
+from sim.sensors.sonar import BEAMS, Sonar
+
+_FARTHEST = 1e3  # [m] from an object, far beyond what any sensor here sees
+_FOREIGN = 100  # characters of what a foreign error says
+SEES_WITH = ("camera", "sonar")
+
+
+def believed_and_built(
+    vehicle: str, *, arm_errors: int | None, calibrated: bool, arm_file: Path | None
+) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+    """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
+    what there is to say of the arm. Raises ConfigurationError for an arm that is both calibrated and given."""
+    if arm_errors is not None:
+        whole_number(arm_errors, "--arm-errors")
+    believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
+    if arm_errors is None and not calibrated and arm_file is None:
+        return believed, built, ""
+    if calibrated and arm_file is not None:
+        raise ConfigurationError("--calibrated and --arm: one of the two")
+    drawn = believed.compile()
+    passive = undriven(drawn, with_parts(drawn))
+    arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+    if arm_errors is not None:
+        true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
+        arm_geometry.move(built, arm, true)
+    known, said = arm, ""
+    if calibrated:
+        known, said = _deck_calibration.on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
+    elif arm_file is not None:
+        known, said = _deck_calibration.from_file(arm_file, arm)
+    if known is not arm:
+        arm_geometry.move(believed, arm, known)
+    return believed, built, said
+
+
+def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | Sonar, SensorModel | None]:
+    """What the vehicle sees with, at `X_BS` (4, 4) on the hull, and what perception is told of it; None: as usual.
+
+    Raises ConfigurationError for a `kind` that is not one of SEES_WITH.
+    """
+    if kind == "camera":
+        return DepthCamera(model, HULL_BODY, X_BS), None
+    if kind == "sonar":
+        return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
+    raise ConfigurationError(f"sensor {shown(kind)}: allowed {', '.join(SEES_WITH)}")
+
+
+def tool_radius(model: mujoco.MjModel) -> float:
+    """Radius [m] of the ball that the tool's pad is; 0, a point, for a pad of another form."""
+    pad = model.geom(TOOL_GEOM)
+    return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
+
+
+def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
+    """Joints beside the arm's own and the hull's: springs, a pad."""
+    return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
+
+
+def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
+    """The controller named MODULE:CLASS on the vehicle's own model.
+
+    Raises ConfigurationError if there is none, and for whatever its module raises while it is imported or the class
+    while it is made, with the place.
+    """
+    module, _, word = name.partition(":")
+    if not (module and word):
+        raise ConfigurationError(f"--controller {shown(name)}: expected MODULE:CLASS")
+    try:
+        kind = getattr(importlib.import_module(module), word)
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(f"--controller {shown(name)}: cannot be imported; {_told(error)}") from error
+    try:
+        made = kind(own, without=without, water_error=water_error)
+        finite_number(made.period, "period [s]", above=0.0)
+        lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
+        if lacking:
+            raise TypeError(f"it has no method {' and no '.join(lacking)}")
+    except UuvError as error:
+        raise ConfigurationError(f"--controller {shown(name)}: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(f"--controller {shown(name)}: cannot be made of a model; {_told(error)}") from error
+    return Guarded(made, own)
+
+
+def _told(error: BaseException) -> str:
+    """The kind of a foreign error, what it says, and the line it came from, where that is not ours."""
+    if isinstance(error, SyntaxError) and error.filename:
+        where = f" ({error.filename}:{error.lineno})"
+    else:
+        places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
+        foreign = [place for place in places if not place.startswith((__file__, "<frozen"))]
+        where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
+    return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"
+
+
+def with_parts(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
+    """The vehicle in `own`, which must have every part that a job of the arm needs, `but` for those named.
+
+    Raises ConfigurationError that names all that is missing, with what it is for.
+    """
+    check_parts(own, but)
+    return Vehicle.of(own)
+
+
+def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
+    """Level hull pose (4, 4) from which the camera at `X_BC`, looking towards +x of W or down or up, sees the coarse
+    position from `scan_range` [m]."""
+    finite_number(scan_range, "--range [m]", above=0.0, most=_FARTHEST)
+    R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
+    return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))
+
+
+def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
+    """Corners (2, 3) [m] of the box around the hull's own geoms, hull axes."""
+    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
+    if not geoms:
+        return np.zeros((2, 3))
+    centre = np.array([own.geom_pos[g] for g in geoms])
+    reach = np.empty_like(centre)
+    for row, g in enumerate(geoms):
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, own.geom_quat[g])
+        box = own.geom_aabb[g]
+        centre[row] += R.reshape(3, 3) @ box[:3]
+        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
+    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Misplacing:
+    """A finder (`sim.interfaces.protocols.TargetFinder`) whose finds lie off, against the tool's way into them."""
+
+    finder: KnownObjectFinder
+    offset: float  # [m] by which the true surface is farther than it is said to be
+
+    def init(self) -> Any:
+        return self.finder.init()
+
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+        state, target = self.finder.step(state, estimate, measurement)
+        if target is None or target.path is None:
+            return state, target
+        way = target.path.z[len(target.path.z) // 2]
+        X_WT = np.array(target.X_WT)
+        X_WT[:3, 3] -= self.offset * way
+        path = replace(target.path, p=readonly(target.path.p - self.offset * way))
+        return state, replace(target, X_WT=readonly(X_WT), path=path)

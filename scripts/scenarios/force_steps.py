@@ -1,0 +1,99 @@
+"""Steps of the set force while a tool moves along a barrel: the responses of one run, and their figures."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from scenarios.barrel import Options, barrel_job
+from scenarios.campaigns.variation import Variation
+from scenarios.contact_job import build, run
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array
+from sim.loop.recording import Recording
+
+BEFORE, AFTER = 0.2, 2.3  # [s] around the beginning of a step
+SAMPLE = 0.002  # [s]
+SPEED, LENGTH = 0.02, 0.6  # [m/s], [m] of the path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepTask:
+    """One run with several steps up, each followed by one down; a value that a worker gets."""
+
+    stiffness: float  # [N/m]
+    seed: int
+    low: float  # [N]
+    high: float  # [N]
+    steps: int
+    rate: float  # [N/s] of the set force
+    current: tuple[float, float, float]
+    gust: float
+
+
+def responses(task: StepTask) -> dict[str, Any]:
+    """Set and true force (k, N) [N] of the k steps up, at the times of `times()`; empty if the run was broken off."""
+    options = Options(
+        seed=task.seed,
+        current=task.current,
+        gust=task.gust,
+        record=False,
+        path="longitudinal",
+        speed=SPEED,
+        length=LENGTH,
+        forces=(task.low, task.high) * task.steps,
+    )
+    rng = np.random.default_rng(task.seed)
+    job = replace(barrel_job(options, rng), force_rate=task.rate)
+    outcome = run(build(job, options, rng, Variation(stiffness=task.stiffness)))
+    note = outcome.recording.final.note if outcome.recording.final.state is not WorkState.DONE else ""
+    return {"task": task, "note": note, **steps_up(outcome.recording, task.low, task.high)}
+
+
+def died(task: StepTask) -> dict[str, Any]:
+    """What `responses` gives of a run that killed its process."""
+    none = np.empty((0, len(times())))
+    return {"task": task, "note": "its process died", "set": none, "true": none}
+
+
+def times() -> Array:
+    """(N,) [s] from the beginning of a step."""
+    return np.linspace(-BEFORE, AFTER, 1 + round((BEFORE + AFTER) / SAMPLE))
+
+
+def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
+    """Set and true normal force (k, N) [N] around each beginning of a way from `low` to `high` in the work state."""
+    work = recording.within(WorkState.WORK)
+    time, wanted = recording["set_force"].time, recording["set_force"].scalar
+    leaves = np.flatnonzero((wanted[:-1] == low) & (wanted[1:] > low) & work[1:])
+    found: dict[str, list[Array]] = {"set": [], "true": []}
+    for first in leaves:
+        at = time[first + 1] + times()
+        if at[-1] > time[work][-1] or wanted[np.searchsorted(time, at[-1]) - 1] != high:
+            continue  # the run ended, or the force changed again
+        found["set"].append(np.interp(at, time, wanted))
+        found["true"].append(np.interp(at, time, recording["contact_normal"].scalar))
+    return {name: np.array(rows).reshape(-1, len(times())) for name, rows in found.items()}
+
+
+def figures(response: Array, low: float, high: float, band: float = 0.05) -> dict[str, float | None]:
+    """Of one response (N,) [N] at `times()`: rise from 10 to 90 % [s], overshoot (share of the step), settling [s].
+
+    Settled is what stays within `band` of the step, counted from its beginning; None: not within the time seen.
+    """
+    step, t = (response - low) / (high - low), times()
+    after = t >= 0.0
+    step, t = step[after], t[after]
+
+    def first(level: float) -> float | None:
+        above = np.flatnonzero(step >= level)
+        return float(t[above[0]]) if above.size else None
+
+    tenth, most = first(0.1), first(0.9)
+    outside = np.flatnonzero(np.abs(step - 1.0) > band)
+    settling = float(t[outside[-1] + 1]) if outside.size and outside[-1] + 1 < len(t) else None
+    return {
+        "rise_s": most - tenth if tenth is not None and most is not None else None,
+        "overshoot": max(0.0, float(step.max()) - 1.0),
+        "settling_s": settling if outside.size else 0.0,
+    }

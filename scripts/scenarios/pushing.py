@@ -1,0 +1,341 @@
+"""A hovering vehicle whose tool is pushed: thrusters and navigation as they are, the arm held stiffly at full reach.
+
+The push is an external force at the tip, and the drives are springs in the joints, so that what is seen is the hull's
+side alone. The felt force is the true one, late and with noise, as the arm's torques would tell it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
+from controllers.hull.allocation import PRIORITIES, Allocation
+from controllers.hull.station_keeping import Hover
+from controllers.hull.thruster_lead import RESPONSE, ThrusterLead
+from models.site import scenes
+from models.vehicle import HOME_KEY, Vehicle
+from models.water.thrusters import DEAD_BAND, TIME_CONSTANT
+from perception.navigation.strapdown_filter import Navigation
+from sim import hydrodynamics
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import Array, rotation_angle, skew
+from sim.loop.rollout import Moment, Parts, rollout
+from sim.plant.plant import Plant, Truth
+from sim.sensors import proprioception as sensors
+from sim.water.current import Current
+
+FELT_LAG = 0.012  # [s] of the felt force
+FELT_NOISE = 0.01  # of the reading
+FELT_BIAS = 0.5  # [N] per axis, standard deviation
+HOLD = 60.0  # [rad/s] of the drives' springs
+PERIOD = 0.02  # [s] of the hover
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Case:
+    """One vehicle in one sea, pushed in some directions one after the other."""
+
+    directions_B: Array  # (k, 3) unit vectors of the force on the tip, hull axes
+    q: Array  # (n,) [rad] the arm's posture
+    vehicle: str = "uuv_puma"
+    force: float = 90.0  # [N]
+    rise: float = 0.1  # [s] in which the push comes and goes
+    push: float = 5.0  # [s]
+    rest: float = 4.0  # [s] after it
+    settle: float = 15.0  # [s] before the first
+    current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust: float = 0.0  # [m/s]
+    lag: float | None = None  # [s] of the thrusters, instead of their own
+    dead_band: float | None = None  # of the thrusters, instead of their own
+    water_error: float = 0.15  # of the controller's coefficients
+    lag_error: float = 0.0  # of the lag that the controller believes in
+    compensation: bool = True  # feed the arm's wrench forward
+    response: float = RESPONSE  # [s] of the lead; np.inf for none
+    priorities: Sequence[Sequence[str]] = PRIORITIES
+    lost: int | None = None  # thruster that stops in the middle of the first push
+    noticed: float = np.inf  # [s] after which the allocation is told of it
+    seed: int = 0
+
+
+@dataclass(slots=True, eq=False)
+class Pushed:
+    """What came of a case."""
+
+    excursion: Array  # (k,) [m] farthest from where the hull stood when the push began, until the next
+    tilt: Array  # (k,) [rad] largest roll and pitch together, from then
+    turn: Array  # (k,) [rad] largest turn, yaw included
+    saturated: Array  # (k,) share of the push's time
+    force_error: Array  # (k,) [N] RMS of the thrusters' force against what the push asks for, over its first second
+    current_error: Array  # (k, 3) [m/s] RMS of the estimate, hull axes, in the push
+    command_rate: float  # [1/s] RMS rate of the commands while nothing pushes
+
+
+class PushedPlant(Plant):
+    """A plant with a force at the tip, and a thruster that may stop."""
+
+    force_W: Array = np.zeros(3)
+    dead: int | None = None
+
+    def step(self, command: Command) -> None:
+        self.data.qfrc_applied[:] = 0.0
+        if self.force_W.any():
+            body = int(self.model.site_bodyid[self.vehicle.tip])
+            mujoco.mj_applyFT(
+                self.model, self.data, self.force_W, np.zeros(3), self.truth.p_WG, body, self.data.qfrc_applied
+            )
+        if self.dead is not None:
+            thrust = command.thrusters.copy()
+            thrust[self.dead] = 0.0
+            command = Command(time=command.time, joint_torque=command.joint_torque, thrusters=thrust, scan=False)
+        super().step(command)
+
+
+class Keeper:
+    """Controller of the hull alone (`sim.interfaces.protocols.Controller`)."""
+
+    period = PERIOD
+
+    def __init__(self, case: Case, model: mujoco.MjModel, plant: PushedPlant, rng: np.random.Generator) -> None:
+        self._case, self._plant, self._rng = case, plant, rng
+        self._vehicle = vehicle = Vehicle.of(model)
+        self._arm = ArmDynamics(model, water_error=case.water_error)
+        self.hover = Hover(model, self._arm, water_error=case.water_error)
+        self.allocation = Allocation(vehicle, priorities=case.priorities)
+        self._lead = ThrusterLead(vehicle, response=min(case.response, 1e6), lag_error=case.lag_error)
+        self._bias = FELT_BIAS * rng.standard_normal(3)
+        self._home = self._at_rest(np.array(vehicle.q_home))
+        self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
+
+    def _at_rest(self, q: Array) -> Array:
+        rest = np.zeros(len(q))
+        return self._arm.inverse(
+            q,
+            rest,
+            rest,
+            R_WB=np.eye(3),
+            nu_B=np.zeros(6),
+            a_B=np.zeros(6),
+            v_current_W=np.zeros(3),
+            wrench_tip_G=np.zeros(6),
+        )[1]
+
+    def init(self, estimate: StateEstimate):
+        self.hover_state, self.lead_state = self.hover.init(), self._lead.init()
+        return self
+
+    def step(self, state, estimate: StateEstimate, reference: Reference):
+        case, truth = self._case, self._plant.truth
+        R_WB = estimate.X_WB[:3, :3]
+        share = 1.0 - np.exp(-PERIOD / FELT_LAG)
+        self.felt_W += share * (self._plant.force_W - self.felt_W)
+        noise = FELT_NOISE * np.abs(self.felt_W) * self._rng.standard_normal(3)
+        current_W = self.hover.current(self.hover_state)
+        turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
+        self._w_last_B = np.array(estimate.w_WB_B)
+        arm_B = self._arm.inverse(
+            estimate.q,
+            estimate.qd,
+            np.zeros(len(estimate.q)),
+            R_WB=R_WB,
+            nu_B=np.concatenate([estimate.v_WB_B, estimate.w_WB_B]),
+            a_B=np.concatenate([estimate.a_WB_B, turning]),
+            v_current_W=current_W,
+            wrench_tip_G=np.zeros(6),
+        )[1]
+        tip_B = truth.R_WB.T @ (np.array(truth.p_WG) - truth.p_WB)
+        f_B = R_WB.T @ (self.felt_W + noise + (self._bias if self.felt_W.any() else 0.0))
+        arm_B += np.concatenate([f_B, skew(tip_B) @ f_B])
+        fed = arm_B if case.compensation else self._home
+        wanted_B = self.hover.step(self.hover_state, estimate, reference.X_WB, np.zeros(3), fed, PERIOD)
+        thrust = self.allocation.thrust(wanted_B)
+        nu_r_B = self.hover.through_water(self.hover_state, estimate)
+        command = self._lead.step(self.lead_state, self.allocation.command(thrust), nu_r_B, PERIOD)
+        self.hover_state.given_B = self.lead_state.given_B.copy()
+        rest = np.zeros(len(estimate.q))
+        return state, Command(time=estimate.time, joint_torque=rest, thrusters=command, scan=False)
+
+
+class Holding:
+    """Planner: stay where you are (`sim.interfaces.protocols.Planner`)."""
+
+    period = PERIOD
+
+    def __init__(self, q: Array) -> None:
+        self._q = q
+
+    def init(self, estimate: StateEstimate) -> Array:
+        return np.eye(4)
+
+    def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):
+        none = np.zeros(3)
+        return state, Reference(
+            time=estimate.time,
+            state=WorkState.WORK,
+            X_WB=state,
+            v_WB_W=none,
+            X_WG=None,
+            v_WG_W=none,
+            w_WG_W=none,
+            q=self._q,
+            qd=np.zeros(len(self._q)),
+            force=0.0,
+            force_control=False,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
+
+
+def bearable(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
+    """(k,) bool: the drives bear `force` [N] on the tip along each of `directions_B` (k, 3), the arm still at `q`."""
+    rest = np.zeros(len(q))
+    still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
+    held = []
+    for direction in directions_B:
+        pushed = []
+        for axis in np.eye(3):  # tool axes; the torques are linear in the force
+            pushed.append(arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, rest[:3]]), **still)[0])
+        free = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
+        R_BG = tip_pose(arm, q)[:3, :3]
+        tau = free + force * (np.array(pushed) - free).T @ (R_BG.T @ direction)
+        held.append(bool(np.all(np.abs(tau) <= vehicle.torque_limits)))
+    return np.array(held)
+
+
+def tip_pose(arm: ArmDynamics, q: Array) -> Array:
+    """Pose (4, 4) of the tip on the hull."""
+    rest = np.zeros(len(q))
+    arm.inverse(
+        q,
+        rest,
+        rest,
+        R_WB=np.eye(3),
+        nu_B=np.zeros(6),
+        a_B=np.zeros(6),
+        v_current_W=np.zeros(3),
+        wrench_tip_G=np.zeros(6),
+    )
+    X_BG, J_B = np.empty((4, 4)), np.empty((6, len(q)))
+    tip_kinematics(arm.layout, arm.numbers, arm.work, X_BG, J_B)
+    return X_BG
+
+
+def sphere(count: int) -> Array:
+    """Directions (count, 3) spread evenly over the sphere (Fibonacci's spiral), the six axes first."""
+    axes = np.vstack([np.eye(3), -np.eye(3)])
+    rest = count - len(axes)
+    if rest <= 0:
+        return axes[:count]
+    k = np.arange(rest) + 0.5
+    z, turn = 1.0 - 2.0 * k / rest, np.pi * (1.0 + np.sqrt(5.0)) * k
+    r = np.sqrt(1.0 - z * z)
+    return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
+
+
+def run(case: Case, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
+    """Let a case happen."""
+    spec, own = scenes.vehicle_spec(case.vehicle), scenes.vehicle_spec(case.vehicle).compile()
+    model = hydrodynamics.compile(spec)
+    vehicle = Vehicle.of(model)
+    inertia = 5.0  # [kg m^2] of the order of the arm's about any joint
+    for joint, dof, address, q in zip(vehicle.joints, vehicle.dof, vehicle.qpos, case.q, strict=True):
+        model.jnt_stiffness[joint] = inertia * HOLD**2
+        model.dof_damping[dof] = 2.0 * inertia * HOLD
+        model.qpos_spring[address] = q
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+    model.key_qpos[key, vehicle.qpos] = case.q
+    for told in (model.actuator_user, own.actuator_user):  # the controller knows of it
+        if case.lag is not None:
+            told[vehicle.thruster_actuators, TIME_CONSTANT] = case.lag
+        if case.dead_band is not None:
+            told[vehicle.thruster_actuators, DEAD_BAND] = case.dead_band
+    gusts, noise, loop = np.random.default_rng(case.seed).spawn(3)
+    current = Current(np.array(case.current_W), gust=case.gust, timestep=model.opt.timestep, rng=gusts)
+    plant = PushedPlant(model, current=current)
+    control = keeper(case, own, plant, noise)
+    k, every = len(case.directions_B), case.push + case.rest
+    pushed = Pushed(
+        excursion=np.zeros(k),
+        tilt=np.zeros(k),
+        turn=np.zeros(k),
+        saturated=np.zeros(k),
+        force_error=np.zeros(k),
+        current_error=np.zeros((k, 3)),
+        command_rate=0.0,
+    )
+    seen = _Judge(case, plant, control, pushed)
+    parts = Parts(
+        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
+        estimator=Navigation(),
+        finder=None,
+        planner=Holding(case.q),
+        controller=control,
+    )
+    seconds = round((case.settle + k * every) / PERIOD) * PERIOD
+    rollout(plant, parts, duration=seconds, rng=loop, observers=[seen])
+    return seen.done()
+
+
+class _Judge:
+    """Moves the push, and keeps the figures, by the truth."""
+
+    def __init__(self, case: Case, plant: PushedPlant, keeper: Keeper, pushed: Pushed) -> None:
+        self._case, self._plant, self._keeper, self._pushed = case, plant, keeper, pushed
+        self._start = (np.zeros(3), np.eye(3))
+        self._at = -1
+        self._B = plant.vehicle.thruster_wrench
+        self._force, self._current, self._rates = [], [], []
+        self._before_B, self._last = np.zeros(3), np.zeros(0)
+        self._ticks = 0
+
+    def observe(self, moment: Moment) -> None:
+        case, truth, pushed = self._case, self._plant.truth, self._pushed
+        since = truth.time - case.settle
+        at, inside = divmod(since, case.push + case.rest)
+        at = int(at)
+        rising = 0.0
+        if since >= 0.0 and at < len(case.directions_B):
+            if at != self._at:
+                self._next(at, truth)
+            rising = float(np.clip(min(inside, case.push - inside) / case.rise, 0.0, 1.0))
+            p, R = self._start
+            pushed.excursion[at] = max(pushed.excursion[at], float(np.linalg.norm(truth.p_WB - p)))
+            pushed.turn[at] = max(pushed.turn[at], rotation_angle(R, truth.R_WB))
+            pushed.tilt[at] = max(pushed.tilt[at], float(np.arccos(np.clip(R[:, 2] @ truth.R_WB[:, 2], -1.0, 1.0))))
+            if inside < case.push:
+                pushed.saturated[at] += truth.saturated * self._plant.timestep / case.push
+                error_W = self._keeper.hover.current(self._keeper.hover_state) - truth.current_W
+                self._current.append((truth.R_WB.T @ error_W) ** 2)
+            if inside < 1.0:
+                given_B = self._B[:3] @ truth.thrust - self._before_B
+                self._force.append(np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2))
+            if case.lost is not None and at == 0 and inside >= 0.5 * case.push:
+                self._plant.dead = case.lost
+                if inside >= 0.5 * case.push + case.noticed and self._keeper.allocation.available[case.lost]:
+                    self._keeper.allocation = self._keeper.allocation.without(case.lost)
+        elif since > -5.0 and moment.tick % 10 == 0:
+            thrust = np.array(moment.command.thrusters)
+            if len(self._last):
+                self._rates.append(np.mean((thrust - self._last) ** 2) / PERIOD**2)
+            self._last = thrust
+        direction = case.directions_B[min(max(at, 0), len(case.directions_B) - 1)]
+        self._plant.force_W = rising * case.force * (truth.R_WB @ direction)
+
+    def _next(self, at: int, truth: Truth) -> None:
+        self._close()
+        self._at = at
+        self._start = (np.array(truth.p_WB), np.array(truth.R_WB))
+        self._before_B = self._B[:3] @ np.array(truth.thrust)
+
+    def _close(self) -> None:
+        if self._at >= 0:
+            self._pushed.force_error[self._at] = np.sqrt(np.mean(self._force))
+            self._pushed.current_error[self._at] = np.sqrt(np.mean(self._current, axis=0))
+        self._force, self._current = [], []
+
+    def done(self) -> Pushed:
+        self._close()
+        self._pushed.command_rate = float(np.sqrt(np.mean(self._rates))) if self._rates else 0.0
+        return self._pushed

@@ -1,0 +1,241 @@
+"""One run wired and ready, and all that a user sees of it: rehearsal, visual log, progress, table, report."""
+
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from perception.target_finder import FinderState
+from sim.evaluation.metrics import Assessment
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.loop.recording import Recorder, Recording
+from sim.loop.rollout import Moment, Observer, Parts, rollout
+from sim.plant.plant import Plant
+from sim.reporting.results_table import results_table
+from sim.runs.provenance import provenance
+from sim.runs.startup import Interrupted, ScenarioOptions, signals
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
+REHEARSAL = 0.1  # [s] simulated
+REACTION_TICKS = 10  # steps between measurements of the arm's wrench on the hull, for the report
+LONGEST = 400.0  # [s] simulated, whatever happens
+NOT_ACCEPTED = 1  # exit code
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ready:
+    """Plant and parts, to be run once: the stream of random numbers runs on."""
+
+    seed: int
+    plant: Plant
+    parts: Parts
+    loop: np.random.Generator
+    restart: Callable[[], None]  # the plant at its start again, the gusts undrawn
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Ran:
+    """What was seen of a run."""
+
+    recording: Recording
+    last: Moment
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judging:
+    """How a run is judged, and what is shown of it."""
+
+    assess: Callable[[Ran], Assessment]
+    pictures: Callable[[Ran], Pictures]  # of the report
+    begun: tuple[WorkState, ...]  # states of which it must have come to one, or it is refused
+
+
+def rehearse(ready: Ready) -> None:
+    """Load all compiled code before the clock runs, and let a bad plug-in fail at once.
+
+    The parts' state is explicit, so nothing of it is left but in the plant.
+    """
+    rollout(ready.plant, ready.parts, duration=REHEARSAL, rng=np.random.default_rng(ready.seed))
+
+
+def run_through(
+    ready: Ready,
+    recorder: Recorder,
+    observers: Sequence[Observer] = (),
+    longest: float = LONGEST,
+    stop: "Stop | None" = None,
+) -> Ran:
+    """Run from the start to the end, or for `longest` [s] simulated, or until `stop` is asked; without a word."""
+    ready.restart()
+    stop = stop or Stop()
+    began = time.perf_counter()
+    try:
+        seen = [recorder, *observers, stop]
+        last = rollout(ready.plant, ready.parts, duration=longest, rng=ready.loop, observers=seen)
+    except Interrupted:
+        if stop.last is None:
+            raise
+        last = stop.last
+    by = stop.asked if stop.last is not None else None
+    return Ran(
+        recording=recorder.recording(interrupted=by.signal.name if by else ""),
+        last=last,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def run_shown(
+    scenario: str,
+    ready: Ready,
+    judging: Judging,
+    title: str,
+    options: ScenarioOptions,
+    folder: Path,
+    console: Console,
+    started: float,
+    story: Callable[[Recorder, Any], Observer] | None = None,
+) -> int:
+    """Run to the end with progress on screen, judge, and write all there is of it to `folder`. Returns the exit code.
+
+    `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
+    and the log (None: there is none). Raises ConfigurationError where the work never began, and Interrupted, after all
+    is written, where a signal asked for the end; a second signal ends it at once.
+    """
+    plant = ready.plant
+    made_by = provenance(scenario, options, plant.model)  # before it runs: the current rides in the model
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
+    observers: list[Observer] = []
+    rehearse(ready)
+    log: Any = None
+    try:
+        if options.record or options.view:
+            from sim.reporting.rerun_log import RerunLog
+
+            log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
+            observers.append(log)
+        bar = progress(console)
+        observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
+        console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+        stop = Stop()
+        with signals(stop.ask):
+            with bar:
+                ran = run_through(ready, recorder, observers, stop=stop)
+            assessment = judging.assess(ran).made_by(made_by)
+            assessment.write(folder / "metrics.json")  # before the log, which takes long to close
+            if log is not None:
+                log.close()
+            _say(assessment, console)
+            if options.record:
+                from sim.reporting.report import write_report
+
+                write_report(
+                    folder / "report.html",
+                    ran.recording,
+                    assessment,
+                    title=title,
+                    options=asdict(options),
+                    pictures=judging.pictures(ran),
+                )
+            console.print(f"written to {folder}/", highlight=False)
+    finally:
+        if log is not None:
+            log.close()
+    if stop.asked is not None:
+        raise stop.asked
+    if not ran.recording.within(*judging.begun).any():
+        raise ConfigurationError(
+            f"the work could not begin: {ran.last.reference.note or f'not within {LONGEST:.0f} s'}"
+        )
+    return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def _say(assessment: Assessment, console: Console) -> None:
+    """The table, the pace and the verdict."""
+    console.print(results_table(assessment))
+    simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
+    console.print(
+        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
+        highlight=False,
+    )
+    console.print(
+        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
+    )
+
+
+def progress(console: Console) -> Progress:
+    """A bar with the state of the work, on a terminal."""
+    return Progress(
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not sys.stdout.isatty(),
+    )
+
+
+class Stop:
+    """The last of the observers: ends a run after a whole step, when a signal has asked for it."""
+
+    def __init__(self) -> None:
+        self.asked: Interrupted | None = None
+        self.last: Moment | None = None  # at which it was ended
+
+    def ask(self, number: int, _frame: Any = None) -> None:
+        """Meet a signal: after the first the step is ended, after a second nothing is."""
+        if self.asked is not None:
+            raise Interrupted(number)
+        self.asked = Interrupted(number)
+
+    def observe(self, moment: Moment) -> None:
+        if self.asked is not None:
+            self.last = moment
+            raise self.asked
+
+
+class Clouds:
+    """Puts the clouds of each identification into the recording and the log."""
+
+    def __init__(self, recorder: Recorder, log: Any) -> None:
+        self._recorder, self._log = recorder, log
+
+    def observe(self, moment: Moment) -> None:
+        if moment.frame is None or not isinstance(moment.found, FinderState) or moment.found.last is None:
+            return
+        for name in ("cloud", "model_before", "model_after"):
+            points_W = moment.found.in_world(getattr(moment.found.last, name))
+            self._recorder.add_cloud(name, points_W)
+            if self._log is not None:
+                self._log.log_cloud(name, points_W, moment.truth.time)
+
+
+class Teller:
+    """Says on screen how far the work is."""
+
+    def __init__(self, progress: Progress, console: Console) -> None:
+        self._progress, self._console = progress, console
+        self._bar = progress.add_task("", total=1.0, note="")
+        self._state: WorkState | None = None
+
+    def observe(self, moment: Moment) -> None:
+        reference, truth = moment.reference, moment.truth
+        if reference.state is not self._state:
+            self._state = reference.state
+            note = f"  {reference.note}" if reference.note else ""
+            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
+        if moment.tick % 250 == 0:
+            felt = moment.command.felt_normal
+            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -1,0 +1,253 @@
+"""Wires the parts of work in the seabed together: the terrain, the soil, the sonar, the planner, the judge."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import mujoco
+import numpy as np
+from rich.console import Console
+
+from controllers.mkps import Chain
+from controllers.planning.ground_approach import GroundApproach
+from controllers.planning.seabed_height import HeightSearch
+from controllers.tasks.seabed_work import SeabedJob, SeabedWork
+from models.site import scenes
+from models.site.seabed import KINDS, Kind, seabed
+from models.site.soil import SOILS, SoilTool, box, core_tube
+from models.tools import sampler
+from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
+from models.vehicles import uuv_puma
+from perception.clouds.point_files import read_cloud, read_targets
+from perception.navigation.ground_plane import GroundBelow
+from perception.navigation.strapdown_filter import Navigation
+from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
+from scenarios.campaigns import trials as _trials
+from scenarios.campaigns.variation import NOMINAL
+from scenarios.contact_parts import controller, hull_box, undriven, with_parts
+from scenarios.runner import REACTION_TICKS, Ready, rehearse, run_through
+from sim import hydrodynamics
+from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from sim.loop.recording import Recorder
+from sim.loop.rollout import Moment, Parts
+from sim.plant.plant import Plant
+from sim.plant.soil_contact import SoilForce
+from sim.sensors import proprioception as sensors
+from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
+from sim.sensors.sonar import Sonar, SonarBeams
+from sim.water.current import Current
+
+ALTITUDE = 2.5  # [m] of the hull over the ground, from which it is scanned
+ABOVE = np.array([0.0, 0.0, ALTITUDE])
+HIGHER = (0.8, 1.8)  # [m] over that, where it starts: how far the ground is it does not know
+AHEAD = 0.5  # [m] of the hull's middle, where the targets are where no file says otherwise,
+APART = 0.3  # [m] and between those that a tool is dragged between
+HALF = 3.0  # [m] of the terrain
+BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
+AXES = 0.06  # [m] at which unit axes are drawn in the log,
+PLANE = 0.5  # [m] and the upright of the plane that the Doppler log saw
+OWN_ARM = 0.8  # [m] from the sonar, within which an echo is the vehicle's own
+LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm off, mostly noise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """What is asked for."""
+
+    kind: Kind | Literal["any"]  # any: the kinds in turn, by the seed
+    soil: str  # a name of models.site.soil.SOILS
+    job: SeabedJob
+    cloud: Path | None  # believed in place of the scan; axes of a level hull ALTITUDE over the terrain's middle
+    targets: Path | None  # B_i and z; in the same axes
+    dead_beams: tuple[int, ...]  # of the Doppler log, from 1
+    current: tuple[float, float, float]  # [m/s]
+    gust: float  # [m/s]
+    without: frozenset[str]  # methods of the controller left out
+    vehicle: str
+    controller: str  # MODULE:CLASS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeabedRun:
+    """Work in the seabed, ready to run; the truth about the ground is for the plant and the judge alone."""
+
+    ready: Ready
+    truth: TrueGround
+
+
+def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
+    """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
+    job, rng = setting.job, np.random.default_rng(seed)
+    kind = KINDS[seed % len(KINDS)] if setting.kind == "any" else setting.kind
+    ground = seabed(kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
+    yaw = rng.uniform(-np.pi, np.pi)
+    gusts, loop, start = rng.spawn(3)
+    own = with_tool(setting.vehicle, drag=job.drag).compile()
+    arm = with_parts(own, but=(CAMERA_SITE,))
+    hull = hull_box(own, arm)
+    X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
+    higher = pose(p=[0.0, 0.0, rng.uniform(*HIGHER)])
+    X_WB_start = higher @ X_WB if setting.cloud is None else X_WB
+    B_B, up_B = _targets(setting)
+    B_W, up_W = transform_points(X_WB, B_B), X_WB[:3, :3] @ up_B
+    cloud_W = None if setting.cloud is None else transform_points(X_WB, read_cloud(setting.cloud))
+
+    model = hydrodynamics.compile(scenes.dig_site(with_tool(setting.vehicle, drag=job.drag), ground))
+    offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
+    plant = Plant(
+        model,
+        current=Current(setting.current),
+        X_WB=X_WB_start @ offset,
+        reaction_ticks=REACTION_TICKS if record else 0,
+        soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
+    )
+    flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
+    parts = Parts(
+        sensors=[
+            sensors.Encoders(),
+            sensors.JointTorqueSensors(),
+            sensors.Imu(),
+            sensors.Dvl(),
+            sensors.VisionDrift(),
+            Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
+            DvlRanges.on(
+                model, HULL_BODY, dvl_on_hull(hull), DvlBeams(limits=(OWN_ARM, 50.0), dead=setting.dead_beams)
+            ),
+        ],
+        estimator=GroundBelow(Navigation()),
+        finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W, looks=LOOKS),
+        planner=SeabedWork(
+            arm,
+            chain,
+            job,
+            X_WB_scan=X_WB_start,
+            hull_box=hull,
+            search=height_search(hull, drag=job.drag),
+            coarse=GroundApproach(height=ALTITUDE, hull_box=hull) if setting.cloud is None else None,
+        ),
+        controller=controller(setting.controller, own, without=setting.without, water_error=NOMINAL.water_error),
+    )
+    ready = Ready(
+        seed=seed,
+        plant=plant,
+        parts=parts,
+        loop=loop,
+        restart=lambda: plant.reset(current=flow, X_WB=X_WB_start @ offset),
+    )
+    truth = TrueGround(ground=ground, hull_box=hull, push=None if job.drag else job.push, depth=job.depth)
+    return SeabedRun(ready=ready, truth=truth)
+
+
+def run_trials(
+    setting: Setting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
+) -> int:
+    """One run for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit code."""
+    prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
+    trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
+    return _trials.say_trials(trials, summary(trials), _ROWS, folder, made_by, console)
+
+
+def _one(setting: Setting, seed: int) -> dict[str, Any]:
+    work = prepare(setting, seed)
+    rehearse(work.ready)
+    ran = run_through(work.ready, Recorder(work.ready.plant.model, full=False))
+    return dict(assess_seabed_work(ran.recording, work.truth, seed=seed, wall_s=ran.wall_s).metrics)
+
+
+_ROWS: tuple[_trials.Row, ...] = (
+    ("target's height, of what is allowed", "target_error_share", "%", 100.0, "max"),
+    ("push, worst while held", "push_error_share", "%", 100.0, "max"),
+    ("push, peak", "push_max_n", "N", 1.0, "max"),
+    ("depth of the core", "depth_m", "mm", 1e3, "min"),
+    ("depth error, peak", "depth_error_max_m", "mm", 1e3, "max"),
+    ("aside of the profile, peak", "side_max_m", "mm", 1e3, "max"),
+    ("depth under the true surface, error, peak", "true_depth_error_max_m", "mm", 1e3, "max"),
+    ("the same, RMS", "true_depth_error_rms_m", "mm", 1e3, "max"),
+    ("force on the tool, peak", "force_max_n", "N", 1.0, "max"),
+    ("hull, rise", "rise_max_m", "mm", 1e3, "max"),
+    ("hull, excursion", "excursion_max_m", "mm", 1e3, "max"),
+    ("hull over the true ground, least", "ground_gap_m", "mm", 1e3, "min"),
+)
+
+
+def with_tool(vehicle: str, *, drag: bool) -> mujoco.MjSpec:
+    """uuv_puma with the box, or the corer, in place of its pad; any other vehicle as it is."""
+    return uuv_puma.build("box" if drag else "corer") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
+
+
+def tool_of(own: mujoco.MjModel) -> SoilTool:
+    """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is neither tube nor box."""
+    geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
+    kinds, size = mujoco.mjtGeom, own.geom_size[geom]
+    kind = kinds(int(own.geom_type[geom]))
+    if kind == kinds.mjGEOM_BOX:
+        return box(2.0 * float(size[1]), 2.0 * float(size[0]), sampler.BOX.wall, sampler.BOX.rake)
+    if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+        return core_tube(float(size[0]), sampler.CORER.wall)
+    raise ConfigurationError(
+        f"--vehicle: its geom {TOOL_GEOM!r} must be a cylinder or a capsule, the core tube, or a box that is dragged"
+    )
+
+
+def height_search(hull: Array, *, drag: bool) -> HeightSearch:
+    """What the hull must keep; a box goes with its edge ahead, a tube any way about its axis."""
+    jets = -float(hull[0, 2])
+    return HeightSearch(jets_above=jets, rolls=1) if drag else HeightSearch(jets_above=jets)
+
+
+def _targets(setting: Setting) -> tuple[Array, Array]:
+    """Points B (s, 3) [m] and their direction z (3,), in hull axes where it scans."""
+    drag = setting.job.drag
+    if setting.targets is None:
+        sides = (-0.5 * APART, 0.5 * APART) if drag else (0.0,)
+        return np.array([[AHEAD, side, 0.0] for side in sides]), np.array([0.0, 0.0, 1.0])
+    B, up = read_targets(setting.targets)
+    if drag and len(B) < 2:
+        raise ConfigurationError(f"--targets {setting.targets}: to drag between needs two points or more, got {len(B)}")
+    return (B, up) if drag else (B[:1], up)
+
+
+def sonar_on_hull(box: Array) -> Array:
+    """Place (4, 4) of the sonar in B: under the hull's bow, looking down, x to starboard and y aft."""
+    R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
+
+
+def dvl_on_hull(hull: Array) -> Array:
+    """Place (3,) [m] of the Doppler log in B: under the stern, where the folded arm leaves its beams free."""
+    return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
+
+
+class Story:
+    """Puts the seabed as it was found, coarsely and then finely, the targets and the profile into recording and log."""
+
+    def __init__(self, recorder: Recorder, log: Any) -> None:
+        self._recorder, self._log = recorder, log
+
+    def observe(self, moment: Moment) -> None:
+        found = moment.found
+        if moment.frame is None or not isinstance(found, SeabedFinderState) or found.cloud_W is None:
+            return
+        time, plan = moment.truth.time, found.plan
+        self._recorder.add_cloud("scan", found.cloud_W)
+        if plan is not None:
+            self._recorder.add_cloud("targets", plan.targets.A)
+        if self._log is None:
+            return
+        self._log.log_cloud("scan", found.cloud_W, time, radius=0.004)
+        ground = moment.estimate.ground
+        if ground is not None and np.isfinite(ground.p_W).all():
+            self._log.log_arrows("coarse_plane", ground.p_W[None], PLANE * ground.normal_W[None], time)
+        if plan is None:
+            return
+        self._log.log_mesh("seabed", plan.terrain.vertices, plan.terrain.triangles, time)
+        self._log.log_cloud("targets", plan.targets.A, time, radius=0.03)
+        if plan.profile is not None:
+            T = plan.profile.T
+            for name, vectors in (("a", plan.profile.a), ("n", plan.profile.n)):
+                self._log.log_arrows(f"profile_{name}", T, AXES * vectors, time)

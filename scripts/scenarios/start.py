@@ -1,0 +1,24 @@
+"""First import of every command: refuses a Python without the project, or a foreign module of a room's name.
+
+`sim.runs.startup` cannot do that alone: a user's `sim.py` hides it too.
+"""
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+_ours = Path(__file__).resolve().parents[2] / "sim" / "__init__.py"
+_found = find_spec("sim")
+if _found is None or _found.origin is None:
+    print("error: this Python does not have the project; use ./uvw run scripts/NAME.py", file=sys.stderr)
+    raise SystemExit(2)
+if Path(_found.origin).resolve() != _ours:
+    print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
+    raise SystemExit(2)
+
+from sim.runs.run_folder import new_folder  # noqa: E402
+from sim.runs.startup import ScenarioOptions, check, parse, run_scenario  # noqa: E402
+
+check()
+
+__all__ = ["ScenarioOptions", "new_folder", "parse", "run_scenario"]

@@ -1,0 +1,171 @@
+"""How contact work holds when sea, vehicle, sensors and surface are all somewhat wrong: many runs, each drawn anew.
+
+    ./uvw run scripts/studies/contact.py --runs 500            # goes on where it was stopped
+    ./uvw run scripts/studies/contact.py --runs 500 --ablate   # and the same runs with each method left out
+    ./uvw run scripts/studies/contact.py --only 17             # that run alone, with its log and its report
+
+What is drawn for a run depends on --seed and its number alone. Exit code 0: at least 99 % of the runs keep contact and
+stay within 3 mm and 8 N after transients, and none damages or diverges.
+"""
+
+from scenarios.start import parse, run_scenario  # isort: skip
+
+import os
+import sys
+import time
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from scenarios.campaigns.contact_study import KEPT, PATHS, Bounds, Ranges, Task, draw, one_run
+from scenarios.campaigns.pool import run_all
+from scenarios.campaigns.row_log import Log, died, in_order
+from scenarios.campaigns.study_figures import METHODS, summary
+from scenarios.campaigns.study_report import rich_tables, write_report
+from scenarios.contact_job import run_contact_job
+from scenarios.runner import NOT_ACCEPTED
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.provenance import provenance
+from sim.runs.saving import write_json
+
+RUNS, QUICK_RUNS = 500, 4
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Contact work in many seas: distributions, failures, and what each method is worth."""
+
+    runs: int | None = None
+    """How many runs; 500, or 4 quick ones, by default."""
+    seed: int = 0
+    """Of the study."""
+    workers: int = 0
+    """Processes at work; 0: one for each core. Results do not depend on it."""
+    paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
+    """Paths that the runs take in turn."""
+    ranges: Ranges = field(default_factory=Ranges)
+    """What the runs are drawn from."""
+    ablate: tuple[str, ...] | None = None
+    """Also run without each method, or without those named."""
+    ablate_runs: int = 100
+    """How many of the runs are repeated without each method."""
+    only: int | None = None
+    """Do this run alone, with all its logs, in a folder of its own."""
+    without: str = ""
+    """With --only: a method to leave out."""
+    out: Path = Path("runs/study_contact")
+    """Folder for results.jsonl, metrics.json and report.html; of one study, which goes on there."""
+    anew: bool = False
+    """Throw away the runs that are in that folder."""
+    quick: bool = False
+    """Shorter jobs, and few of them, for a first look."""
+
+
+def main() -> int:
+    options = parse(Options)
+    _check(options)
+    if options.only is not None:
+        return _one(options)
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    runs = options.runs if options.runs is not None else (QUICK_RUNS if options.quick else RUNS)
+    settings = {
+        "seed": options.seed,
+        "paths": list(options.paths),
+        "quick": options.quick,
+        "ranges": asdict(options.ranges),
+    }
+    with Log.open(options.out, settings, anew=options.anew) as log:
+        return _study(options, runs, settings, log, console)
+
+
+def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, console: Console) -> int:
+    """Do what is left of the study, and say and write what came of all of it. Returns the exit code."""
+    bounds = Bounds()
+    methods = () if options.ablate is None else options.ablate or tuple(METHODS)
+    tasks = [_task(options, run) for run in range(runs)]
+    tasks += [replace(task, without=method) for method in methods for task in tasks[: options.ablate_runs]]
+    done = {(row["run"], row["without"]) for row in log.rows}
+    left = [task for task in tasks if task.key not in done]
+    workers = options.workers or os.cpu_count() or 1
+    if len(left) < len(tasks):
+        console.print(f"{len(tasks) - len(left)} of {len(tasks)} runs are there already", highlight=False)
+    hydrodynamics.install()  # compiled once, before the workers all would
+    began = time.perf_counter()
+    progress = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    )
+    with progress:
+        bar = progress.add_task("runs", total=len(left))
+        for task, row in run_all(left, workers, one_run, died):
+            log.add(row)
+            progress.advance(bar)
+            if row["class"] != KEPT and not task.without:
+                console.print(f"run {task.run:4d}  {row['class']}: {row['kind']}", highlight=False)
+    wanted = {task.key for task in tasks}
+    rows = in_order(row for row in log.rows if (row["run"], row["without"]) in wanted)
+    metrics = summary(rows, bounds, {**settings, "runs": runs})
+    write_json(options.out / "metrics.json", {**metrics, "provenance": provenance("study_contact", options)})
+    for table in rich_tables(metrics):
+        console.print(table)
+    cpu = sum(row["timing"]["cpu_s"] or 0.0 for row in log.rows)
+    simulated = sum(row["figures"].get("simulated_s") or 0.0 for row in log.rows)
+    pace = f"{simulated:.0f} s simulated in {cpu:.0f} s of one core."
+    if left:
+        pace += f" {len(left)} runs took {time.perf_counter() - began:.0f} s on {workers} workers."
+    console.print(pace, highlight=False)
+    title = f"Contact work in {runs} seas, seed {options.seed}"
+    write_report(options.out / "report.html", rows, metrics, bounds, title=title, pace=pace)
+    verdict = (
+        "[green]accepted[/green]" if metrics["accepted"] else "[red]not accepted[/red]: " + "; ".join(metrics["failed"])
+    )
+    console.print(verdict, highlight=False)
+    console.print(f"written to {options.out}/", highlight=False)
+    return 0 if metrics["accepted"] else NOT_ACCEPTED
+
+
+def _task(options: Options, run: int) -> Task:
+    path = options.paths[run % len(options.paths)]
+    return Task(
+        study=options.seed, run=run, path=path, without=options.without, ranges=options.ranges, quick=options.quick
+    )
+
+
+def _one(options: Options) -> int:
+    """A single run as its scenario would do it, with all that it writes."""
+    assert options.only is not None
+    scenario, job, stream, variation = draw(_task(options, options.only))
+    name = f"run_{options.only:04d}" + (f"_without_{options.without}" if options.without else "")
+    own = None if options.out == Options.out else options.out / name
+    scenario = replace(scenario, record=True, out=own)
+    title = f"{job.title}, run {options.only} of study {options.seed}"
+    job = replace(job, scenario=f"study_contact/{name}", title=title)
+    return run_contact_job(job, scenario, stream, time.perf_counter(), variation)
+
+
+def _check(options: Options) -> None:
+    least_of = {"runs": 1, "workers": 0, "ablate_runs": 1, "only": 0, "seed": 0}
+    for name, least in least_of.items():
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise ConfigurationError(f"--{name.replace('_', '-')}: must be at least {least}, got {value}")
+    if not options.paths:
+        raise ConfigurationError("--paths: at least one is needed")
+    for method in (*(options.ablate or ()), *((options.without,) if options.without else ())):
+        if method not in METHODS:
+            raise ConfigurationError(f"method {method!r}: allowed {', '.join(METHODS)}")
+    if options.without and options.only is None:
+        raise ConfigurationError("--without goes with --only; --ablate leaves methods out of many runs")
+
+
+if __name__ == "__main__":
+    run_scenario(main)

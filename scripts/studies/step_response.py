@@ -1,0 +1,179 @@
+"""The force loop's step response on soft, medium and hard surfaces, with one tuning, while the tool moves along.
+
+Each run steps the set force up and down several times; the mean of the responses is judged, so that the noise of
+sensors and sea does not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
+"""
+
+from scenarios.start import new_folder, parse, run_scenario  # isort: skip
+
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.table import Table
+
+from scenarios.campaigns.pool import run_all
+from scenarios.force_steps import StepTask, died, figures, responses, times
+from scenarios.runner import NOT_ACCEPTED
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+from sim.reporting.report_figures import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
+from sim.reporting.report_page import page, section, table, text
+from sim.reporting.report_page import provenance as made_by
+from sim.runs.provenance import provenance
+from sim.runs.saving import write_json, write_whole
+
+OVERSHOOT = 0.05  # share of the step that is allowed
+COLUMNS = ("surface [N/m]", "steps", "rise, 10-90 % [s]", "overshoot [%]", "settling, 5 % [s]", "spread [N]")
+
+
+@dataclass(kw_only=True)
+class Options:
+    """Steps of the set force on surfaces from soft to hard."""
+
+    stiffness: tuple[float, ...] = (1e4, 3e4, 1e6)
+    """Of pad and surface together [N/m]."""
+    low: float = 60.0
+    """Set force before a step [N]."""
+    high: float = 90.0
+    """And after it [N]."""
+    rate: float = 60.0
+    """Of the set force [N/s], as the work's own; 1e6 is as good as abrupt."""
+    steps: int = 6
+    """Steps up in a run."""
+    runs: int = 3
+    """On each surface."""
+    seed: int = 0
+    """Of the first run."""
+    current: tuple[float, float, float] = (0.15, 0.0, 0.0)
+    """[m/s]"""
+    gust: float = 0.03
+    """[m/s]"""
+    workers: int = 0
+    """Processes at work; 0: one for each core."""
+    out: Path | None = None
+    """Folder for metrics.json and report.html; a new one in runs/step_response by default."""
+    quick: bool = False
+    """One run on each surface."""
+
+
+def main() -> int:
+    options = parse(Options)
+    if not 0.0 < options.low < options.high:
+        raise ConfigurationError(f"--low, --high: must rise from above zero, got {options.low}, {options.high} N")
+    if not (options.rate > 0.0 and 1 <= options.steps <= 6 and options.runs >= 1 and options.workers >= 0):
+        raise ConfigurationError("--rate must be > 0 N/s, --steps from 1 to 6, --runs at least 1, --workers at least 0")
+    console = Console()
+    folder = new_folder("step_response", options.out, options.seed)
+    tasks = [
+        StepTask(
+            stiffness=stiffness,
+            seed=options.seed + run,
+            low=options.low,
+            high=options.high,
+            steps=options.steps,
+            rate=options.rate,
+            current=options.current,
+            gust=options.gust,
+        )
+        for stiffness in options.stiffness
+        for run in range(1 if options.quick else options.runs)
+    ]
+    hydrodynamics.install()
+    by_task = dict(run_all(tasks, options.workers or os.cpu_count() or 1, responses, died))
+    found = [by_task[task] for task in tasks]
+    for one in found:
+        if one["note"]:
+            console.print(f"{one['task'].stiffness:g} N/m, seed {one['task'].seed}: {one['note']}", highlight=False)
+    curves = {
+        stiffness: {
+            name: np.concatenate([one[name] for one in found if one["task"].stiffness == stiffness])
+            for name in ("set", "true")
+        }
+        for stiffness in options.stiffness
+    }
+    rows = [judged(stiffness, curve["true"], options) for stiffness, curve in curves.items()]
+    accepted = all(row["overshoot"] is not None and row["overshoot"] <= OVERSHOOT for row in rows)
+    accepted &= not any(one["note"] for one in found)
+    metrics = {"surfaces": rows, "accepted": accepted, "provenance": provenance("step_response", options)}
+    write_json(folder / "metrics.json", metrics)
+    shown = Table(title=f"Force from {options.low:g} to {options.high:g} N", title_justify="left")
+    for column in COLUMNS:
+        shown.add_column(column, justify="right")
+    for row in rows:
+        shown.add_row(*cells(row))
+    console.print(shown)
+    write_report(folder / "report.html", options, rows, curves, accepted)
+    console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
+    console.print(f"written to {folder}/", highlight=False)
+    return 0 if accepted else NOT_ACCEPTED
+
+
+def judged(stiffness: float, true: np.ndarray, options: Options) -> dict[str, Any]:
+    """Figures of the mean response to the steps `true` (k, N) [N], and the spread of single ones about it."""
+    none = {"rise_s": None, "overshoot": None, "settling_s": None, "spread_n": None}
+    if not len(true):
+        return {"stiffness_n_m": stiffness, "steps": 0, **none}
+    mean = true.mean(axis=0)
+    spread = float(np.sqrt(np.mean((true - mean) ** 2)))
+    return {
+        "stiffness_n_m": stiffness,
+        "steps": len(true),
+        **figures(mean, options.low, options.high),
+        "spread_n": spread,
+    }
+
+
+def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    scaled = (("rise_s", 1.0), ("overshoot", 100.0), ("settling_s", 1.0), ("spread_n", 1.0))
+    numbers = ("–" if row[name] is None else f"{scale * row[name]:.2f}" for name, scale in scaled)
+    return f"{row['stiffness_n_m']:.3g}", str(row["steps"]), *numbers
+
+
+def write_report(
+    file: Path, options: Options, rows: list[dict[str, Any]], curves: dict[float, dict[str, np.ndarray]], accepted: bool
+) -> None:
+    title = f"Step of the set force from {options.low:g} to {options.high:g} N"
+    verdict = "accepted" if accepted else "not accepted"
+    body = [
+        f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1></header>",
+        f"<section><h2>Figures of the mean response</h2>{table(COLUMNS, map(cells, rows))}</section>",
+        section(
+            "Responses",
+            picture_of(options, curves),
+            "True normal force at the tool, moving along the path: each step thin, their mean thick; the set force "
+            "dashed, and the bound of the overshoot.",
+        ),
+        f"<section><h2>How it was made</h2>{made_by(asdict(options))}</section>",
+    ]
+    write_whole(file, page(title, "\n".join(body)))
+
+
+def picture_of(options: Options, curves: dict[float, dict[str, np.ndarray]]) -> Figure:
+    figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
+    all_axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
+    t = times()
+    for axes, (stiffness, curve), color in zip(
+        all_axes, curves.items(), (BLUE, ORANGE, GREEN, PURPLE, SKY) * len(curves), strict=False
+    ):
+        axes.plot(t, curve["true"].T, color=color, linewidth=0.4, alpha=0.35)
+        if len(curve["true"]):
+            axes.plot(t, curve["set"].mean(axis=0), color=INK, linewidth=1.0, linestyle="--")
+            axes.plot(t, curve["true"].mean(axis=0), color=color, linewidth=2.0)
+        limit = options.high + OVERSHOOT * (options.high - options.low)
+        axes.axhline(limit, color=VERMILION, linewidth=0.9, linestyle="--")
+        axes.set_title(f"{stiffness:.3g} N/m", fontsize=10)
+        axes.set_xlabel("time from the step [s]")
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+        axes.tick_params(labelsize=9)
+    all_axes[0].set_ylabel("normal force [N]")
+    return figure
+
+
+if __name__ == "__main__":
+    run_scenario(main)

@@ -1,0 +1,157 @@
+"""The figures of an insertion, from its recording and the true place of the hole.
+
+Side force is the true contact force on the tool across the hole's axis, axial force that against the advance; both at
+the physics rate, from the stand-off to the stand-off again.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from sim.evaluation.metrics import Assessment, Check, run_schema
+from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, checked, inverse, transform_points
+from sim.loop.recording import Recording
+
+AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
+SCHEMA = "insertion.schema.json"
+_INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InsertionBounds:
+    """What an insertion must keep to be accepted."""
+
+    side_force: float = 20.0  # [N]
+    axial_force: float = 40.0  # [N]
+    short: float = 0.005  # [m] by which the true depth may stay below the one asked for
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueHole:
+    """The hole that was really there, and what was asked for."""
+
+    X_WH: Array  # (4, 4) origin in its mouth, z into it
+    radius: float  # [m]
+    tool_radius: float  # [m]
+    depth: float  # [m] asked for
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of an insertion's metrics.json."""
+    return run_schema(SCHEMA)
+
+
+def assess_insertion(
+    recording: Recording,
+    truth: TrueHole,
+    *,
+    found_X_WH: Array | None,
+    seed: int,
+    wall_s: float,
+    bounds: InsertionBounds | None = None,
+) -> Assessment:
+    """All figures of an insertion; `found_X_WH` (4, 4) is the hole as it was identified, None if it was not."""
+    bounds = bounds or InsertionBounds()
+    at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
+    tip_H = transform_points(inverse(truth.X_WH), recording["p_pad"].value)
+    force_H = recording["contact_force"].value @ truth.X_WH[:3, :3]
+    side, axial = np.linalg.norm(force_H[:, :2], axis=1), -force_H[:, 2]
+    in_bore = inside & (tip_H[:, 2] > 0.0) & (np.linalg.norm(tip_H[:, :2], axis=1) < truth.radius)
+    depth = float(tip_H[in_bore, 2].max()) if in_bore.any() else 0.0
+    out = float(tip_H[-1, 2])
+
+    def peak(values: Array) -> float | None:
+        return float(values[at_hole].max()) if at_hole.any() else None
+
+    position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
+    metrics = {
+        "identification": {"accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle},
+        "insertion": {
+            "clearance_m": truth.radius - truth.tool_radius,
+            "depth_asked_m": truth.depth,
+            "depth_m": depth,
+            "side_force_max_n": peak(side),
+            "side_force_rms_n": float(np.sqrt(np.mean(side[in_bore] ** 2))) if in_bore.any() else None,
+            "axial_force_max_n": peak(np.abs(axial)),
+            "time_s": float(at_hole.sum() * recording.timestep),
+            "searched_s": float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
+            "tip_at_end_m": out,
+        },
+    }
+    mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
+    checks = (
+        Check("hole as found, off its axis", position, None, "mm", mm),
+        Check("hole as found, tilt", angle, None, "deg", degrees),
+        Check("depth reached", depth, None, "mm", mm),
+        Check("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
+        Check("side force, peak", insertion["side_force_max_n"], bounds.side_force, "N"),
+        Check("side force, RMS in the bore", insertion["side_force_rms_n"], None, "N"),
+        Check("axial force, peak", insertion["axial_force_max_n"], bounds.axial_force, "N"),
+        Check("time at the hole", insertion["time_s"], None, "s"),
+        Check("tip at the end, below the mouth", out, 0.0, "mm", mm),
+    )
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
+    """How far the mouth was found off the true axis [m], and the angle between the axes [rad]."""
+    p = inverse(X_WH_true) @ np.append(X_WH[:3, 3], 1.0)
+    z, z_true = X_WH[:3, 2], X_WH_true[:3, 2]
+    return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
+
+
+_KINDS = (
+    ("identified", "not identified"),
+    ("reach", "out of reach"),
+    ("no hole", "hole not found"),
+    ("stopped", "jammed"),
+    ("depth was not", "too slow"),
+    ("limit", "force limit"),
+    ("hull", "hull adrift"),
+    ("before the mouth", "touched early"),
+)
+
+
+def crashed(seed: int, reason: str) -> dict[str, Any]:
+    """Metrics of a trial that broke down, with what there is to say of it."""
+    insertion = (
+        "clearance_m",
+        "depth_asked_m",
+        "depth_m",
+        "side_force_max_n",
+        "side_force_rms_n",
+        "axial_force_max_n",
+        "time_s",
+        "searched_s",
+        "tip_at_end_m",
+    )
+    return {
+        "identification": {"accepted": False, "aside_m": None, "tilt_rad": None},
+        "insertion": dict.fromkeys(insertion),
+        **crashed_run(seed, reason),
+    }
+
+
+def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:
+    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+    bounds = bounds or InsertionBounds()
+    insertions = [trial["insertion"] for trial in trials]
+    return {
+        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        "side_force_max_n": spread(one["side_force_max_n"] for one in insertions),
+        "axial_force_max_n": spread(one["axial_force_max_n"] for one in insertions),
+        "depth_m": spread(one["depth_m"] for one in insertions),
+        "time_s": spread(one["time_s"] for one in insertions),
+        "found_aside_m": spread(trial["identification"]["aside_m"] for trial in trials),
+        "found_tilt_rad": spread(trial["identification"]["tilt_rad"] for trial in trials),
+        "searched": sum((one["searched_s"] or 0.0) > 0.0 for one in insertions),
+        "side_force_bound_n": bounds.side_force,
+    }

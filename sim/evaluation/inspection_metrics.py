@@ -1,0 +1,152 @@
+"""The figures of an inspection flight, from its recording and the true place of the object.
+
+Distance is from the true camera to the true object's outline, as seen from above, at half the object's height; the view
+is the angle between the camera's level direction and that to the nearest point of the outline. A piece of the surface
+has been seen if from one of the poses flown it lay in the picture, turned to the camera, with nothing of the object
+before it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from models.meshes.ray_casting import RayScene
+from models.objects.targets import TargetModel
+from sim.evaluation.metrics import Assessment, Check, run_schema
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
+from sim.loop.recording import Recording
+
+SCHEMA = "inspection.schema.json"
+_EVERY = 1.0  # [s] between poses at which the surface is looked at
+_PIECES = 4000  # of the surface
+_TURNED = np.cos(np.radians(75.0))  # cosine of the incidence beyond which nothing is told of a surface
+_SKIN = 2e-3  # [m] before a piece at which it is its own surface that is met
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectionBounds:
+    """What the flight must keep to be accepted."""
+
+    distance: float = 0.05  # [m] at most off the set one
+    distance_rms: float = 0.03  # [m]
+    view: float = float(np.radians(10.0))  # [rad]
+    ends: float = 0.05  # [m] between the camera's first place and its last
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueInspection:
+    """What was really there, and what was asked for."""
+
+    target: TargetModel
+    X_WT: Array  # (4, 4)
+    X_BC: Array  # (4, 4) the camera in the hull
+    half_view: tuple[float, float]  # tangents of half the camera's fields, across and up
+    far: float  # [m] beyond which it sees nothing
+    distance: float  # [m] that was set
+
+    def __post_init__(self) -> None:
+        for name in ("X_WT", "X_BC"):
+            object.__setattr__(self, name, checked(getattr(self, name), (4, 4), name))
+        if not (self.far > 0.0 and self.distance > 0.0 and min(self.half_view) > 0.0):
+            raise ConfigurationError("inspection: half_view, far and distance must be > 0")
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of an inspection's metrics.json."""
+    return run_schema(SCHEMA)
+
+
+def assess_inspection(
+    recording: Recording, truth: TrueInspection, *, seed: int, wall_s: float, bounds: InspectionBounds | None = None
+) -> Assessment:
+    """All figures of a flight; a figure that it did not live to produce is None and counts as missed."""
+    bounds = bounds or InspectionBounds()
+    flown = np.flatnonzero(recording.within(WorkState.WORK))
+    figures: dict[str, Any] = dict.fromkeys(
+        ("distance_rms_m", "distance_max_m", "view_max_rad", "ends_m", "seen_share", "flown_s")
+    )
+    if len(flown):
+        X_WC = camera_poses(recording, truth, flown[:: max(1, round(0.1 / recording.timestep))])
+        off, view = off_and_view(X_WC, truth)
+        step = max(1, round(_EVERY / 0.1))
+        figures = {
+            "distance_rms_m": float(np.sqrt(np.mean(off**2))),
+            "distance_max_m": float(np.abs(off).max()),
+            "view_max_rad": float(view.max()),
+            "ends_m": float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
+            "seen_share": seen_share(X_WC[::step], truth),
+            "flown_s": float(len(flown) * recording.timestep),
+        }
+    mm, degrees = 1e3, float(np.degrees(1.0))
+    checks = (
+        Check("distance, RMS error", figures["distance_rms_m"], bounds.distance_rms, "mm", mm),
+        Check("distance, peak error", figures["distance_max_m"], bounds.distance, "mm", mm),
+        Check("view off the object, peak", figures["view_max_rad"], bounds.view, "deg", degrees),
+        Check("ends of the way apart", figures["ends_m"], bounds.ends, "mm", mm),
+        Check("surface seen", figures["seen_share"], None, "%", 100.0),
+        Check("time on the way around", figures["flown_s"], None, "s"),
+    )
+    figures["distance_set_m"] = truth.distance
+    return Assessment.of(recording, {"inspection": figures}, checks, seed=seed, wall_s=wall_s)
+
+
+def camera_poses(recording: Recording, truth: TrueInspection, rows: np.ndarray) -> Array:
+    """True poses (n, 4, 4) of the camera in W at the recording's `rows`."""
+    p, quat = recording["p_WB"].value[rows], recording["quat_WB_wxyz"].value[rows]
+    return np.array([pose(rotation_from_quat_wxyz(q), at) @ truth.X_BC for q, at in zip(quat, p, strict=True)])
+
+
+def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
+    """Distance (n,) [m] of the cameras to the outline less the set one, and angle (n,) [rad] off the nearest of it."""
+    vertices = transform_points(truth.X_WT, truth.target.vertices)
+    outline = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
+    side = np.roll(outline, -1, axis=0) - outline
+    off = X_WC[:, None, :2, 3] - outline
+    share = np.clip(np.einsum("nki,ki->nk", off, side) / np.einsum("ki,ki->k", side, side), 0.0, 1.0)
+    away = off - share[..., None] * side
+    rows, nearest = np.arange(len(away)), np.linalg.norm(away, axis=2).argmin(axis=1)
+    way = -away[rows, nearest]
+    level = np.linalg.norm(way, axis=1)
+    middle = 0.5 * (vertices[:, 2].min() + vertices[:, 2].max())
+    axis = X_WC[:, :2, 2]
+    cross = axis[:, 0] * way[:, 1] - axis[:, 1] * way[:, 0]
+    view = np.abs(np.arctan2(cross, np.einsum("ni,ni->n", axis, way)))
+    return np.hypot(level, X_WC[:, 2, 3] - middle) - truth.distance, view
+
+
+def seen_share(X_WC: Array, truth: TrueInspection) -> float:
+    """Share of the object's surface that cameras at `X_WC` (n, 4, 4) have seen between them."""
+    target = truth.target
+    corner = target.vertices[target.triangles]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    area = 0.5 * np.linalg.norm(normal, axis=1)
+    rng = np.random.default_rng(0)
+    which = rng.choice(len(area), _PIECES, p=area / area.sum())
+    weight = rng.dirichlet(np.ones(3), _PIECES)
+    pieces = np.einsum("ni,nij->nj", weight, corner[which])
+    normal = normal[which] / (2.0 * area[which, None])
+    scene = RayScene(target.vertices, target.triangles)
+    seen = np.zeros(_PIECES, dtype=bool)
+    for X in X_WC:
+        X_TC = inverse(truth.X_WT) @ X
+        p_C = transform_points(inverse(X_TC), pieces)
+        away = pieces - X_TC[:3, 3]
+        distance = np.linalg.norm(away, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < truth.half_view, axis=1)
+        asked = np.flatnonzero(
+            ~seen
+            & inside
+            & (p_C[:, 2] > 0.0)
+            & (distance < truth.far)
+            & (-np.einsum("ni,ni->n", away, normal) > _TURNED * distance)
+        )
+        if len(asked):
+            starts = np.broadcast_to(X_TC[:3, 3], (len(asked), 3))
+            hit = scene.cast(starts, away[asked] / distance[asked, None])["t"]
+            seen[asked] = hit > distance[asked] - _SKIN
+    return float(seen.mean())

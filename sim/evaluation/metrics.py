@@ -1,0 +1,462 @@
+"""The figures of a run, from its recording and the truth about the object; their meanings are fixed in the README.
+
+`assess` gives everything that `metrics.json` holds, and what of it missed its bound. A figure that the run did not
+live to produce is None (null in JSON) and counts as missed.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.objects.targets import TargetModel
+from sim.evaluation.mesh_surface import Surface, closest_on_curve
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array, checked, inverse, transform_points
+from sim.loop.recording import Recording
+from sim.runs.saving import write_json
+
+SETTLING = 1.0  # [s] from the beginning of a change of the set force that do not count
+LOST_BELOW = 1.0  # [N] true normal force that is no contact
+RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
+TILT_RATE = 50.0  # [Hz] at which the surface normal under the tip is looked up
+STANDSTILL = 1e-6  # [m/s] of the commanded point, and below
+INTERRUPTED = "interrupted"  # state of a run that was ended from outside
+SCHEMA = "metrics.schema.json"
+
+Figures = dict[str, float | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """What a run must keep to be accepted."""
+
+    force_error_rms: float = 3.0  # [N]
+    force_error_max: float = 9.0  # [N]
+    lost: float = 0.0  # [s]
+    path_deviation: float = 0.003  # [m]
+    position_error: float = 0.005  # [m] of the identification
+    position_error_share: float = 0.005  # of the range
+    tilt: float = float(np.radians(3.0))  # [rad] tool and hull
+    gap_error: float = 0.008  # [m] of work without contact: what identification and path may each be off, together
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueObject:
+    """What was really there to be worked on."""
+
+    model: TargetModel
+    path: str  # name of the tool path on it
+    X_WT: Array  # (4, 4)
+    contactless: float | None = None  # [m] distance that was to be kept from its surface; None: pressed
+
+    def __post_init__(self) -> None:
+        self.model.path(self.path)  # raises ConfigurationError if it has none of that name
+        object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One figure against its bound."""
+
+    name: str
+    value: float | None
+    bound: float | None  # None: reported only
+    unit: str
+    scale: float = 1.0  # from SI to `unit`
+
+    @property
+    def ok(self) -> bool:
+        return self.bound is None or (self.value is not None and self.value <= self.bound * (1.0 + 1e-9))
+
+    @property
+    def failure(self) -> str:
+        """What is wrong, in a line; empty if nothing is."""
+        if self.ok or self.bound is None:
+            return ""
+        if self.value is None:
+            return f"{self.name}: no figure"
+        value, bound = self.value * self.scale, self.bound * self.scale
+        return f"{self.name}: {value:.3g} {self.unit}, allowed {bound:.3g} {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessment:
+    """The metrics of a run and the checks that decide on its acceptance."""
+
+    metrics: Mapping[str, Any]  # as written to metrics.json
+    checks: tuple[Check, ...]
+    failed: tuple[str, ...]  # one line each
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        figures: Mapping[str, Any],
+        checks: Sequence[Check],
+        *,
+        seed: int,
+        wall_s: float,
+        identification_s: float | None = None,
+        others: Iterable[str] = (),
+    ) -> "Assessment":
+        """The verdict on a run: `checks` that it missed, `others` (a line each) beside them, an end other than done.
+
+        The metrics are `figures`, those that every run has whatever its work, and the verdict. No run may collide.
+        What differs from one time to another is in "timings" alone: `wall_s` [s] it took, and `identification_s` [s]
+        of it the last identification.
+        """
+        final = recording.final
+        state, note = final.state.value, final.note
+        if recording.interrupted:
+            state, note = INTERRUPTED, f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
+        run = {
+            "simulated_s": recording.duration,
+            "seed": seed,
+            "state": state,
+            "note": note,
+            "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
+            "trajectory_sha256": recording.digest(),
+        }
+        timings = {
+            "wall_s": wall_s,
+            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
+            "identification_s": identification_s,
+        }
+        checks = (*checks, Check("collision", run["collision_s"], 0.0, "s"))
+        failed = [*filter(None, (check.failure for check in checks)), *others]
+        if recording.interrupted:
+            failed.append(f"the run was interrupted {note}")
+        elif final.state is not WorkState.DONE:
+            failed.append(f"the run ended in state {state}{f': {note}' if note else ''}")
+        metrics = {**figures, "run": run, "accepted": not failed, "failed": failed, "timings": timings}
+        return cls(metrics=metrics, checks=checks, failed=tuple(failed))
+
+    @property
+    def accepted(self) -> bool:
+        return not self.failed
+
+    def made_by(self, provenance: Mapping[str, Any]) -> "Assessment":
+        """The same, with what it was made by among the metrics."""
+        return replace(self, metrics={**self.metrics, "provenance": dict(provenance)})
+
+    def write(self, file: Path) -> None:
+        """Write metrics.json. Raises ConfigurationError where that cannot be."""
+        write_json(file, self.metrics)
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of metrics.json."""
+    return run_schema(SCHEMA)
+
+
+def run_schema(name: str) -> dict[str, Any]:
+    """The JSON Schema `name` of a run's metrics, in one piece with that of what all runs have."""
+    own, shared = (
+        json.loads(files("sim").joinpath("schemas", each).read_text(encoding="utf-8"))
+        for each in (name, "run.schema.json")
+    )
+    return {**own, "$defs": {**own.get("$defs", {}), "every_run": shared}}
+
+
+def assess(
+    recording: Recording,
+    truth: TrueObject,
+    *,
+    seed: int,
+    wall_s: float,
+    identification_s: float | None = None,
+    bounds: Bounds | None = None,
+) -> Assessment:
+    """All figures of a run. `wall_s` [s] the loop took, `identification_s` [s] of it finding the object."""
+    bounds = bounds or Bounds()
+    identification = _identification(recording, truth)
+    contact, segments = contact_figures(recording)
+    tool = tool_figures(recording, truth)
+    hull = hull_figures(recording)
+    gap = gap_figures(recording, truth)
+    metrics = {
+        "identification": identification,
+        "contact": {**contact, "segments": segments},
+        "gap": gap,
+        "tool": tool,
+        "force_estimate": force_estimate_figures(recording),
+        "hull": hull,
+        "thrusters": {"saturated_s": float(recording["saturated"].scalar.sum() * recording.timestep)},
+    }
+    range_m = identification["range_m"]
+    position_bound = bounds.position_error
+    if range_m is not None:
+        position_bound = min(position_bound, bounds.position_error_share * range_m)
+    mm, degrees = 1e3, float(np.degrees(1.0))
+    if gap is None:
+        of_tool = (
+            Check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
+            Check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
+            Check("contact lost", contact["lost_s"], bounds.lost, "s"),
+        )
+    else:
+        of_tool = (
+            Check("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
+            Check("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
+            Check("touched", gap["touched_s"], 0.0, "s"),
+        )
+    checks = (
+        Check("identified position", identification["position_error_m"], position_bound, "mm", mm),
+        Check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
+        *of_tool,
+        Check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
+        Check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
+        Check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
+        Check("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        Check("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
+        Check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
+    )
+    others = () if identification["accepted"] else ("the object was not identified",)
+    return Assessment.of(
+        recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
+    )
+
+
+def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
+    """True normal force against the step set value in the work state: overall, and for each set value in turn.
+
+    RMS is of the mean in each of the loop's steps; peaks and lost contact are those of the physics' own steps in it.
+    The reference may come to a new set value by a ramp; the error counts against its end, from SETTLING after its
+    beginning on.
+    """
+    time, work = recording["set_force"].time, recording.within(WorkState.WORK)
+    names = ("force_error_rms_n", "force_error_max_n", "lost_s")
+    if not work.any() or not recording["set_force"].scalar[work].any():  # none was asked for
+        return dict.fromkeys(names), []
+    wanted = recording["set_force"].scalar
+    lost = (recording["contact_least"].scalar < LOST_BELOW) & work
+    changed = np.concatenate([[True], np.diff(wanted) != 0.0])
+    last_change = np.maximum.accumulate(np.where(changed, time, -np.inf))
+    begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
+    part = np.cumsum(begins) - 1
+    starts = np.flatnonzero(begins)
+    step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # where each ramp has come to
+    error, over, under = (recording[name].scalar - step for name in ("contact_normal", "contact_most", "contact_least"))
+    peak = np.maximum(np.abs(over), np.abs(under))
+    settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
+
+    def figures(where: np.ndarray) -> Figures:
+        e, worst = error[where & settled], peak[where & settled]
+        return {
+            "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
+            "force_error_max_n": float(worst.max()) if e.size else None,
+            "lost_s": float((lost & where).sum() * recording.timestep),
+        }
+
+    segments: list[Figures] = []
+    for number in np.unique(part[work]):
+        where = work & (part == number)
+        segments.append(
+            {"set_n": float(wanted[where][-1]), **figures(where), "duration_s": float(where.sum() * recording.timestep)}
+        )
+    return figures(work), segments
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathError:
+    """The true tip against the timed commanded path, split; over the work state."""
+
+    time: Array  # (N,) [s]
+    along: Array  # (N,) [m] signed, along the tangent
+    normal: Array  # (N,) [m] signed, along the tool axis: deeper is positive
+    lateral: Array  # (N,) [m] signed, along axis x tangent
+    deviation: Array  # (N,) [m] the larger of along-track and cross-track
+
+    @property
+    def cross(self) -> Array:
+        """(N,) [m] distance from the path in the surface. Along the normal the force decides, not the path."""
+        return np.abs(self.lateral)
+
+
+def path_error(recording: Recording) -> PathError | None:
+    """The tip's error on its path, or None if the run never came to work."""
+    work = recording.within(WorkState.WORK)
+    velocity = recording["v_command"].value[work]
+    speed = np.linalg.norm(velocity, axis=1)
+    moving = np.flatnonzero(speed > STANDSTILL)
+    if not moving.size:
+        return None
+    # Where the commanded point rests, at both ends, the tangent is that of the nearest motion.
+    rows = np.arange(len(speed))
+    after = np.clip(np.searchsorted(moving, rows), 0, moving.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(rows - moving[before] < moving[after] - rows, moving[before], moving[after])
+    nearest = np.where(speed > STANDSTILL, rows, nearest)
+    tangent = velocity[nearest] / speed[nearest, None]
+    error = recording["p_pad"].value[work] - recording["p_command"].value[work]
+    axis = recording["tool_axis"].value[work]
+    axis = axis - np.sum(axis * tangent, axis=1, keepdims=True) * tangent
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    along, normal = np.sum(error * tangent, axis=1), np.sum(error * axis, axis=1)
+    lateral = np.sum(error * np.cross(axis, tangent), axis=1)
+    return PathError(
+        time=recording["p_pad"].time[work],
+        along=along,
+        normal=normal,
+        lateral=lateral,
+        deviation=np.maximum(np.abs(along), np.abs(lateral)),
+    )
+
+
+def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
+    """The true tip against the commanded path, the ideal path on the true object, and its surface."""
+    names = (
+        "path_deviation_rms_m",
+        "path_deviation_max_m",
+        "cross_track_rms_m",
+        "along_track_rms_m",
+        "cross_track_max_m",
+        "along_track_max_m",
+        "normal_deviation_max_m",
+        "object_deviation_max_m",
+        "tilt_max_rad",
+        "speed_mean_m_s",
+    )
+    error = path_error(recording)
+    if error is None:
+        return dict.fromkeys(names)
+    work = recording.within(WorkState.WORK)
+    # A turn that leaves the object as it is moves the path on it: the pose that shows the same object, as it was found.
+    X_WT = np.array(truth.X_WT)
+    if recording.targets:
+        X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
+    tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[work])
+    ideal, arc = closest_on_curve(tip_T, np.asarray(truth.model.path(truth.path).p))
+    moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
+    values = (
+        np.sqrt(np.mean(error.deviation**2)),
+        error.deviation.max(),
+        np.sqrt(np.mean(error.cross**2)),
+        np.sqrt(np.mean(error.along**2)),
+        error.cross.max(),
+        np.abs(error.along).max(),
+        np.abs(error.normal).max(),
+        np.linalg.norm(tip_T - ideal, axis=1).max(),
+        tool_tilt(recording, truth)[1].max(),
+        np.ptp(arc) / (moving.sum() * recording.timestep),
+    )
+    return dict(zip(names, map(float, values), strict=True))
+
+
+def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+    """Times (N,) [s] in the work state, and angles (N,) [rad] between the tool axis and the true inward normal."""
+    time, tip_T, axis = _at_work(recording, truth)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    _, normal = surface.closest(tip_T)
+    sine = np.linalg.norm(np.cross(axis, normal), axis=1)
+    return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
+
+
+def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
+    """The pad's distance to the true surface against the one to be kept, at work; None where it was to press.
+
+    Beside the error: the time with contact, in any state.
+    """
+    if truth.contactless is None:
+        return None
+    touched = float((recording["contact_normal"].scalar > 0.0).sum() * recording.timestep)
+    error = None
+    if recording.within(WorkState.WORK).any():
+        error = tool_gap(recording, truth)[1] - truth.contactless
+    return {
+        "set_m": truth.contactless,
+        "error_rms_m": None if error is None else float(np.sqrt(np.mean(error**2))),
+        "error_max_m": None if error is None else float(np.abs(error).max()),
+        "touched_s": touched,
+    }
+
+
+def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+    """Times (N,) [s] in the work state, and distances (N,) [m] of the pad's face from the true surface, 0 inside it."""
+    time, tip_T, _ = _at_work(recording, truth)
+    surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
+    found, normal = surface.closest(tip_T)
+    outside = np.sum((tip_T - found) * normal, axis=1) > 0.0
+    return time, np.where(outside, np.linalg.norm(tip_T - found, axis=1), 0.0)
+
+
+def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
+    """Times (N,) [s] in the work state, at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
+    every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
+    rows = np.flatnonzero(recording.within(WorkState.WORK))[::every]
+    X_TW = inverse(truth.X_WT)
+    tip_T = transform_points(X_TW, recording["p_pad"].value[rows])
+    return recording["p_pad"].time[rows], tip_T, recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
+
+
+def force_estimate_figures(recording: Recording) -> Figures:
+    """Tool force felt through the joints against the true contact force, as vectors and along the tool, at work."""
+    work = recording.within(WorkState.WORK)
+    names = ("error_rms_n", "normal_error_rms_n")
+    vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
+    normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
+    if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
+        return dict.fromkeys(names)  # the controller need not believe in any force
+    return {names[0]: float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))), names[1]: float(np.sqrt(np.mean(normal**2)))}
+
+
+def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
+    """Times (N,) [s] in the work state, displacement (N, 3) [m] in W and turn (N,) [rad] of the hull since first touch.
+
+    Where the hull is asked to travel with the tool, that is taken off.
+    The turn is the whole rotation, yaw included. Where no force was asked for: since the work began. None if the tool
+    never touched or the run never came to work.
+    """
+    work = recording.within(WorkState.WORK)
+    pressed = recording["set_force"].scalar[work].any()
+    touching = np.flatnonzero(recording["contact_normal"].scalar > 0.0 if pressed else work)
+    if not touching.size or not work.any():
+        return None
+    first = touching[0]
+    quat, p = recording["quat_WB_wxyz"].value, recording["p_WB"].value
+    if "p_WB_reference" in recording:
+        p = p - recording["p_WB_reference"].value
+    ahead, behind = quat[work] - quat[first], quat[work] + quat[first]  # q and -q are one rotation
+    chord = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1))
+    turn = 4.0 * np.arcsin(0.5 * chord)  # exact for small angles, unlike the arc cosine
+    return recording["p_WB"].time[work], p[work] - p[first], turn
+
+
+def hull_figures(recording: Recording) -> Figures:
+    """How far the hull moved and turned under the work, from its pose at first touch."""
+    motion = hull_motion(recording)
+    if motion is None:
+        return {"excursion_max_m": None, "tilt_max_rad": None}
+    _, displacement, turn = motion
+    return {"excursion_max_m": float(np.linalg.norm(displacement, axis=1).max()), "tilt_max_rad": float(turn.max())}
+
+
+def _identification(recording: Recording, truth: TrueObject) -> dict[str, Any]:
+    """The last view's outcome against the truth, up to the object's symmetry."""
+    found = recording.targets[-1] if recording.targets else None
+    figures: dict[str, Any] = {
+        "position_error_m": None,
+        "orientation_error_rad": None,
+        "range_m": None,
+        "check_m": None,
+        "accepted": found is not None and found.accepted,
+        "views": len(recording.targets),
+    }
+    if found is not None:
+        position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)
+        figures |= {
+            "position_error_m": _finite(position),
+            "orientation_error_rad": _finite(orientation),
+            "range_m": _finite(found.range_m),
+            "check_m": _finite(found.check_m),
+        }
+    return figures
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,228 @@
+"""The figures of work in the seabed, from its recording and the true ground.
+
+Push is the true force of the soil against the tool along its axis, at the physics rate. Rise and excursion of the hull
+count from its place when the tool first met the soil, until it is out again. Of a tool that was dragged, depth and side
+are against the commanded path; its depth under the true surface has the scan's error in it and is told beside.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from models.site.seabed import Seabed
+from sim.evaluation.metrics import Assessment, Check, path_error, run_schema
+from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Target, WorkState
+from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
+from sim.loop.recording import Recording
+
+SCHEMA = "seabed_work.schema.json"
+IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
+_GAP_EVERY = 0.5  # [s] between looks at how near the hull is to the ground
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeabedBounds:
+    """What the work must keep to be accepted."""
+
+    target: float = 0.01  # [m] of a target's height,
+    target_share: float = 0.005  # and of its range besides
+    push: float = 0.05  # of the set push, while it is held
+    rise: float = 0.02  # [m] of the hull
+    depth: float = 0.005  # [m] of a tool that is dragged
+    side: float = 0.003  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrueGround:
+    """What was really there, and what was asked for."""
+
+    ground: Seabed
+    hull_box: Array  # (2, 3) [m] corners of the hull in B
+    push: float | None  # [N] of a core; None: dragged
+    depth: float  # [m] dragged at; at which a core is full
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hull_box", checked(self.hull_box, (2, 3), "hull_box"))
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of the metrics.json of work in the seabed."""
+    return run_schema(SCHEMA)
+
+
+def assess_seabed_work(
+    recording: Recording, truth: TrueGround, *, seed: int, wall_s: float, bounds: SeabedBounds | None = None
+) -> Assessment:
+    """All figures of a run; a figure that it did not live to produce is None and counts as missed."""
+    bounds = bounds or SeabedBounds()
+    found = recording.targets[-1] if recording.targets else None
+    worked = truth.push is not None, recording.within(WorkState.WORK).any()
+    surface = _surface(found, truth, bounds)
+    core = _core(recording, truth) if worked == (True, True) else None
+    drag = _drag(recording, truth) if worked == (False, True) else None
+    hull = hull_in_the_soil(recording)
+    gap = hull_gap(recording, truth)
+    metrics = {"surface": surface, "core": core, "drag": drag, "hull": {**hull, "ground_gap_m": gap}}
+    mm, percent = 1e3, 100.0
+    if truth.push is not None:
+        of_core = core or {}
+        of_tool = (
+            Check("push, worst while held", of_core.get("push_error_share"), bounds.push, "%", percent),
+            Check("push, peak", of_core.get("push_max_n"), None, "N"),
+            Check("depth of the core", of_core.get("depth_m"), None, "mm", mm),
+        )
+    else:
+        of_drag = drag or {}
+        of_tool = (
+            Check("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, "mm", mm),
+            Check("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, "mm", mm),
+            Check("depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), None, "mm", mm),
+            Check("force on the tool, peak", of_drag.get("force_max_n"), None, "N"),
+        )
+    checks = (
+        Check("target's height, of what is allowed", surface["target_error_share"], 1.0, "%", percent),
+        Check("target's height, error", surface["target_error_max_m"], None, "mm", mm),
+        *of_tool,
+        Check("hull, rise", hull["rise_max_m"], bounds.rise, "mm", mm),
+        Check("hull, excursion", hull["excursion_max_m"], None, "mm", mm),
+        Check("hull over the true ground, least", gap, None, "mm", mm),
+    )
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+_KINDS = (
+    ("relief", "relief unsuitable"),
+    ("no height", "no height to work at"),
+    ("hole", "hole in the cloud"),
+    ("plane", "no plane"),
+    ("was not held", "push not held"),
+    ("full", "tube full"),
+    ("limit", "force limit"),
+    ("hull", "hull adrift"),
+    ("stands", "something in the way"),
+)
+_OF_CORE = ("push_error_share", "push_max_n", "depth_m")
+_OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_depth_error_rms_m", "force_max_n")
+
+
+def crashed(seed: int, reason: str) -> dict[str, Any]:
+    """Metrics of a trial that broke down, with what there is to say of it."""
+    hull = ("rise_max_m", "sink_max_m", "excursion_max_m", "ground_gap_m")
+    surface = ("target_error_max_m", "target_error_share", "range_m")
+    return {
+        "surface": {"accepted": False, **dict.fromkeys(surface)},
+        "core": None,
+        "drag": None,
+        "hull": dict.fromkeys(hull),
+        **crashed_run(seed, reason),
+    }
+
+
+def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+
+    def of(part: str, key: str) -> dict[str, float] | None:
+        return spread(trial[part][key] for trial in trials if trial[part] is not None)
+
+    return {
+        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        "target_error_share": of("surface", "target_error_share"),
+        **{key: of("core", key) for key in _OF_CORE},
+        **{key: of("drag", key) for key in _OF_DRAG},
+        **{key: of("hull", key) for key in ("rise_max_m", "excursion_max_m", "ground_gap_m")},
+    }
+
+
+def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:
+    """Heights at which the targets were found against the true ones, where the path begins and ends."""
+    figures: dict[str, Any] = {
+        "accepted": found is not None and found.accepted,
+        "target_error_max_m": None,
+        "target_error_share": None,
+        "range_m": None,
+    }
+    if found is None or found.path is None:
+        return figures
+    ends = found.path.p[[0, -1]] if truth.push is None else found.path.p[:1]
+    off = np.abs(ends[:, 2] - truth.ground.height(ends))
+    allowed = bounds.target + bounds.target_share * found.range_m
+    return figures | {
+        "target_error_max_m": float(off.max()),
+        "target_error_share": float(off.max() / allowed),
+        "range_m": float(found.range_m),
+    }
+
+
+def _core(recording: Recording, truth: TrueGround) -> dict[str, Any]:
+    push = truth.push
+    if push is None:
+        raise ConfigurationError("core: no push was set")
+    held, inside = recording.within(WorkState.WORK), recording.within(*IN_THE_SOIL)
+    force, depth = recording["contact_normal"].scalar, tip_depth(recording, truth.ground)
+    least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
+    error = np.maximum(np.abs(most[held] - push), np.abs(least[held] - push)) / push
+    return {
+        "push_set_n": push,
+        "push_mean_n": float(force[held].mean()),
+        "push_error_share": float(error.max()),
+        "push_max_n": float(most[inside].max()),
+        "pull_max_n": float(-least[inside].min()),
+        "depth_m": float(depth[inside].max()),
+        "held_s": float(held.sum() * recording.timestep),
+    }
+
+
+def _drag(recording: Recording, truth: TrueGround) -> dict[str, Any]:
+    work = recording.within(WorkState.WORK)
+    error = path_error(recording)
+    depth = tip_depth(recording, truth.ground)[work]
+    force = np.linalg.norm(recording["contact_force"].value[work], axis=1)
+    return {
+        "depth_set_m": truth.depth,
+        "depth_error_max_m": None if error is None else float(np.abs(error.normal).max()),
+        "depth_error_rms_m": None if error is None else float(np.sqrt(np.mean(error.normal**2))),
+        "side_max_m": None if error is None else float(np.abs(error.lateral).max()),
+        "true_depth_error_max_m": float(np.abs(depth - truth.depth).max()),
+        "true_depth_error_rms_m": float(np.sqrt(np.mean((depth - truth.depth) ** 2))),
+        "force_max_n": float(force.max()),
+        "dragged_s": float(work.sum() * recording.timestep),
+    }
+
+
+def tip_depth(recording: Recording, ground: Seabed) -> Array:
+    """Depth (N,) [m] of the tip below the true surface, straight up; NaN beside the terrain."""
+    tip = recording["p_pad"].value
+    return ground.height(tip) - tip[:, 2]
+
+
+def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
+    """How far the hull rose, sank and moved in all, from its place when the tool first met the soil."""
+    inside = recording.within(*IN_THE_SOIL)
+    touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
+    if not touched.size:
+        return {"rise_max_m": None, "sink_max_m": None, "excursion_max_m": None}
+    inside[: touched[0]] = False
+    moved = recording["p_WB"].value[inside] - recording["p_WB"].value[touched[0]]
+    return {
+        "rise_max_m": float(moved[:, 2].max()),
+        "sink_max_m": float(-moved[:, 2].min()),
+        "excursion_max_m": float(np.linalg.norm(moved, axis=1).max()),
+    }
+
+
+def hull_gap(recording: Recording, truth: TrueGround) -> float:
+    """Least distance [m] of the hull's box from the true ground in the whole run; 0 where they meet."""
+    every = max(1, round(_GAP_EVERY / recording.timestep))
+    ground, box = truth.ground.mesh()[0], truth.hull_box
+    least = np.inf
+    for p_WB, quat_wxyz in zip(recording["p_WB"].value[::every], recording["quat_WB_wxyz"].value[::every], strict=True):
+        R_WB = rotation_from_quat_wxyz(quat_wxyz)
+        p_B = (ground - p_WB) @ R_WB
+        outside = np.maximum(0.0, np.maximum(box[0] - p_B, p_B - box[1]))
+        least = min(least, float((outside**2).sum(axis=1).min()))
+    return float(np.sqrt(least))

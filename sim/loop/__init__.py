@@ -1,0 +1,1 @@
+"""The one step loop, and the recording that it fills."""

@@ -1,0 +1,345 @@
+"""What is kept of a run: columns, filled while the loop runs, read by metrics and reports when it is over.
+
+`Recorder` watches `sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times in s
+from the start of the run, everything else in SI and W unless a name says otherwise.
+"""
+
+import hashlib
+from array import array
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import mujoco
+import numba
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Reference, Target, WorkState
+from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
+from sim.loop.rollout import Moment, ticks_per_period
+
+STATES = tuple(WorkState)  # the series "state" holds indices into it
+_INDEX = {state: i for i, state in enumerate(STATES)}
+_XYZ = ("x", "y", "z")
+_NOWHERE = np.full(3, np.nan)
+
+# Columns of the blocks: series name -> (labels, unit). The order is that of the rows as they are written.
+_Columns = Mapping[str, tuple[tuple[str, ...], str]]
+_SCALARS: _Columns = {
+    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps,
+    "contact_least": ((), "N"),  # least and
+    "contact_most": ((), "N"),  # greatest of them
+    "saturated": ((), ""),
+    "collision": ((), ""),
+    "felt_normal": ((), "N"),  # from joint torques
+}
+_VECTORS: _Columns = {
+    "p_pad": (_XYZ, "m"),  # true tip
+    "tool_axis": (_XYZ, ""),
+    "p_WB": (_XYZ, "m"),
+    "quat_WB_wxyz": (("w", "x", "y", "z"), ""),
+    "contact_force": (_XYZ, "N"),  # of the world on the pad
+    "felt_force": (_XYZ, "N"),
+}
+_REFERENCE: _Columns = {
+    "state": ((), ""),
+    "set_force": ((), "N"),
+    "path_s": ((), "m"),
+    "p_command": (_XYZ, "m"),  # tip asked for, carried on by its velocity; NaN where the arm holds joint angles
+    "v_command": (_XYZ, "m/s"),
+    "p_WB_reference": (_XYZ, "m"),
+}
+EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series that every recording has, full or not
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """One quantity over time."""
+
+    time: Array  # (N,) [s]
+    value: Array  # (N, k)
+    unit: str
+    labels: tuple[str, ...]  # k of them; empty for a scalar
+
+    @property
+    def scalar(self) -> Array:
+        """The values (N,) of a series with one column; ConfigurationError for any other."""
+        if self.value.shape[1] != 1:
+            raise ConfigurationError(f"series has columns {self.labels}, not one")
+        return self.value[:, 0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """A change of state."""
+
+    time: float  # [s]
+    state: WorkState
+    note: str  # why, where the planner said so
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recording:
+    """One run, as it was."""
+
+    timestep: float  # [s] of the loop
+    duration: float  # [s]
+    vehicle: Vehicle
+    series: Mapping[str, Series]
+    events: tuple[Event, ...]
+    targets: tuple[Target, ...]  # what the finder said, one per frame
+    clouds: Mapping[str, Array]  # (N, 3) [m] in W, put in by the scenario
+    substeps: int = 1  # of the physics in each of the loop's
+    interrupted: str = ""  # by what the run was ended before its time, e.g. SIGTERM
+
+    def __getitem__(self, name: str) -> Series:
+        """The series `name`; ConfigurationError, with the names there are, if there is none."""
+        if name not in self.series:
+            raise ConfigurationError(f"no series {name!r} was recorded; there are {', '.join(sorted(self.series))}")
+        return self.series[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.series
+
+    def within(self, *states: WorkState) -> np.ndarray:
+        """(N,) bool over the steps: the planner was in one of `states`."""
+        return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
+
+    def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
+        """SHA-256 over times and values of the series `names`, bit for bit: of the whole trajectory by default.
+
+        Names that were not recorded are passed over; the order of `names` does not count. It is the same with and
+        without the slower series, on any byte order, and for any bits of NaN.
+        """
+        digest = hashlib.sha256()
+        for name in sorted(set(names) & set(self.series)):
+            series = self.series[name]
+            digest.update(f"{name}{series.value.shape}".encode())
+            for values in (series.time, series.value):
+                exact = np.array(values, dtype="<f8", order="C")
+                exact[np.isnan(exact)] = np.nan
+                digest.update(exact.data)
+        return digest.hexdigest()
+
+    @property
+    def final(self) -> Event:
+        """The state in which the run ended."""
+        return self.events[-1]
+
+
+class _Block:
+    """A table that grows by doubling: rows of a fixed width, the first column is the time unless the owner has it."""
+
+    def __init__(self, width: int, rows: int = 1024) -> None:
+        self.width = width
+        self._table = np.empty((rows, width))
+        self.count = 0
+
+    def row(self) -> Array:
+        """The next row, to be filled."""
+        if self.count == len(self._table):
+            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+        row = self._table[self.count]
+        self.count += 1
+        return row
+
+    def table(self) -> Array:
+        """A copy (N, width) of the rows so far."""
+        return self._table[: self.count].copy()
+
+
+class Recorder:
+    """Observer of `sim.loop.rollout` that keeps a run in memory.
+
+    At the loop's rate: what the metrics need. If `full`, also joints, torques, thrusts, current, the estimate and
+    what the controller believed every `period`, and the poses of all bodies every `pose_period`.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        timestep: float | None = None,
+        full: bool = True,
+        period: float = 0.02,
+        pose_period: float = 0.04,
+    ) -> None:
+        """Take the plant's model and timestep [s] (default: the model's own).
+
+        Raises ConfigurationError for periods that are no multiple of it, and if it is none of the model's.
+        """
+        self._timestep = float(model.opt.timestep) if timestep is None else timestep
+        self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
+        self._vehicle = vehicle = Vehicle.of(model)
+        self._bodies = tuple(model.body(b).name for b in range(model.nbody))
+        self._full = full
+        self._ticks = ticks_per_period(period, self._timestep, "recorder's period")
+        self._pose_ticks = ticks_per_period(pose_period, self._timestep, "recorder's pose period")
+        self._slow_columns: _Columns = {
+            "q": (vehicle.joint_names, "rad"),
+            "qd": (vehicle.joint_names, "rad/s"),
+            "tau_drive": (vehicle.joint_names, "N m"),
+            "thrust": (vehicle.thruster_names, "N"),
+            "current": (_XYZ, "m/s"),
+            "arm_wrench": (("fx", "fy", "fz", "mx", "my", "mz"), "N, N m"),  # true, of the arm on the hull, hull axes
+            "p_WB_estimate": (_XYZ, "m"),
+            "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
+        }
+        # The scalars of each step go into an `array`, which takes a tuple faster than numpy does.
+        self._scalars = array("d")
+        self._physics = _Block(_total_width(_VECTORS), rows=1 << 15)
+        self._references = _Block(1 + _total_width(_REFERENCE))
+        self._slow = _Block(1 + _total_width(self._slow_columns))
+        self._poses = _Block(1 + 7 * model.nbody)
+        self._believed: dict[str, _Block] = {}
+        self._views: tuple[Array, ...] = ()
+        self._truth: Any = None
+        self._reference: Reference | None = None
+        self._target: Target | None = None
+        self._events: list[Event] = []
+        self._targets: list[Target] = []
+        self._clouds: dict[str, Array] = {}
+
+    def add_cloud(self, name: str, points_W: ArrayLike) -> None:
+        """Keep points (N, 3) [m] in W under `name`."""
+        points = np.asarray(points_W, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
+        self._clouds[name] = readonly(points)
+
+    def observe(self, moment: Moment) -> None:
+        truth, believed = moment.truth, moment.command.believed
+        if truth is not self._truth:
+            self._bind(truth)
+        if moment.reference is not self._reference:
+            self._refer(moment.reference)
+        if moment.target is not None and moment.target is not self._target:
+            self._target = moment.target
+            self._targets.append(moment.target)
+        self._scalars.extend(
+            (
+                truth.time,
+                self._references.count - 1,
+                truth.contact_normal,
+                truth.contact_least,
+                truth.contact_most,
+                truth.saturated,
+                truth.collision,
+                moment.command.felt_normal,
+            )
+        )
+        p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force = self._views
+        felt_force = believed.get("f_tip_W", _NOWHERE)
+        _join(self._physics.row(), p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force)
+        if not self._full:
+            return
+        if moment.tick % self._ticks == 0:
+            self._observe_slow(moment)
+        if moment.tick % self._pose_ticks == 0:
+            row = self._poses.row()
+            row[0] = truth.time
+            poses = row[1:].reshape(-1, 7)
+            poses[:, :3], poses[:, 3:] = truth.xpos, truth.xquat
+
+    def recording(self, interrupted: str = "") -> Recording:
+        """What was kept so far; `interrupted` says by what the run was ended. ConfigurationError if nothing was."""
+        if not self._physics.count:
+            raise ConfigurationError("the recorder has seen no step yet")
+        scalars = np.array(self._scalars).reshape(-1, 2 + len(_SCALARS))
+        time = scalars[:, 0]
+        reference = self._references.table()[scalars[:, 1].astype(np.int64)]
+        series = {
+            **_split(time, scalars[:, 2:], _SCALARS),
+            **_split(time, self._physics.table(), _VECTORS),
+            **_split(time, reference[:, 1:], _REFERENCE),
+        }
+        series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
+        if self._full:
+            slow, poses = self._slow.table(), self._poses.table()
+            series |= _split(slow[:, 0], slow[:, 1:], self._slow_columns)
+            series["body_pose"] = Series(time=poses[:, 0], value=poses[:, 1:], unit="m, wxyz", labels=self._bodies)
+        for name, block in self._believed.items():
+            table = block.table()
+            labels = tuple(map(str, range(block.width - 1))) if block.width > 2 else ()
+            series[f"believed.{name}"] = Series(time=table[:, 0], value=table[:, 1:], unit="", labels=labels)
+        for item in series.values():
+            item.time.setflags(write=False)
+            item.value.setflags(write=False)
+        return Recording(
+            timestep=self._timestep,
+            duration=float(time[-1]) + self._timestep,
+            vehicle=self._vehicle,
+            series=MappingProxyType(series),
+            events=tuple(self._events),
+            targets=tuple(self._targets),
+            clouds=MappingProxyType(dict(self._clouds)),
+            substeps=self._substeps,
+            interrupted=interrupted,
+        )
+
+    def _bind(self, truth: Any) -> None:
+        """Look the views of `truth` up once; they stay valid for as long as the plant gives out the same object."""
+        self._truth = truth
+        quat_WB_wxyz = truth.xquat[self._vehicle.hull]
+        self._views = (truth.p_pad, truth.R_WG[:, 2], truth.p_WB, quat_WB_wxyz, truth.contact_force_W)
+
+    def _refer(self, reference: Reference) -> None:
+        """Keep a new reference: at the planner's rate, since the physics is several times faster."""
+        if self._reference is None or reference.state is not self._reference.state:
+            self._events.append(Event(time=reference.time, state=reference.state, note=reference.note))
+        self._reference = reference
+        row = self._references.row()
+        row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s
+        row[4:7] = _NOWHERE if reference.X_WG is None else reference.X_WG[:3, 3]
+        row[7:10] = reference.v_WG_W
+        row[10:13] = reference.X_WB[:3, 3]
+
+    def _observe_slow(self, moment: Moment) -> None:
+        truth, estimate = moment.truth, moment.estimate
+        row = self._slow.row()
+        row[0] = truth.time
+        np.concatenate(
+            (
+                truth.q,
+                truth.qd,
+                truth.tau_drive,
+                truth.thrust,
+                truth.current_W,
+                truth.arm_wrench_B,
+                estimate.X_WB[:3, 3],
+                quat_wxyz_from_rotation(estimate.X_WB[:3, :3]),
+            ),
+            out=row[1:],
+        )
+        for name, value in moment.command.believed.items():
+            block = self._believed.get(name)
+            if block is None:
+                block = self._believed[name] = _Block(1 + np.size(value))
+            row = block.row()
+            row[0] = truth.time
+            row[1:] = np.ravel(value)
+
+
+@numba.njit(cache=True)
+def _join(row, p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force):
+    """The columns of `_VECTORS` into their row: as `np.concatenate`, in a third of the time."""
+    row[0:3], row[3:6], row[6:9], row[9:13] = p_pad, tool_axis, p_WB, quat_WB_wxyz
+    row[13:16], row[16:19] = contact_force, felt_force
+
+
+def _total_width(columns: _Columns) -> int:
+    return sum(max(1, len(labels)) for labels, _ in columns.values())
+
+
+def _split(time: Array, table: Array, columns: _Columns) -> dict[str, Series]:
+    """The columns of `table` (N, sum of widths) as series, in the order of `columns`."""
+    series, start = {}, 0
+    for name, (labels, unit) in columns.items():
+        stop = start + max(1, len(labels))
+        series[name] = Series(time=time, value=table[:, start:stop], unit=unit, labels=labels)
+        start = stop
+    return series

@@ -1,0 +1,303 @@
+"""Faults of the plant and its sensors, put on from outside: wrappers with the shape of what they wrap.
+
+A thruster that dies, sticks or weakens (`FaultyPlant`), a sensor that falls silent, freezes, drifts, jumps, spikes or
+gives no numbers (`FaultySensor`, around any sensor), a finder that is sure of the wrong place (`MisplacedFinder`), a
+current that changes (`changing`, for `sim.water.current.Current`). Each acts while its `Onset` says so. Nothing of it
+reaches perception or controllers but through what they measure. A wrapped part draws the same random numbers as alone.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.water.thruster_curves import command_for, thrust_at
+from models.water.thrusters import curves
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Measurement, Target, WorkState
+from sim.interfaces.protocols import Sensor, TargetFinder
+from sim.interfaces.spatial import Array, checked, number
+from sim.loop.rollout import Moment
+from sim.plant.plant import Plant, Truth
+
+
+@dataclass(slots=True, eq=False)
+class Onset:
+    """When a fault begins, and how long it lasts: at a time, or at an event of the work that it watches for.
+
+    Give `at`, or `state` (and `force`) and let it observe the rollout, or call `begin` yourself.
+    """
+
+    at: float | None = None  # [s]
+    state: WorkState | None = None  # the first time that the planner is in this state
+    force: float = 0.0  # [N] and asks for at least this
+    after: float = 0.0  # [s] from then on
+    duration: float = np.inf  # [s]
+    began: float = field(default=np.inf, init=False)  # [s]
+
+    def __post_init__(self) -> None:
+        for name in ("force", "after", "duration") if self.at is None else ("at", "after", "duration"):
+            value = number(getattr(self, name), f"onset {name}")
+            if not value >= 0.0:
+                raise ConfigurationError(f"onset {name}: must be >= 0, got {value}")
+        if self.at is not None:
+            if self.state is not None:
+                raise ConfigurationError("onset: a time or a state, not both")
+            self.began = self.at + self.after
+
+    def begin(self, time: float) -> None:
+        """Begin `after` later than `time` [s]."""
+        self.began = time + self.after
+
+    def observe(self, moment: Moment) -> None:
+        """Watch for the state; an observer of `sim.loop.rollout`."""
+        reference = moment.reference
+        if not np.isfinite(self.began) and reference.state is self.state and reference.force >= self.force:
+            self.begin(float(moment.truth.time))
+
+    def elapsed(self, time: float) -> float:
+        """Time [s] since it began; negative before."""
+        return time - self.began
+
+    def active(self, time: float) -> bool:
+        return 0.0 <= self.elapsed(time) < self.duration
+
+
+# -- sensors -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """A measurement on its way through a fault."""
+
+    measurement: Any  # as the sensor made it
+    sound: Any  # the last one before the fault
+    elapsed: float  # [s] since the fault began
+    rng: np.random.Generator  # the fault's own
+
+
+class SensorFault(Protocol):
+    """What becomes of a measurement; None: nothing comes."""
+
+    def __call__(self, reading: Reading) -> Measurement | None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """No message comes."""
+
+    def __call__(self, reading: Reading) -> None:
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """The fields stay as they were, or one element of each; time goes on."""
+
+    fields: tuple[str, ...]
+    index: int | None = None
+
+    def __call__(self, reading: Reading) -> Any:
+        measurement = reading.measurement
+        for name in self.fields:
+            kept = getattr(reading.sound, name, None)
+            measurement = _changed(measurement, name, self.index, lambda _, kept=kept: _part(kept, self.index))
+        return measurement
+
+
+@dataclass(frozen=True, slots=True)
+class Fixed:
+    """A field shows a value whatever it measures: zero, a rail, or `nan`, which is no number."""
+
+    field: str
+    index: int | None = None
+    value: float = 0.0
+
+    def __call__(self, reading: Reading) -> Any:
+        return _changed(reading.measurement, self.field, self.index, lambda old: np.full_like(old, self.value))
+
+
+@dataclass(frozen=True, slots=True)
+class Offset:
+    """A field is off by `jump` at once, and by `rate` more every second."""
+
+    field: str
+    index: int | None = None
+    jump: float = 0.0
+    rate: float = 0.0  # [1/s]
+
+    def __call__(self, reading: Reading) -> Any:
+        return _changed(
+            reading.measurement, self.field, self.index, lambda old: old + self.jump + self.rate * reading.elapsed
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Spikes:
+    """Every measurement is off by `size` with a probability, either way."""
+
+    field: str
+    index: int | None = None
+    size: float = 0.0
+    probability: float = 0.05
+
+    def __call__(self, reading: Reading) -> Any:
+        hit = reading.rng.uniform() < self.probability
+        way = 1.0 if reading.rng.uniform() < 0.5 else -1.0
+        return _changed(reading.measurement, self.field, self.index, lambda old: old + hit * way * self.size)
+
+
+def _part(value: Any, index: int | None) -> Any:
+    return value if index is None else value[index]
+
+
+def _changed(measurement: Any, name: str, index: int | None, change: Callable[[Any], Any]) -> Any:
+    """A copy of `measurement` in which `change` was applied to field `name`, or to element `index` of it.
+
+    Raises ConfigurationError for a field or an element that it does not have.
+    """
+    kind = type(measurement).__name__
+    names = [item.name for item in fields(measurement)]
+    if name not in names:
+        raise ConfigurationError(f"fault: a {kind} has no field {name!r}; it has {', '.join(names)}")
+    old = np.asarray(getattr(measurement, name))
+    if index is None:
+        new = np.array(change(old), dtype=np.float64)
+    elif old.ndim and 0 <= index < len(old):
+        new = np.array(old, dtype=np.float64)
+        new[index] = change(old[index])
+    else:
+        raise ConfigurationError(f"fault: {name} of a {kind} has shape {old.shape}, no element {index}")
+    new.setflags(write=False)
+    return replace(measurement, **{name: new if old.ndim else float(new)})
+
+
+@dataclass(slots=True, eq=False)
+class FaultySensorState:
+    """The sensor's own memory, the fault's random stream, and the last measurement before the fault."""
+
+    sensor: Any
+    rng: np.random.Generator
+    sound: Measurement | None = None
+
+
+class FaultySensor:
+    """A sensor (`sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
+
+    def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
+        self._sensor, self._fault, self._onset = sensor, fault, onset
+        self.sound: Sensor = sensor.sound if isinstance(sensor, FaultySensor) else sensor
+        self.period, self.delay = sensor.period, sensor.delay
+
+    def init(self, rng: np.random.Generator) -> FaultySensorState:
+        inner = self._sensor.init(rng)
+        return FaultySensorState(inner, rng.spawn(1)[0])  # after the sensor's own, whose streams stay what they were
+
+    def step(self, state: FaultySensorState, truth: Truth) -> tuple[FaultySensorState, Measurement | None]:
+        state.sensor, measurement = self._sensor.step(state.sensor, truth)
+        if measurement is None:
+            return state, None
+        elapsed = self._onset.elapsed(float(truth.time))
+        if not self._onset.active(float(truth.time)):
+            if elapsed < 0.0:
+                state.sound = measurement
+            return state, measurement
+        if state.sound is None:
+            state.sound = measurement
+        return state, self._fault(Reading(measurement, state.sound, elapsed, state.rng))
+
+
+# -- plant -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ThrusterFault:
+    """A thruster that gives `share` of the thrust asked for (0: dead), or, if `stuck`, what it was last asked for."""
+
+    thruster: int
+    onset: Onset
+    share: float = 0.0
+    stuck: bool = False
+
+
+class FaultyPlant:
+    """A plant (`sim.loop.rollout.SteppedPlant`) some of whose thrusters do not do as they are told."""
+
+    def __init__(self, plant: Plant, faults: Sequence[ThrusterFault]) -> None:
+        """Wrap `plant`. Raises ConfigurationError for a thruster that it does not have, or a share outside [0, 1]."""
+        self.plant, self._faults = plant, tuple(faults)
+        self.timestep = plant.timestep
+        names = plant.vehicle.thruster_names
+        for fault in self._faults:
+            if not 0 <= fault.thruster < len(names):
+                raise ConfigurationError(
+                    f"fault: there is no thruster {fault.thruster}; there are {len(names)}: {names}"
+                )
+            if not 0.0 <= fault.share <= 1.0:
+                raise ConfigurationError(f"fault: share of a thruster's thrust must be in [0, 1], got {fault.share}")
+        self._curves = curves(plant.vehicle.thruster_table)
+        self._last = np.zeros(len(names))
+
+    def observe(self) -> Truth:
+        return self.plant.observe()
+
+    def step(self, command: Command) -> None:
+        """As `Plant.step`, with the thruster commands that come through."""
+        thrusters, time = np.array(command.thrusters), self.plant.truth.time
+        for fault in self._faults:
+            i = fault.thruster
+            if not fault.onset.active(time):
+                continue
+            if fault.stuck:
+                thrusters[i] = self._last[i]
+            elif fault.share < 1.0:
+                wanted = float(np.clip(thrusters[i], -1.0, 1.0))
+                thrusters[i] = command_for(self._curves[i], fault.share * thrust_at(self._curves[i], wanted))
+        self._last = thrusters
+        self.plant.step(replace(command, thrusters=thrusters))
+
+
+def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tuple[float, float]]:
+    """Profile for a `Current`: from 1 to `factor` within `ramp` [s] of the onset, smoothly; back at its end.
+
+    Raises ConfigurationError for a ramp that is not positive.
+    """
+    if not (np.isfinite(ramp) and ramp > 0.0 and np.isfinite(factor)):
+        raise ConfigurationError(f"current: a ramp must be > 0 s and a factor finite, got {ramp} s and {factor}")
+
+    def rise(elapsed: float) -> tuple[float, float]:
+        x = min(max(elapsed / ramp, 0.0), 1.0)
+        return x * x * (3.0 - 2.0 * x), 6.0 * x * (1.0 - x) / ramp
+
+    def profile(time: float) -> tuple[float, float]:
+        elapsed = onset.elapsed(time)
+        (up, growth), (down, fall) = rise(elapsed), rise(elapsed - onset.duration)
+        return 1.0 + (factor - 1.0) * (up - down), (factor - 1.0) * (growth - fall)
+
+    return profile
+
+
+# -- perception --------------------------------------------------------------------------------------------------------
+
+
+class MisplacedFinder:
+    """A finder (`sim.interfaces.protocols.TargetFinder`) as sure as the one it wraps, but of the wrong place."""
+
+    def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:
+        """Move all that `finder` finds in frames of that time by `shift_W` (3,) [m]."""
+        self._finder, self._shift_W = finder, checked(shift_W, (3,), "shift of the target [m]")
+        self._onset = onset
+
+    def init(self) -> Any:
+        return self._finder.init()
+
+    def step(self, state: Any, estimate: Any, measurement: Any) -> tuple[Any, Target | None]:
+        state, target = self._finder.step(state, estimate, measurement)
+        if target is None or not self._onset.active(target.time):
+            return state, target
+        X_WT: Array = np.array(target.X_WT)
+        X_WT[:3, 3] += self._shift_W
+        path = None if target.path is None else replace(target.path, p=target.path.p + self._shift_W)
+        return state, replace(target, X_WT=X_WT, path=path)

@@ -1,0 +1,357 @@
+"""The plant: one vehicle in one MjModel, stepped at the loop's rate; and the ground truth that it alone knows."""
+
+import mujoco
+import numpy as np
+
+from models.hydrodynamics import LAYOUT, world_row
+from models.vehicle import HOME_KEY, TOOL_GEOM, Vehicle
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
+from sim.plant.reaction import Reaction
+from sim.plant.readout import CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
+from sim.plant.soil_contact import SoilForce
+from sim.plant.thrusters import Thrusters
+from sim.water.current import Current
+from sim.water.passive_callback import WET_MARK
+
+PAD_FACE_SITE = "pad_face"
+
+
+class Truth:
+    """The true state at the start of the plant's step. Live views: read them before the next step, keep none.
+
+    Positions and velocities are those of `time`; accelerations and torques are those of the physics step that led here,
+    which is when a sensor would have sampled them. Contact is that of all substeps of the plant's step that led here.
+    """
+
+    __slots__ = (
+        "R_WB",
+        "R_WG",
+        "acceleration",
+        "arm_wrench_B",
+        "armature",
+        "collision",
+        "contact_force_W",
+        "contact_least",
+        "contact_most",
+        "contact_normal",
+        "current_W",
+        "joint_damping",
+        "p_WB",
+        "p_WG",
+        "p_pad",
+        "propeller_speed",
+        "q",
+        "qd",
+        "qdd",
+        "saturated",
+        "tau_drive",
+        "tau_friction",
+        "thrust",
+        "time",
+        "v_WB_W",
+        "vehicle",
+        "w_WB_B",
+        "xmat",
+        "xpos",
+        "xquat",
+    )
+
+    time: float  # [s]
+    xpos: Array  # (nbody, 3) [m] body origins in W
+    xquat: Array  # (nbody, 4) wxyz
+    xmat: Array  # (nbody, 9)
+    p_WB: Array  # (3,) [m]
+    R_WB: Array  # (3, 3)
+    v_WB_W: Array  # (3,) [m/s], world axes
+    w_WB_B: Array  # (3,) [rad/s], hull axes
+    acceleration: Array  # (6,) of the free joint: linear in W, angular in B [m/s^2, rad/s^2]
+    q: Array  # (n,) [rad]
+    qd: Array  # (n,) [rad/s]
+    qdd: Array  # (n,) [rad/s^2]
+    tau_drive: Array  # (n,) [N m] of the motors
+    tau_friction: Array  # (n,) [N m] of dry friction in the gears, on the joint
+    armature: Array  # (n,) [kg m^2]
+    joint_damping: Array  # (n,) [N m s/rad]
+    propeller_speed: Array  # (m,) normalised, lags the commands
+    thrust: Array  # (m,) [N]
+    saturated: bool  # a thruster command was at its limit
+    current_W: Array  # (3,) [m/s]
+    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN where the plant does not measure it
+    p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
+    R_WG: Array  # (3, 3) tool axes
+    p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
+    contact_normal: float  # [N] sum of the normal forces on the pad, mean over the substeps
+    contact_least: float  # [N] the least of them in a substep
+    contact_most: float  # [N] the greatest
+    contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
+    collision: bool  # some other part of the vehicle touched the world, if only for a substep
+    vehicle: Vehicle
+
+
+class Plant:
+    """A vehicle and its world, advanced by commands one `timestep` [s] at a time: `substeps` steps of the physics."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        current: Current,
+        X_WB: Array | None = None,
+        reaction_ticks: int = 0,
+        soil: SoilForce | None = None,
+        substeps: int = 1,
+    ) -> None:
+        """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
+
+        `soil` acts on the body of the pad, and counts as contact. Every `reaction_ticks` steps the wrench of the arm on
+        the hull is measured (`sim.plant.reaction`); 0: never. With `substeps` the model is stepped so often under one
+        command and one current: stiff contact wants short steps, the loop around the plant does not.
+
+        Raises ConfigurationError for arguments that cannot be and if the model has no vehicle (`models.vehicle`),
+        HydrodynamicsError if its water cannot act as it should (what `sim.hydrodynamics.check` refuses, and contact
+        weights of the dry mass) or the wrench cannot be measured. Installs the process's passive callback.
+        """
+        if not isinstance(model, mujoco.MjModel):
+            raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            raise ConfigurationError(
+                "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
+            )
+        if not isinstance(substeps, int) or substeps < 1:
+            raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+        hydrodynamics.install()
+        hydrodynamics.check(model)
+        hydrodynamics.check_constants(model)
+        self.model = model
+        self.vehicle = vehicle = Vehicle.of(model)
+        self.data = mujoco.MjData(model)
+        self.substeps = substeps
+        self.timestep = substeps * float(model.opt.timestep)
+        self._least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] of a step that did not begin anew
+        # Written each step; a model without our coefficients has no place for it and needs none.
+        slot = LAYOUT.current_acceleration
+        wet = hydrodynamics.carries_hydrodynamics(model)
+        water = world_row(model) if wet else np.zeros(LAYOUT.size)
+        self._current_slot = water[slot : slot + 3]
+        self._seen, self._told = water[LAYOUT.seen :][:1], water[LAYOUT.told :][:1]  # what the callback has met
+        self._mark = self.data.crb[0, :1] if wet else np.array([WET_MARK])  # says that the water is in this step
+        self._observed = False
+        self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
+        self._wind, self._ctrl = model.opt.wind, self.data.ctrl
+        self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
+        pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
+        if pad_site < 0:
+            pad_site = vehicle.tip
+        self._gears = _rows_of_friction(model, vehicle)
+        self._own_geom = _carried_geoms(model, vehicle.hull)
+        self._places = places_of(self.data, model, self._pad_geom)
+        self._frictionloss, self._contacts = model.dof_frictionloss, np.zeros(CONTACTS)
+        dry = vehicle.dry_friction
+        self._friction = np.array([dry.coulomb, dry.stiction, dry.stribeck_speed])
+        self._joint_ctrl, self._thruster_ctrl = _block(vehicle.actuators), _block(vehicle.thruster_actuators)
+        measured = reaction_ticks > 0 and vehicle.joints.size > 0
+        self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
+        self._reaction_ticks, self._tick = reaction_ticks, 0
+        self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal and (3,) in W, as the kernel adds them
+        if soil is not None and self._pad_geom < 0:
+            raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
+        self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
+        self.truth = self._bind(pad_site)
+        self.reset(current=current, X_WB=X_WB)
+
+    def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
+        """Start again at time 0 and at rest, arm at home, in `current`, as a new plant of the same model would.
+
+        `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next. Raises ConfigurationError
+        for what is no Current or no pose.
+        """
+        if not isinstance(current, Current):
+            raise ConfigurationError(f"current: expected a sim.water.current.Current, got {current!r}")
+        if current.timestep not in (None, self.timestep):
+            raise ConfigurationError(
+                f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {self.timestep} s"
+            )
+        if X_WB is not None:
+            X_WB = checked_pose(X_WB, "X_WB")
+        data, truth = self.data, self.truth
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
+        if key >= 0:
+            mujoco.mj_resetDataKeyframe(self.model, data, key)
+        else:
+            mujoco.mj_resetData(self.model, data)
+        if X_WB is not None:
+            address = self.vehicle.hull_qpos
+            data.qpos[address : address + 3] = X_WB[:3, 3]
+            data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
+        self._current = current
+        self._thrusters.reset()
+        self._from_soil[:] = 0.0
+        if self._soil is not None:
+            self._soil.reset()
+        self._flow()  # over what the last step left in the model
+        truth.time = float(data.time)
+        self._observed = False
+        truth.saturated = False
+        truth.tau_friction[:] = 0.0
+        truth.arm_wrench_B[:] = np.nan
+        self._tick = 0
+        self._read_off(0, 1)
+        self._contact()
+
+    def _bind(self, pad_site: int) -> Truth:
+        """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
+        data, vehicle = self.data, self.vehicle
+        truth = Truth()
+        truth.vehicle = vehicle
+        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
+        truth.p_WB = data.xpos[vehicle.hull]
+        truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        dof = vehicle.hull_dof
+        truth.v_WB_W = data.qvel[dof : dof + 3]
+        truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
+        truth.acceleration = data.qacc[dof : dof + 6]
+        truth.q, truth.qd, truth.qdd = (
+            _view(data.qpos, vehicle.qpos),
+            _view(data.qvel, vehicle.dof),
+            _view(data.qacc, vehicle.dof),
+        )
+        truth.tau_friction = np.zeros(len(vehicle.joints))
+        truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
+        truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
+        truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
+        truth.current_W = np.zeros(3)
+        truth.arm_wrench_B = np.full(6, np.nan)
+        armed = vehicle.tip >= 0
+        truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
+        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
+        truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
+        truth.contact_force_W = self._contacts[FORCE : FORCE + 3]
+        return truth
+
+    def observe(self) -> Truth:
+        """Bring the kinematics up to now, and return the truth.
+
+        Raises HydrodynamicsError if the motion blew up or is no longer in water, because the passive callback was
+        replaced; warns as `sim.hydrodynamics.check_motion` does.
+        """
+        mujoco.mj_step1(self.model, self.data)
+        time = float(self.data.time)
+        truth = self.truth
+        # MuJoCo met numbers that are none, and began anew; in the first step that need not show in the time.
+        if time - truth.time < self._least_gain or truth.time == 0.0 or self._seen[0] != self._told[0]:
+            hydrodynamics.check_motion(self.model, self.data)
+        if self._mark[0] != WET_MARK:
+            hydrodynamics.check_wet(self.model, self.data)
+        truth.time = time
+        self._observed = True
+        return truth
+
+    def step(self, command: Command) -> None:
+        """Let the command act for one `timestep`; `observe` must have been called since the last one.
+
+        Raises ConfigurationError if it has not, and for torques or thruster commands of another shape or that are not
+        finite.
+        """
+        if not self._observed:
+            raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
+        joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
+        model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
+        truth.saturated = self._thrusters.step(
+            command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
+        )
+        self._ctrl[self._thruster_ctrl] = self._thrusters.thrust
+        self._ctrl[self._joint_ctrl] = joint_torque
+        for substep in range(last):
+            if soil is not None:
+                self._dig(soil)
+            mujoco.mj_step2(model, data)
+            self._read_off(substep, last + 1)
+            mujoco.mj_step1(model, data)
+        if soil is not None:
+            self._dig(soil)
+        if self._reaction is not None and self._tick % self._reaction_ticks == 0:
+            before = data.qvel.copy()
+            mujoco.mj_step2(model, data)
+            truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
+        else:
+            mujoco.mj_step2(model, data)
+        self._observed = False
+        self._tick += 1
+        self._read_off(last, last + 1)
+        self._contact()
+        self._flow()
+
+    def _read_off(self, substep: int, substeps: int) -> None:
+        """Note what friction the gears had, which then follows Stribeck's curve, and what the vehicle touched."""
+        truth = self.truth
+        gears_and_contacts(
+            self._places,
+            self._gears,
+            self.vehicle.dof,
+            self._friction,
+            truth.qd,
+            self._own_geom,
+            self._from_soil,
+            truth.tau_friction,
+            self._frictionloss,
+            self._contacts,
+            substep,
+            substeps,
+        )
+
+    def _contact(self) -> None:
+        """Say what was touched in the step that has ended."""
+        truth = self.truth
+        truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = self._contacts.tolist()
+        truth.collision = bool(collision)
+
+    def _dig(self, soil: SoilForce) -> None:
+        """Let the soil act on the tool for the physics step that comes."""
+        data, truth, axis = self.data, self.truth, self.truth.R_WG[:, 2]
+        f_W = soil.step(truth.p_pad, axis)
+        self._from_soil[NORMAL], self._from_soil[FORCE:] = -(f_W @ axis), f_W
+        wrench = data.xfrc_applied[self._tool]
+        lever = truth.p_pad - data.xipos[self._tool]
+        wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)
+
+    def _flow(self) -> None:
+        """Let the water of the next step into the model, before `observe` computes what it does."""
+        velocity, acceleration = self._current.step()
+        self._wind[:] = velocity
+        self._current_slot[:] = acceleration
+        self.truth.current_W[:] = velocity
+
+
+def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
+    """(n,) where each joint's gear stands among MuJoCo's constraints of friction, -1 if it has none; or empty."""
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
+        return np.zeros(0, dtype=np.int64)
+    dry = np.asarray(model.dof_frictionloss) > 0.0
+    rows = np.where(dry, np.cumsum(dry) - 1, -1)[vehicle.dof]
+    return rows if np.any(rows >= 0) else np.zeros(0, dtype=np.int64)
+
+
+def _view(array: Array, addresses: np.ndarray) -> Array:
+    """A slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
+    if not len(addresses):
+        return np.zeros(0)
+    first = int(addresses[0])
+    if not np.array_equal(addresses, np.arange(first, first + len(addresses))):
+        raise ConfigurationError("the driven joints of the arm must follow each other without others between them")
+    return array[first : first + len(addresses)]
+
+
+def _block(addresses: np.ndarray) -> slice | np.ndarray:
+    """Addresses as a slice where they follow each other, which is the faster to write through."""
+    if len(addresses) and np.array_equal(addresses, np.arange(addresses[0], addresses[0] + len(addresses))):
+        return slice(int(addresses[0]), int(addresses[0]) + len(addresses))
+    return addresses
+
+
+def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:
+    """(ngeom,) bool: the geom belongs to the vehicle."""
+    root = np.asarray(model.body_rootid)
+    return root[np.asarray(model.geom_bodyid)] == root[hull]

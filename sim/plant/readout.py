@@ -1,0 +1,140 @@
+"""What the plant reads off MuJoCo after each step, in one compiled call: friction in the gears, and contacts.
+
+MuJoCo's binding makes new arrays of all contacts at each look, which takes as long as the physics. Here they are read
+where they lie; the places come from `sim.water.mujoco_layout` and are compared with the binding once.
+"""
+
+import ctypes
+from functools import cache
+
+import mujoco
+import numba
+import numpy as np
+
+from sim.interfaces.errors import HydrodynamicsError
+from sim.interfaces.kernels import keyed_by_imports
+from sim.water.mujoco_layout import offset, structure
+from sim.water.native_memory import f64, i32, pointer
+
+# Entries of `contacts`, what `gears_and_contacts` finds
+NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
+COLLISION, LEAST, MOST = 4, 5, 6  # 1 where anything else touched; least and greatest normal force of a substep [N]
+CONTACTS = 7
+
+# Entries of `places`, a row of integers
+DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
+
+_PROBE = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body pos="0 0 .09"> <freejoint/> <geom size=".1" condim="4" friction=".7 .02 .001"/> </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarray:
+    """`places` for `data`, which must outlive them; `pad` is the geom of the pad, or -1.
+
+    Raises HydrodynamicsError where this MuJoCo keeps contacts otherwise than its introspection says.
+    """
+    places = np.array(_offsets(), dtype=np.int64)
+    places[DATA], places[PAD] = data._address, pad
+    places[PYRAMIDS] = model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    return places
+
+
+@cache
+def _offsets() -> tuple[int, ...]:
+    in_data = [offset("mjData", name) for name in ("ncon", "ne", "nefc", "contact", "efc_force")]
+    names = ("frame", "friction", "dim", "geom", "efc_address")
+    in_contact = [offset("mjContact", name) for name in names]
+    _compare(names)
+    return (0, 0, 0, *in_data, ctypes.sizeof(structure("mjContact")), *in_contact)
+
+
+def _compare(names: tuple[str, ...]) -> None:
+    model = mujoco.MjModel.from_xml_string(_PROBE)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    of_data, kind = structure("mjData").from_address(data._address), structure("mjContact")
+    counts = {name: getattr(of_data, name) == getattr(data, name) for name in ("ncon", "ne", "nefc")}
+    counts["efc_force"] = of_data.efc_force == data.efc_force.ctypes.data
+    live = data.contact[0]
+    seen = kind.from_address(of_data.contact)
+    for name in names:
+        counts[name] = np.array_equal(np.ravel(getattr(live, name)), np.ravel(getattr(seen, name)))
+    if not all(counts.values()):
+        wrong = ", ".join(name for name, equal in counts.items() if not equal)
+        raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: contacts are not where its introspection says: {wrong}")
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def gears_and_contacts(
+    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, substep, substeps
+):
+    """Friction of the substep that has ended and the bounds (nv,) of the next one; contacts (CONTACTS,) of all so far.
+
+    `rows` (n,) is where each joint's gear stands among the constraints of friction (-1: it has none); `friction` (3, n)
+    sliding and sticking [N m] and Stribeck's speed [rad/s]; `own_geom` (ngeom,) bool says what belongs to the vehicle.
+    `added` (4,) [N] is to be added to this substep's normal force and force. The means are whole after the last of
+    `substeps`; `substep` 0 begins anew.
+    """
+    d = places[DATA]
+    efc_force = pointer(d, places[EFC_FORCE])
+    first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)
+    for j in range(rows.shape[0]):
+        if rows[j] >= 0:
+            tau_friction[j] = f64(efc_force, first + rows[j]) if first + rows[j] < end else 0.0
+            share = np.exp(-((qd[j] / friction[2, j]) ** 2))
+            frictionloss[dof[j]] = friction[0, j] + (friction[1, j] - friction[0, j]) * share
+    if substep == 0:
+        contacts[:] = 0.0
+        contacts[LEAST], contacts[MOST] = np.inf, -np.inf
+    here = pointer(d, places[CONTACT])
+    force, total = np.empty(3), np.zeros(4)
+    for _ in range(i32(d + places[NCON], 0)):
+        one, two = i32(here + places[GEOM], 0), i32(here + places[GEOM], 1)
+        address = i32(here + places[EFC_ADDRESS], 0)
+        if own_geom[one] != own_geom[two] and address >= 0:
+            if places[PAD] == one or places[PAD] == two:
+                _contact_force(
+                    efc_force + 8 * address,
+                    here + places[FRICTION],
+                    i32(here + places[DIM], 0),
+                    places[PYRAMIDS],
+                    force,
+                )
+                total[NORMAL] += force[0]
+                sign = 1.0 if two == places[PAD] else -1.0
+                for k in range(3):  # the frame's rows are the axes of the force
+                    at = here + places[FRAME]
+                    turned = f64(at, k) * force[0] + f64(at, 3 + k) * force[1] + f64(at, 6 + k) * force[2]
+                    total[FORCE + k] += sign * turned
+            else:
+                contacts[COLLISION] = 1.0
+        here += places[SIZE]
+    for k in range(4):
+        total[k] += added[k]
+        contacts[k] += total[k]
+        if substep == substeps - 1:
+            contacts[k] /= substeps
+    contacts[LEAST], contacts[MOST] = min(contacts[LEAST], total[NORMAL]), max(contacts[MOST], total[NORMAL])
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _contact_force(efc_force, friction, dim, pyramids, force):
+    """Normal and tangential forces (3,) [N] of one contact in its frame, from those of its constraints."""
+    force[1] = force[2] = 0.0
+    if dim == 1 or not pyramids:
+        for k in range(min(dim, 3)):
+            force[k] = f64(efc_force, k)
+        return
+    force[0] = 0.0
+    for k in range(2 * (dim - 1)):  # edges of the friction pyramid, two along each direction
+        force[0] += f64(efc_force, k)
+    for k in range(min(dim - 1, 2)):
+        force[1 + k] = (f64(efc_force, 2 * k) - f64(efc_force, 2 * k + 1)) * f64(friction, k)

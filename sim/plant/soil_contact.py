@@ -1,0 +1,103 @@
+"""The soil's force on a tool in it: elastic at first, then yielding at what `models.site.soil` says of the depth.
+
+As in pile driving (Smith 1960, Pile-driving analysis by the wave equation) the soil gives way elastically by a quake
+and then flows: the place where the tool would feel nothing, the anchor, is drawn after it. Along the tool the bounds
+are those of pushing and pulling, across it that of moving sideways; the three share nothing but the depth, and nothing
+depends on speed. A tool that leaves the soil has made a hole: it feels nothing until it comes down somewhere.
+"""
+
+import numba
+import numpy as np
+
+from models.site.seabed import Seabed
+from models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
+from sim.interfaces.spatial import Array
+
+_TABLE = 512  # depths at which the resistances are tabulated,
+_DEEPEST = 0.5  # [m] down to which
+
+
+class SoilForce:
+    """Force of the soil under `ground` on the tip of one tool; remembers where the tool has yielded to."""
+
+    def __init__(self, ground: Seabed, soil: Soil, tool: SoilTool) -> None:
+        d = np.linspace(0.0, _DEEPEST, _TABLE)
+        self._bounds = np.stack([resist(soil, tool, d) for resist in _RESISTANCES])
+        self._bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets it at once
+        self._quake, self._step = soil.quake, float(d[1])
+        self._heights, self._corner = np.array(ground.heights), ground.center_W - [ground.half, ground.half, 0.0]
+        self._cell = ground.step
+        self._anchor, self._force = np.zeros(3), np.zeros(3)
+        self._inside = np.zeros(1, dtype=np.bool_)
+
+    def reset(self) -> None:
+        """Forget where the tool was."""
+        self._inside[0] = False
+
+    def step(self, p_W: Array, axis_W: Array) -> Array:
+        """Force (3,) [N] in W on the tip at `p_W` (3,) [m], the unit tool axis `axis_W` (3,) pointing out of the tool.
+
+        Overwritten by the next call.
+        """
+        _press(
+            self._heights,
+            self._corner,
+            self._cell,
+            self._bounds,
+            self._step,
+            self._quake,
+            p_W,
+            axis_W,
+            self._anchor,
+            self._inside,
+            self._force,
+        )
+        return self._force
+
+
+_RESISTANCES = (push_resistance, pull_resistance, side_resistance)
+
+
+@numba.njit(cache=True)
+def _press(heights, corner, cell, bounds, step, quake, p, axis, anchor, inside, force):
+    force[:] = 0.0
+    depth = _height(heights, corner, cell, p[0], p[1]) - p[2]
+    if not depth > 0.0:  # beside the grid too
+        inside[0] = False
+        return
+    if not inside[0]:
+        anchor[:], inside[0] = p, True
+    i = min(int(depth / step), bounds.shape[1] - 2)
+    share = min(depth / step - i, 1.0)
+    push = bounds[0, i] + share * (bounds[0, i + 1] - bounds[0, i])
+    pull = bounds[1, i] + share * (bounds[1, i + 1] - bounds[1, i])
+    side = bounds[2, i] + share * (bounds[2, i + 1] - bounds[2, i])
+    along = 0.0
+    for k in range(3):
+        along += (p[k] - anchor[k]) * axis[k]
+    least = -quake * pull / push if push > 0.0 else 0.0  # one stiffness both ways
+    held = min(max(along, least), quake)
+    across = 0.0
+    for k in range(3):
+        across += (p[k] - anchor[k] - along * axis[k]) ** 2
+    across = np.sqrt(across)
+    kept = min(1.0, quake / across) if across > 0.0 else 0.0
+    for k in range(3):
+        aside = kept * (p[k] - anchor[k] - along * axis[k])
+        force[k] = -(push * held * axis[k] + side * aside) / quake
+        anchor[k] = p[k] - held * axis[k] - aside
+
+
+@numba.njit(cache=True)
+def _height(heights, corner, cell, x, y):
+    """As `models.site.seabed.Seabed.height`, at one place."""
+    last = heights.shape[0] - 1
+    u, v = (x - corner[0]) / cell, (y - corner[1]) / cell
+    if not (0.0 <= u <= last and 0.0 <= v <= last):
+        return np.nan
+    i, j = min(int(u), last - 1), min(int(v), last - 1)
+    u, v = u - i, v - j
+    a, b = heights[j, i], heights[j, i + 1]
+    c, d = heights[j + 1, i + 1], heights[j + 1, i]
+    z = a + u * (b - a) + v * (c - b) if v <= u else a + v * (d - a) + u * (c - d)
+    return z + corner[2]

@@ -1,0 +1,85 @@
+"""Thrusters of the plant: slew and lag of the propeller, static curve, saturation, thrust lost with inflow."""
+
+import numba
+import numpy as np
+
+from models.water.thruster_curves import reach_at, thrust_at
+from models.water.thrusters import HEADER, INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array, fitting
+
+SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; allocations stop a little short of 1
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
+    """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit.
+
+    Rows of `table` (9, m): what the lag leaves, slew in a step, inflow loss, lever of the advance speed (6). Rows of
+    `state` (3, m): command passed on, propeller speed, thrust.
+    """
+    decay, slew, inflow_loss, advance = table[0], table[1], table[2], table[3:]
+    passed, speed, thrust = state[0], state[1], state[2]
+    saturated = False
+    nu_r_B = np.empty(6)
+    for i in range(3):
+        nu_r_B[i], nu_r_B[3 + i] = 0.0, w_WB_B[i]
+        for j in range(3):
+            nu_r_B[i] += R_WB[j, i] * (v_WB_W[j] - current_W[j])
+    for i in range(speed.shape[0]):
+        wanted = command[i]
+        if abs(wanted) > 0.9:
+            wanted = min(max(wanted, -1.0), 1.0)
+            end = 1.0 if wanted > 0.0 else -1.0
+            saturated |= thrust_at(curve[i], wanted) / thrust_at(curve[i], end) >= SATURATED
+        if abs(wanted - passed[i]) > slew[i]:
+            wanted = passed[i] + np.sign(wanted - passed[i]) * slew[i]
+        passed[i] = wanted
+        speed[i] = wanted + (speed[i] - wanted) * decay[i]
+        inflow = 0.0  # water speed through the propeller along the thrust: its advance speed
+        for k in range(6):
+            inflow += advance[k, i] * nu_r_B[k]
+        thrust[i] = thrust_at(curve[i], speed[i])
+        if thrust[i] != 0.0:
+            thrust[i] -= inflow_loss[i] * reach_at(curve[i], speed[i]) * inflow
+    return saturated
+
+
+class Thrusters:
+    """State and step of all thrusters of one vehicle. Source: models.water.thrusters."""
+
+    def __init__(self, table: Array, wrench: Array, timestep: float) -> None:
+        """Take thruster rows `table` (m, ...) of `models`, columns `wrench` (6, m) per newton, the step [s].
+
+        Raises ConfigurationError if the two do not fit together or a row cannot be.
+        """
+        if table.ndim != 2 or (len(table) and table.shape[1] < HEADER) or wrench.shape != (6, len(table)):
+            raise ConfigurationError(f"thrusters: table {table.shape} and wrench {wrench.shape} do not fit together")
+        self._curves = curves(table)
+        columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
+        lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
+        decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
+        # Where the water goes: the propeller's own torque, which is in the wrench, is no lever of the thrust.
+        advance = np.array(wrench)
+        advance[3:] -= columns[:, TORQUE] * advance[:3]
+        slew = np.where(slew > 0.0, slew * timestep, np.inf)
+        self._table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
+        self._state = np.zeros((3, len(table)))  # the first: command that the drives pass on, after their slew limit
+        self.speed = self._state[1]  # normalised propeller speed
+        self.thrust = self._state[2]  # [N]
+
+    def reset(self) -> None:
+        """At rest."""
+        self._state[:] = 0.0
+
+    def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
+        """Advance by one step of the plant; thrust [N] in `self.thrust`.
+
+        `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
+        hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).
+        Raises ConfigurationError for a command of another shape or with a number that is not finite.
+        """
+        command = fitting(command, self.speed.shape, "thruster command")
+        return _advance(self._curves, self._table, command, R_WB, v_WB_W, w_WB_B, current_W, self._state)

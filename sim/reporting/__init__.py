@@ -1,0 +1,1 @@
+"""Reports, pictures, terminal tables, and visual logs for Rerun."""

@@ -1,0 +1,107 @@
+"""`report.html`: what a run was worth and how it went, on one page that needs nothing else."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from sim.evaluation.metrics import Assessment, Check
+from sim.interfaces.errors import ConfigurationError
+from sim.loop.recording import Recording
+from sim.reporting.report_page import page, provenance, section, text
+from sim.reporting.results_table import figures_of
+from sim.runs.saving import write_whole
+
+
+def write_report(
+    file: str | Path,
+    recording: Recording,
+    assessment: Assessment,
+    *,
+    title: str,
+    options: Mapping[str, Any],
+    pictures: Iterable[tuple[str, str, Figure]] = (),
+) -> None:
+    """Write the page to `file`. `options` are the scenario's own, shown as they are; `pictures` have title and caption.
+
+    Raises ConfigurationError if the folder does not exist.
+    """
+    path = Path(file)
+    if not path.parent.is_dir():
+        raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
+    drawn = "\n".join(section(name, figure, caption) for name, caption, figure in pictures)
+    body = "\n".join(
+        (
+            _headline(title, recording, assessment),
+            "<section><h2>Figures</h2>",
+            _checks(assessment),
+            _segments(assessment),
+            "</section>",
+            drawn,
+            f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
+        )
+    )
+    write_whole(path, page(title, body))
+
+
+def _headline(title: str, recording: Recording, assessment: Assessment) -> str:
+    verdict = "accepted" if assessment.accepted else "not accepted"
+    reasons = "".join(f"<li>{text(line)}</li>" for line in assessment.failed)
+    run, timings = assessment.metrics["run"], assessment.metrics["timings"]
+    factor = timings["real_time_factor"]
+    pace = f", {factor:.1f} × real time" if factor is not None else ""
+    return (
+        f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>"
+        + (f"<ul class=reasons>{reasons}</ul>" if reasons else "")
+        + f"<p class=caption>{recording.duration:.1f} s simulated in {timings['wall_s']:.1f} s{pace}; "
+        f"seed {run['seed']}; ended in state {text(run['state'])}.</p></header>"
+    )
+
+
+def _checks(assessment: Assessment) -> str:
+    rows = "".join(
+        f"<tr><td>{text(check.name)}</td><td class=n>{value}</td><td class=n>{bound}</td>"
+        f"<td>{text(check.unit)}</td><td>{_verdict(check)}</td></tr>"
+        for check in assessment.checks
+        for value, bound in (figures_of(check),)
+    )
+    head = "<tr><th>figure</th><th class=n>value</th><th class=n>bound</th><th>unit</th><th></th></tr>"
+    return f"<table>{head}{rows}</table>"
+
+
+def _verdict(check: Check) -> str:
+    if check.bound is None:
+        return ""
+    return "<span class=accepted>ok</span>" if check.ok else "<span class=not-accepted>missed</span>"
+
+
+def _segments(assessment: Assessment) -> str:
+    segments = assessment.metrics.get("contact", {}).get("segments")
+    if not segments:
+        return ""
+    keys = ("set_n", "force_error_rms_n", "force_error_max_n", "lost_s", "duration_s")
+    heads = ("set [N]", "error, RMS [N]", "error, peak [N]", "contact lost [s]", "duration [s]")
+    rows = "".join(
+        "<tr>" + "".join(f"<td class=n>{'–' if s[k] is None else format(s[k], '.2f')}</td>" for k in keys) + "</tr>"
+        for s in segments
+    )
+    return f"<table><tr>{''.join(f'<th class=n>{head}</th>' for head in heads)}</tr>{rows}</table>"
+
+
+def _provenance(recording: Recording, assessment: Assessment, options: Mapping[str, Any]) -> str:
+    return provenance(
+        {
+            **{f"option {name}": value for name, value in options.items()},
+            "seed": assessment.metrics["run"]["seed"],
+            "trajectory, SHA-256": assessment.metrics["run"]["trajectory_sha256"],
+            "physics step": _physics_step(recording),
+        }
+    )
+
+
+def _physics_step(recording: Recording) -> str:
+    loop = f"{recording.timestep * 1e3:g} ms"
+    if recording.substeps == 1:
+        return loop
+    return f"{recording.timestep / recording.substeps * 1e3:.4g} ms, {recording.substeps} to the loop's step of {loop}"

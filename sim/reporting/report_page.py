@@ -1,0 +1,73 @@
+"""The page that all reports share: a style, pictures inside it, and what made it. It needs nothing else to be read."""
+
+import base64
+import html
+import io
+import platform
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from sim.runs.provenance import commit, versions
+
+
+def page(title: str, body: str) -> str:
+    """A whole document around `body`, which is HTML."""
+    return (
+        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{text(title)}</title>"
+        f'<meta name=viewport content="width=device-width"><style>{STYLE}</style></head>'
+        f"<body><main>{body}</main></body></html>\n"
+    )
+
+
+def section(title: str, figure: Figure, caption: str) -> str:
+    """A picture under its title, with its caption."""
+    return f"<section><h2>{text(title)}</h2>{picture(figure, title)}<p class=caption>{text(caption)}</p></section>"
+
+
+def picture(figure: Figure, name: str) -> str:
+    """As an image of its own, since the ids of several drawings on one page would clash."""
+    drawing = io.BytesIO()
+    figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
+    data = base64.b64encode(drawing.getvalue()).decode("ascii")
+    return f'<img alt="{text(name)}" src="data:image/svg+xml;base64,{data}">'
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Rows of text; all columns but the first are figures."""
+    head = "".join(f"<th{_class(i)}>{text(name)}</th>" for i, name in enumerate(columns))
+    lines = (
+        "<tr>" + "".join(f"<td{_class(i)}>{text(cell)}</td>" for i, cell in enumerate(row)) + "</tr>" for row in rows
+    )
+    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+
+
+def provenance(given: Mapping[str, Any]) -> str:
+    """A table of `given`, the versions that were at work and the machine."""
+    rows = {**given, **versions(), **commit(), "machine": f"{platform.system()} {platform.machine()}"}
+    cells = "".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items())
+    return f"<table>{cells}</table>"
+
+
+def text(value: Any) -> str:
+    """`value` as it may stand in HTML."""
+    return html.escape(str(value))
+
+
+def _class(column: int) -> str:
+    return " class=n" if column else ""
+
+
+STYLE = """
+body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
+main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
+h1 { font-size: 1.6rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
+.accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em; white-space: nowrap }
+.accepted { color: #00563e; background: #d9f2e9 } .not-accepted { color: #8a3a00; background: #fde3d2 }
+.reasons { margin: .6rem 0; color: #8a3a00 } .caption { color: #555; font-size: .9rem; margin: .3rem 0 }
+table { border-collapse: collapse; margin: .6rem 0; font-size: .92rem }
+td, th { padding: .22rem .9rem .22rem 0; text-align: left; border-bottom: 1px solid #e6e6e6; font-weight: normal }
+th { color: #555; border-bottom-color: #aaa } .n { text-align: right; font-variant-numeric: tabular-nums }
+img { width: 100%; height: auto; display: block }
+"""

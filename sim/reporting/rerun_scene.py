@@ -1,0 +1,104 @@
+"""What a visual log shows before anything moves: the shapes of a model's bodies, and how the viewer opens."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from models.vehicle import Vehicle
+from sim.evaluation.mesh_surface import Surface
+from sim.interfaces.spatial import Array
+from sim.sensors.tessellation import tessellate
+
+TIMELINE = "sim_time"
+
+
+def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
+    """Triangle corners (V, 3) [m], normals (V, 3) and colours (V, 4) of all that is seen of a body, or None."""
+    corners, normals, colors = [], [], []
+    first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
+    for geom in range(first, first + count):
+        rgba = np.asarray(model.geom_rgba[geom])
+        if rgba[3] == 0.0:
+            continue
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+            vertices, triangles = _plane(model.geom_size[geom])
+        else:
+            vertices, triangles = tessellate(model, geom)
+        surface = Surface.of(vertices, triangles)
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, model.geom_quat[geom])
+        R_BG = R.reshape(3, 3)
+        corners.append(surface.corners.reshape(-1, 3) @ R_BG.T + model.geom_pos[geom])
+        normals.append(surface.normals.reshape(-1, 3) @ R_BG.T)
+        colors.append(np.tile(np.round(255 * rgba).astype(np.uint8), (len(corners[-1]), 1)))
+    return (np.concatenate(corners), np.concatenate(normals), np.concatenate(colors)) if corners else None
+
+
+def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Array:
+    """Where to look (3,) [m] in W: between the vehicle and the objects or height fields that stand in the world."""
+    fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
+    fields = np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_HFIELD
+    stands = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
+    hull = data.xpos[vehicle.hull]
+    return 0.5 * (hull + stands.mean(axis=0)) if len(stands) else hull
+
+
+def _plane(size: Array) -> tuple[Array, np.ndarray]:
+    """A rectangle for a plane, no wider than 8 m, so that the view opens on what stands on it."""
+    x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
+    return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def blueprint(middle: Array) -> Any:
+    """A large 3D view around `middle` (3,) [m], the series that tell how the work goes beside it, the states below."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    so_far = rr.VisibleTimeRange(
+        TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative(seconds=0.0)
+    )
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)
+
+    def plot(name: str, title: str) -> Any:
+        return rrb.TimeSeriesView(origin=f"series/{name}", name=title, plot_legend=legend)
+
+    scene = rrb.Spatial3DView(
+        origin="world",
+        name="Scene",
+        background=(24, 34, 46),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(position=middle + np.array([2.0, -3.2, 1.4]), look_target=middle),
+        overrides={"world/path/done": rrb.VisibleTimeRanges(so_far)},
+    )
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(
+                scene,
+                rrb.Tabs(
+                    rrb.Vertical(
+                        plot("force", "Normal force"),
+                        plot("path_error", "Tip against commanded path"),
+                        plot("hull_drift", "Hull against reference"),
+                        name="Work",
+                    ),
+                    rrb.Vertical(
+                        plot("thrust", "Thrust"),
+                        plot("joint_torque", "Joint torques"),
+                        plot("joint_angle", "Joint angles"),
+                        name="Drives",
+                    ),
+                ),
+                column_shares=[3, 2],
+            ),
+            rrb.Horizontal(
+                rrb.StateTimelineView(origin="state/now", name="State"),
+                rrb.TextLogView(origin="state/log", name="Log"),
+                column_shares=[3, 2],
+            ),
+            row_shares=[4, 1],
+        ),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.BlueprintPanel(state="hidden"),
+    )

@@ -1,0 +1,169 @@
+"""The folder of a run: new, and of one run alone, so that what lies in it belongs together."""
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+
+from sim.interfaces.errors import ConfigurationError
+from sim.runs.saving import write_whole
+
+RUNS = Path("runs")  # where the user stands
+BEGUN = "run.json"  # in a run's folder from the beginning: what was asked for, and when
+LATEST = "latest"
+
+
+@dataclass(frozen=True, slots=True)
+class _Claimed:
+    """A folder that this process began a run in."""
+
+    folder: Path
+    made: bool  # by this process, too
+    latest: Path | None = None  # that leads to it
+
+
+_claimed: list[_Claimed] = []
+
+
+def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) -> Path:
+    """A folder for one run, made and claimed: `out`, or runs/<scenario>/<time>-<seed> with "latest" beside it.
+
+    Raises ConfigurationError for an `out` in which there is something already, and where no folder can be made.
+    """
+    if out is not None:
+        made = True
+        try:
+            try:
+                out.mkdir(parents=True)
+            except FileExistsError:
+                made = False
+            used = any(out.iterdir())
+        except OSError as error:
+            raise _cannot(out, error) from error
+        if used or not _claim(out, scenario):
+            raise ConfigurationError(f"--out {out}: is in use already; each run needs a new or empty folder of its own")
+        _claimed.append(_Claimed(out, made))
+        return out
+    name = f"{datetime.now():%Y%m%d-%H%M%S}" + ("" if seed is None else f"-{seed}")
+    folder = _next_to_others(RUNS / scenario, name)
+    latest = folder.parent / LATEST
+    _claim(folder, scenario)
+    _claimed.append(_Claimed(folder, True, latest))
+    point_to(latest, folder.name)
+    return folder
+
+
+def _next_to_others(home: Path, name: str) -> Path:
+    """A new folder `name` in `home`, or `name`.2 and so on where another run began in the same second."""
+    for again in count(1):
+        folder = home / (name if again == 1 else f"{name}.{again}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError as error:
+            if not folder.is_dir():
+                raise _cannot(folder, error) from error
+        except OSError as error:
+            raise _cannot(folder, error) from error
+        else:
+            return folder
+    raise AssertionError  # count has no end
+
+
+def give_back() -> None:
+    """Leave no trace of runs that this process began and wrote nothing of: refused at the door, or stopped before.
+
+    A folder that it did not make stays, empty as it was.
+    """
+    while _claimed:
+        claimed = _claimed.pop()
+        folder, latest = claimed.folder, claimed.latest
+        try:
+            if [path.name for path in folder.iterdir()] != [BEGUN]:
+                continue
+            (folder / BEGUN).unlink()
+            if claimed.made:
+                folder.rmdir()
+            if latest is not None and latest.is_symlink() and not latest.exists():
+                latest.unlink()
+                if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
+                    point_to(latest, others[-1])
+        except OSError:
+            continue  # it stays as it is
+
+
+def point_to(latest: Path, name: str) -> None:
+    """Let `latest` lead to `name` beside it: by a link or, where there are none, as a file that holds the name."""
+    part = latest.with_name(f".{latest.name}.{os.getpid()}")
+    try:
+        part.unlink(missing_ok=True)
+        part.symlink_to(name, target_is_directory=True)
+        part.replace(latest)
+    except (OSError, NotImplementedError):
+        part.unlink(missing_ok=True)
+        write_whole(latest, name + "\n")
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Hold `folder` against other processes, for as long as this one lives: a lock is gone with its process.
+
+    Raises ConfigurationError if another holds it, and where there are no locks.
+    """
+    try:
+        lock = (folder / ".lock").open("a+")
+    except OSError as error:
+        raise _cannot(folder, error) from error
+    with lock as file:
+        try:
+            locked = _locked(file.fileno())
+        except OSError as error:
+            raise ConfigurationError(f"{folder}: its file system gives no lock ({error.strerror})") from error
+        if not locked:
+            file.seek(0)
+            raise ConfigurationError(f"{folder}: process {file.read().strip() or '?'} is at work in it")
+        file.truncate(0)
+        file.write(f"{os.getpid()}\n")
+        file.flush()
+        yield
+
+
+def _locked(file: int) -> bool:
+    """Whether this process has the lock on an open file now. OSError where there are no locks."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        lock = getattr(msvcrt, "locking")  # noqa: B009  pyright knows it on Windows only
+        try:
+            lock(file, getattr(msvcrt, "LK_NBLCK"), 1)  # noqa: B009
+        except OSError:
+            return False
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _claim(folder: Path, scenario: str) -> bool:
+    """Whether this process is the first to begin a run in `folder`. ConfigurationError where it cannot be written."""
+    begun = {"scenario": scenario, "begun": datetime.now(UTC).isoformat(timespec="seconds"), "command": sys.argv}
+    try:
+        with (folder / BEGUN).open("x", encoding="utf-8") as file:
+            file.write(json.dumps(begun, indent=2) + "\n")
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise ConfigurationError(f"--out {folder}: cannot be written to ({error.strerror})") from error
+    return True
+
+
+def _cannot(folder: Path, error: OSError) -> ConfigurationError:
+    return ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})")

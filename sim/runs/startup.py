@@ -1,0 +1,184 @@
+"""What every scenario does around its own work: finds out that the rooms are ours, and ends in one line and a code.
+
+Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143 ended by Ctrl-C and
+by SIGTERM.
+"""
+
+import contextlib
+import io
+import math
+import os
+import re
+import signal
+import sys
+import sysconfig
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, NoReturn, TypeVar
+
+from sim.interfaces.errors import UuvError, one_line
+from sim.runs.run_folder import give_back, new_folder
+
+ROOMS = ("models", "sim", "perception", "controllers", "calib")
+BAD_INPUT = 2  # exit code
+INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
+TRACEBACK = "--traceback"  # option of every script: show the whole of such an error; or UUV_TRACEBACK=1
+_HOME = Path(__file__).resolve().parents[2]
+
+Options = TypeVar("Options")
+
+
+@dataclass(kw_only=True)
+class ScenarioOptions:
+    """What every scenario can be asked."""
+
+    seed: int = 0
+    """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
+    current: tuple[float, float, float] = (0.15, 0.0, 0.0)
+    """Steady current [m/s], world axes; gusts come on top."""
+    gust: float = 0.03
+    """Standard deviation of the gusts [m/s] per axis."""
+    out: Path | None = None
+    """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
+    view: bool = False
+    """Open the Rerun viewer while the run goes on."""
+    quick: bool = False
+    """A shorter job, for a first look within a minute."""
+    record: bool = True
+    """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+
+    def folder(self, scenario: str) -> Path:
+        """The new folder for results. Raises ConfigurationError for one that is in use, or cannot be made."""
+        return new_folder(scenario, self.out, self.seed)
+
+
+class Interrupted(KeyboardInterrupt):
+    """The process was asked to end, by SIGINT or SIGTERM; `signal` says by which."""
+
+    def __init__(self, number: int = signal.SIGINT) -> None:
+        super().__init__(number)
+        self.signal = signal.Signals(number)
+
+    @property
+    def code(self) -> int:
+        """Exit code, as of a shell."""
+        return 128 + self.signal
+
+
+@contextlib.contextmanager
+def signals(act: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Let `act` meet SIGINT and SIGTERM; those that were ignored (nohup) still are. Of the main thread only."""
+    before: dict[int, Any] = {}
+    try:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, act)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
+    """What a signal does to a script: it ends, and says so."""
+    raise Interrupted(number)
+
+
+def check() -> None:
+    """Exit with one line if a module of a room's name, from elsewhere, comes before ours on the path."""
+    for room in ROOMS:
+        found = find_spec(room)
+        origin = Path(found.origin or "") if found else Path()
+        if origin.resolve().parent != _HOME / room:
+            raise _refusal(f"{origin} hides the room {_HOME / room}; rename it or take it off PYTHONPATH")
+
+
+def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
+    """`args` (default: the command line) as a `kind` by tyro; a mistake in them ends in one line and exit code 2.
+
+    TRACEBACK is for `run_scenario`.
+    """
+    import tyro  # here, so that `sim` runs without it
+
+    args = [arg for arg in (sys.argv[1:] if args is None else args) if arg != TRACEBACK]
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            options = tyro.cli(kind, args=args)
+    except SystemExit as stop:
+        if stop.code != BAD_INPUT:
+            raise  # --help
+        # tyro draws a box, in colour on a terminal: title, what is wrong, a rule, help.
+        rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
+        parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
+        mistake = next((part for part in parts if part.strip()), "bad options")
+        raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options)") from None
+    for name, value in vars(options).items():
+        if name.endswith("seed") and value < 0:
+            raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise _refusal(f"--{name.replace('_', '-')}: must be finite, got {number}")
+    return options
+
+
+def run_scenario(main: Callable[[], int | None]) -> NoReturn:
+    """Run `main` and exit with the code that it returns; with one line and a code on whatever ends it.
+
+    UuvError: 2. Any other error: 70, with its place; 2 where a user's own module raised it. SIGINT 130, SIGTERM 143.
+    """
+    check()
+    try:
+        with signals(interrupt):
+            code = main()
+    except UuvError as error:
+        give_back()
+        raise _refusal(str(error)) from None
+    except KeyboardInterrupt as stop:
+        give_back()
+        print("interrupted", file=sys.stderr)
+        raise SystemExit(stop.code if isinstance(stop, Interrupted) else Interrupted().code) from None
+    except Exception as error:
+        give_back()
+        if TRACEBACK in sys.argv or os.environ.get("UUV_TRACEBACK"):
+            traceback.print_exc()
+        reason, code = _blame(error)
+        raise _refusal(reason, code) from None
+    raise SystemExit(code or 0)
+
+
+def _blame(error: Exception) -> tuple[str, int]:
+    """Where an error that nobody foresaw was raised, and the exit code: of a user's own module, else of the program."""
+    said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    places = list(_places(error.__traceback__))
+    ours = [place for place in places if any(place[2].is_relative_to(_HOME / room) for room in (*ROOMS, "scripts"))]
+    of_user = [place for place in places if place not in ours and not _installed(place[2])]
+    if of_user:
+        frame, line, file = of_user[-1]
+        module = frame.f_globals.get("__name__", file.stem)
+        return f"{module}: {frame.f_code.co_qualname} raised {said} ({file}:{line})", BAD_INPUT
+    _, line, file = (ours or places)[-1]
+    where = file.relative_to(_HOME) if file.is_relative_to(_HOME) else file
+    return f"internal: {said} ({where}:{line}; {TRACEBACK} shows the way there)", INTERNAL
+
+
+def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:
+    """Frame, line and file of all that an error went through, the outermost first; what has no file is left out."""
+    for frame, line in traceback.walk_tb(trace):
+        if not frame.f_code.co_filename.startswith("<"):
+            yield frame, line, Path(frame.f_code.co_filename).resolve()
+
+
+def _installed(file: Path) -> bool:
+    """Whether `file` is of Python itself, or of an installed package."""
+    own = [Path(path).resolve() for name in ("stdlib", "platstdlib") if (path := sysconfig.get_path(name))]
+    return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(map(file.is_relative_to, own))
+
+
+def _refusal(reason: str, code: int = BAD_INPUT) -> SystemExit:
+    print(f"error: {one_line(' '.join(reason.split()))}", file=sys.stderr)
+    return SystemExit(code)

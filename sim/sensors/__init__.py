@@ -1,0 +1,1 @@
+"""Simulated sensors: truth in, noisy and late messages out."""

@@ -1,0 +1,93 @@
+"""The slant ranges of a Doppler log: how far the ground is along each of its beams, by ray casting."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import DvlRangesMeasurement
+from sim.interfaces.spatial import Array, checked, pose, readonly
+from sim.sensors.visible_world import BodyPoses, Rays, VisibleWorld, body_id
+
+NEAR = 0.02  # [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DvlBeams:
+    """A Janus array: beams evenly around the vertical, the first ahead to port, and their errors."""
+
+    count: int = 4
+    slant: float = float(np.radians(30.0))  # [rad] of each beam from the vertical; of most arrays 20 to 30 deg
+    noise: float = 0.01  # white, share of the range: an order of magnitude
+    dropouts: float = 0.02  # share of the pings that a beam hears nothing
+    limits: tuple[float, float] = (0.3, 50.0)  # [m]
+    dead: tuple[int, ...] = ()  # beams, from 1, that never hear anything
+
+    def __post_init__(self) -> None:
+        if not (self.count >= 1 and 0.0 <= self.slant < 0.5 * np.pi):
+            raise ConfigurationError(
+                f"Doppler log: count >= 1 and slant in [0, pi/2) rad must hold, got {self.count}, {self.slant}"
+            )
+        if not (0.0 <= self.noise < 1.0 and 0.0 <= self.dropouts <= 1.0):
+            raise ConfigurationError(
+                f"Doppler log: noise in [0, 1), dropouts in [0, 1], got {self.noise} and {self.dropouts}"
+            )
+        if not 0.0 < self.limits[0] < self.limits[1] < np.inf:
+            raise ConfigurationError(f"Doppler log: limits must be 0 < near < far [m], got {self.limits}")
+        if not all(1 <= beam <= self.count for beam in self.dead):
+            raise ConfigurationError(f"Doppler log: dead beams must be of 1 to {self.count}, got {self.dead}")
+
+    def axes(self) -> Array:
+        """Unit axes (count, 3) of the beams in hull axes, downwards."""
+        around = (np.arange(self.count) + 0.5) * (2.0 * np.pi / self.count)
+        level = np.sin(self.slant)
+        down = np.full(self.count, -np.cos(self.slant))
+        return np.column_stack([level * np.cos(around), level * np.sin(around), down])
+
+
+@dataclass(frozen=True, slots=True)
+class DvlRanges:
+    """Sensor of the ranges; that of the velocity is `sim.sensors.proprioception.Dvl`."""
+
+    world: VisibleWorld
+    body: int
+    p_BD: Array  # (3,) [m] the array on the hull
+    beams: DvlBeams
+    period: float = 0.1  # [s]
+    delay: float = 0.0  # [s]
+
+    @classmethod
+    def on(
+        cls,
+        model: mujoco.MjModel,
+        body: str,
+        p_BD: ArrayLike,
+        beams: DvlBeams | None = None,
+        exclude: Collection[str] = (),
+    ) -> "DvlRanges":
+        """Mount the array on `body` of `model` at `p_BD` (3,) [m]; it does not see the bodies in `exclude`.
+
+        Raises ConfigurationError for an unknown body.
+        """
+        world = VisibleWorld(model, exclude={body_id(model, name, "Doppler log") for name in exclude})
+        return cls(world, body_id(model, body, "Doppler log"), checked(p_BD, (3,), "p_BD"), beams or DvlBeams())
+
+    def init(self, rng: np.random.Generator) -> np.random.Generator:
+        return rng
+
+    def step(self, state: np.random.Generator, truth: BodyPoses) -> tuple[np.random.Generator, DvlRangesMeasurement]:
+        beams, axes = self.beams, self.beams.axes()
+        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        X_WD = pose(R_W[self.body], xpos[self.body]) @ pose(p=self.p_BD)
+        hit, _ = self.world.cast(X_WD, Rays.of(axes[None, :, None].astype(np.float32), NEAR), xpos, R_W)
+        ranges = hit.reshape(-1).astype(np.float64) * (1.0 + beams.noise * state.standard_normal(beams.count))
+        silent = state.random(beams.count) < beams.dropouts
+        silent[[beam - 1 for beam in beams.dead]] = True
+        silent |= ~((ranges >= beams.limits[0]) & (ranges <= beams.limits[1]))
+        ranges[silent] = np.nan
+        return state, DvlRangesMeasurement(
+            time=float(truth.time), ranges=readonly(ranges), axes_B=readonly(axes), p_BD=readonly(self.p_BD)
+        )

@@ -1,0 +1,245 @@
+"""A multibeam 3D sonar by ray casting: beams of some width, and the errors that echoes make.
+
+It stands on any body of any compiled model (primitives, meshes, height fields; also what is only for show):
+
+    sonar = Sonar(model, "world", X_WS)                      # S has OpenCV axes: x right, y down, z ahead
+    points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN where no echo came back
+    points_S = sonar.ping(data, rng, X_WS=elsewhere)         # the same sonar, held somewhere else
+
+and is a `sim.interfaces.protocols.Sensor` for the step loop, whose messages are `SonarScan`.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import mujoco
+import numba
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import SonarScan
+from sim.interfaces.spatial import Array, checked_pose, pose, readonly
+from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, site_on_body
+
+NEAR = 0.02  # [m], nothing closer than this to the sonar is seen
+
+# Within a beam, rays are cast along its axis and on a ring, which is at this share of the half width.
+_RING = 0.8
+_ON_RING = 6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonarBeams:
+    """Beams evenly spaced in azimuth (columns, about y) and elevation (rows)."""
+
+    rows: int = 72
+    columns: int = 96
+    elevation: float = np.deg2rad(45.0)  # [rad] between the first and the last row
+    azimuth: float = np.deg2rad(60.0)  # [rad] between the first and the last column
+    width: float = np.deg2rad(1.2)  # [rad] of a beam, where its power has fallen to one half; footprint 21 mm at 1 m
+
+    def __post_init__(self) -> None:
+        if not all(isinstance(count, int | np.integer) and count >= 1 for count in (self.rows, self.columns)):
+            raise ConfigurationError(f"sonar: needs whole rows and columns of beams, got {self.rows} x {self.columns}")
+        for name in ("elevation", "azimuth"):
+            if not 0.0 <= getattr(self, name) < np.deg2rad(175.0):
+                raise ConfigurationError(f"sonar: {name} must lie in [0, 175) deg, got {getattr(self, name)} rad")
+        if not 0.0 <= self.width <= np.deg2rad(30.0):
+            raise ConfigurationError(f"sonar: beam width must lie in [0, 30] deg, got {self.width} rad")
+
+    @property
+    def pitch(self) -> float:
+        """Angle [rad] between neighbouring columns."""
+        return self.azimuth / max(1, self.columns - 1)
+
+    def axes(self) -> Array:
+        """Unit axes (rows, columns, 3) of the beams in S."""
+        down = np.linspace(-0.5, 0.5, self.rows) * self.elevation if self.rows > 1 else np.zeros(1)
+        right = np.linspace(-0.5, 0.5, self.columns) * self.azimuth if self.columns > 1 else np.zeros(1)
+        elevation, azimuth = np.meshgrid(down, right, indexing="ij")
+        return np.stack(
+            [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)], axis=-1
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonarNoise:
+    """Errors of the echoes. No maker states them in public: orders of magnitude, from range cell and beam width."""
+
+    range_share: float = 0.003  # standard deviation of the range, as a share of it
+    range_cell: float = 0.01  # [m] to which ranges are rounded; 0: not at all
+    pointing: float = 0.25  # standard deviation of a beam's direction about each axis, as a share of its width
+    outliers: float = 0.03  # share of the beams that report a range of anywhere within the limits
+    max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; no echo comes back beyond it
+
+    def __post_init__(self) -> None:
+        for name in ("range_share", "range_cell", "pointing"):
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ConfigurationError(f"sonar noise: {name} must not be negative, got {getattr(self, name)}")
+        if not 0.0 <= self.outliers <= 1.0:
+            raise ConfigurationError(f"sonar noise: outliers must lie in [0, 1], got {self.outliers}")
+        if not 0.0 < self.max_incidence <= 0.5 * np.pi:
+            raise ConfigurationError(f"sonar noise: max_incidence must lie in (0, pi/2], got {self.max_incidence}")
+
+
+BEAMS, NOISE = SonarBeams(), SonarNoise()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SonarState:
+    """Where the sonar's noise has come to; a ping depends on nothing else, so a run can be replayed."""
+
+    seed: int
+    ping: int
+
+
+class Sonar:
+    """A 3D sonar fixed to a body of a compiled model; delivers one ping each time it is asked (`period` 0).
+
+    An echo is placed on the axis of its beam, at the range of the nearest thing in the beam (`echo` "first"), or of
+    the strongest echo in it: that of most area across the beam, within one range cell (`echo` "strongest").
+    """
+
+    period = 0.0  # [s], on request
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        body: str,
+        X_BS: Array,
+        *,
+        beams: SonarBeams = BEAMS,
+        noise: SonarNoise | None = NOISE,
+        echo: Literal["first", "strongest"] = "strongest",
+        range_limits: tuple[float, float] = (0.3, 10.0),
+        delay: float = 0.0,
+        exclude: Collection[str] = (),
+        groups: Collection[int] = VISIBLE_GROUPS,
+    ) -> None:
+        """Mount the sonar on `body` of `model` ("world": on none) at `X_BS` (4, 4), OpenCV axes.
+
+        `range_limits` and `delay` are in m and s; `noise` None leaves the footprint alone; bodies named in `exclude`
+        and geoms outside `groups` are not seen, nor are transparent ones (alpha 0), flexes and skins. Height fields
+        are read now, and not again.
+        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without a ray caster.
+        """
+        if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1] < np.inf):
+            raise ConfigurationError(f"sonar: range_limits must be 0 < near < far, got {range_limits}")
+        if not delay >= 0.0:
+            raise ConfigurationError(f"sonar: delay must not be negative, got {delay}")
+        if echo not in ("first", "strongest"):
+            raise ConfigurationError(f"sonar: echo must be 'first' or 'strongest', got {echo!r}")
+        self.delay = delay
+        self._body = body_id(model, body, "sonar")
+        self._X_BS = checked_pose(X_BS, "X_BS")
+        self._beams, self._noise, self._echo, self._range = beams, noise, echo, range_limits
+        self._world = VisibleWorld(model, exclude={body_id(model, name, "sonar") for name in exclude}, groups=groups)
+        self._axes = beams.axes()
+        # Two axes across each beam, for the rays around its own.
+        right = np.stack([self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1)
+        self._right = right / np.linalg.norm(right, axis=-1, keepdims=True)
+        self._down = np.cross(self._axes, self._right)
+        # Shares of the beam's power that fall on the middle and on each part of the ring, two ways.
+        ring = 0.5 ** (2.0 * _RING**2)
+        self._weight = np.array([1.0] + [ring] * _ON_RING) / (1.0 + _ON_RING * ring)
+
+    @classmethod
+    def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "Sonar":
+        """A sonar at `site`, looking along its z axis with x to the right; options as in the constructor."""
+        body, X_BS = site_on_body(model, site, "sonar")
+        return cls(model, body, X_BS, **options)
+
+    @property
+    def axes(self) -> Array:
+        """Unit axes (H, W, 3) of the beams in S."""
+        return readonly(self._axes)
+
+    def init(self, rng: np.random.Generator) -> SonarState:
+        """Draw the seed of this sonar's noise from `rng`."""
+        return SonarState(seed=int(rng.integers(2**63)), ping=0)
+
+    def step(self, state: SonarState, truth: BodyPoses) -> tuple[SonarState, SonarScan]:
+        """One ping at the world as `truth` has it; the same state and truth always give the same echoes."""
+        points = self.ping(truth, np.random.default_rng([state.seed, state.ping]))
+        scan = SonarScan(time=float(truth.time), points=points, X_BS=self._X_BS)
+        return SonarState(seed=state.seed, ping=state.ping + 1), scan
+
+    def ping(self, truth: BodyPoses, rng: np.random.Generator, X_WS: Array | None = None) -> Array:
+        """Echoes (H, W, 3) [m] in S, NaN where none came back, of the world as `truth` has it.
+
+        `truth` is anything with `xpos` and `xmat`, as an MjData after `mj_kinematics`. `X_WS` (4, 4): where the sonar
+        is, if not on its body.
+        """
+        xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
+        if not R_W[0].any():
+            raise ConfigurationError(
+                "sonar: the bodies have no poses yet; call mujoco.mj_kinematics(model, data) first"
+            )
+        mounted = pose(R_W[self._body], xpos[self._body]) @ self._X_BS
+        X = mounted if X_WS is None else checked_pose(X_WS, "X_WS")
+        distance, cosine = self._world.cast(X, Rays.of(self._directions(rng), NEAR), xpos, R_W)
+        least = np.cos(self._noise.max_incidence) if self._noise is not None else 0.0
+        distance[cosine < least] = np.inf
+        cell = self._noise.range_cell if self._noise is not None else 0.0
+        if self._echo == "first" or distance.shape[2] == 1:
+            r = distance.min(axis=2).astype(np.float64)
+        else:
+            r = _strongest(distance, cosine, self._weight, max(cell, 1e-3))
+        if self._noise is not None:
+            r = self._with_errors(r, self._noise, rng)
+        r[~((r >= self._range[0]) & (r <= self._range[1]))] = np.nan
+        return readonly(self._axes * r[..., None])
+
+    def _directions(self, rng: np.random.Generator) -> np.ndarray:
+        """Unit directions (H, W, K, 3) of the rays: of each beam its axis first, then the ring."""
+        width = self._beams.width
+        shape = self._axes.shape[:2]
+        off = np.zeros((*shape, 2))
+        if self._noise is not None and self._noise.pointing > 0.0:
+            off = self._noise.pointing * width * rng.standard_normal((*shape, 2))
+        if width == 0.0:
+            return self._axes[:, :, None].astype(np.float32)
+        angle = np.arange(_ON_RING) * (2.0 * np.pi / _ON_RING)
+        within = 0.5 * width * _RING * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        offsets = off[:, :, None] + np.concatenate([np.zeros((1, 2)), within])
+        rays = (
+            self._axes[:, :, None]
+            + np.tan(offsets[..., :1]) * self._right[:, :, None]
+            + np.tan(offsets[..., 1:]) * self._down[:, :, None]
+        )
+        return (rays / np.linalg.norm(rays, axis=-1, keepdims=True)).astype(np.float32)
+
+    def _with_errors(self, r: Array, noise: SonarNoise, rng: np.random.Generator) -> Array:
+        r = r * (1.0 + noise.range_share * rng.standard_normal(r.shape))
+        astray = rng.random(r.shape) < noise.outliers
+        r[astray] = rng.uniform(*self._range, int(astray.sum()))
+        if noise.range_cell > 0.0:
+            r = np.rint(r / noise.range_cell) * noise.range_cell
+        return r
+
+
+@numba.njit(cache=True)
+def _strongest(distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
+    """Range (H, W) [m] of the strongest echo: the rays that return within one range cell are added up.
+
+    A ray's power goes with its share of the beam and with the cosine of incidence: by Lambert's law an area scatters
+    back with the square of it, and the area in the beam grows as it falls. The range is the mean of the echo's rays.
+    """
+    rows, columns, rays = distance.shape
+    result = np.full((rows, columns), np.inf)
+    for i in range(rows):
+        for j in range(columns):
+            best = 0.0
+            for k in range(rays):
+                power, moment = 0.0, 0.0
+                for m in range(rays):
+                    gap = distance[i, j, m] - distance[i, j, k]
+                    if gap >= 0.0 and gap < cell:
+                        one = weight[m] * cosine[i, j, m]
+                        power += one
+                        moment += one * distance[i, j, m]
+                if power > best:
+                    best = power
+                    result[i, j] = moment / power
+    return result

@@ -1,0 +1,319 @@
+"""What a sensor can see of a compiled model, and the casting of its rays: every geom that a viewer shows.
+
+Embree casts the rays because no screen or GL may be assumed, `mj_multiRay` takes 20 times as long and misses
+visual-only geoms. Most rays of most sensors meet nothing of a given scene, so rays go in tiles and geometry in
+clusters, and only tiles whose cone meets a cluster are cast.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numba
+import numpy as np
+
+from models.meshes.closed_shells import joined
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
+from sim.sensors.tessellation import tessellate
+
+VISIBLE_GROUPS = (0, 1, 2)  # what MuJoCo's own renderer shows; models keep collision shapes in 3 and above
+
+_TILE = 16  # rays along the side of a tile
+_CLUSTERS = 400  # of static triangles, at most; more cost as much as they save
+_CLUSTER = 16  # triangles in one, at least
+
+
+class BodyPoses(Protocol):
+    """What a sensor looks at: `sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
+
+    @property
+    def time(self) -> float: ...  # [s]
+
+    @property
+    def xpos(self) -> Array: ...  # (nbody, 3) [m] in W
+
+    @property
+    def xmat(self) -> Array: ...  # (nbody, 9) rotations to W, row-major
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rays:
+    """Rays of a sensor in its frame S, and the cones that hold its tiles of them. Made by `of`."""
+
+    directions: np.ndarray  # (H, W, ..., 3) float32, of any length: distances are counted in it
+    origins: np.ndarray  # the same shape, or (1, 3) of all [m]
+    near: float  # nothing is hit at less than this distance
+    tile: np.ndarray  # (N,) of each ray
+    cone: np.ndarray  # (T, 8): origin, its radius, axis, half angle
+
+    @classmethod
+    def of(cls, directions: np.ndarray, near: float, origins: np.ndarray | None = None) -> "Rays":
+        """Rays along `directions` (H, W, ..., 3) from `origins` of the same shape [m] (default: of S), `near` on."""
+        way = np.ascontiguousarray(directions, dtype=np.float32)
+        start = np.zeros((1, 3), np.float32) if origins is None else np.ascontiguousarray(origins, dtype=np.float32)
+        height, width = way.shape[:2]
+        columns = -(-width // _TILE)
+        tile = (np.arange(height)[:, None] // _TILE) * columns + np.arange(width) // _TILE
+        tile = np.repeat(tile.ravel(), int(np.prod(way.shape[2:-1])))
+        return cls(way, start, near, tile, _cones(way.reshape(-1, 3), start.reshape(-1, 3), tile, int(tile[-1]) + 1))
+
+
+class VisibleWorld:
+    """The surfaces of a model, for rays: static ones in one scene, those of each moving body in one of its own."""
+
+    def __init__(
+        self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
+    ) -> None:
+        """All that is seen of `model`: not bodies in `exclude`, geoms outside `groups` or transparent ones (alpha 0),
+        nor flexes and skins. Height fields are read now, and not again.
+
+        Raises MissingLibraryError without a ray caster.
+        """
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        static: list[tuple[Array, np.ndarray]] = []
+        moving: dict[int, list[tuple[Array, np.ndarray]]] = {}
+        self._planes: list[tuple[Array, Array]] = []  # pose in W, half lengths
+        for geom in range(model.ngeom):
+            body = int(model.geom_bodyid[geom])
+            if body in exclude or int(model.geom_group[geom]) not in groups or _alpha(model, geom) == 0.0:
+                continue
+            X_BG = pose(rotation_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
+            X_WB = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
+            if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
+                # Kept in closed form: as triangles it would have to end somewhere.
+                self._planes.append((X_WB @ X_BG, model.geom_size[geom].copy()))
+                continue
+            vertices, faces = tessellate(model, geom)
+            # Bodies without joints are part of the world, unless a mocap root carries them about.
+            fixed = model.body_weldid[body] == 0 and model.body_mocapid[model.body_rootid[body]] < 0
+            X = X_WB @ X_BG if fixed else X_BG
+            part = (vertices @ X[:3, :3].T + X[:3, 3], faces)
+            if fixed:
+                static.append(part)
+            else:
+                moving.setdefault(body, []).append(part)
+        self._static, self._static_clusters, self._middle_W = None, np.zeros((0, 4)), np.zeros(3)
+        if static:
+            vertices, faces = joined(static)
+            # Embree counts in single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
+            self._middle_W = vertices.mean(axis=0)
+            self._static = RayScene(vertices - self._middle_W, faces)
+            self._static_clusters = _clusters(vertices, faces)
+        self._moving = [_MovingBody.of(body, *joined(parts)) for body, parts in moving.items()]
+
+    def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
+        """Distance to the first surface along each ray, in lengths of its direction, and cosine of the incidence there.
+
+        `X_WS` (4, 4) pose of the sensor, `xpos` (nbody, 3) [m] and `xmat` (nbody, 9) world poses of the bodies. Both
+        results have the rays' shape and float32; inf and 1 where nothing is hit.
+        """
+        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        distance = np.full(len(way), np.inf, dtype=np.float32)
+        cosine = np.ones(len(way), dtype=np.float32)
+        R_WS, p_WS = X_WS[:3, :3], X_WS[:3, 3]
+        if self._static is not None:
+            centers = (self._static_clusters[:, :3] - p_WS) @ R_WS
+            tiles = _meetings(rays.cone, _spheres(centers, self._static_clusters[:, 3]))
+            self._cast_chosen(self._static, pose(R_WS, p_WS - self._middle_W), rays, tiles, distance, cosine)
+        for X_WG, size in self._planes:
+            R_SG, p_SG = R_WS.T @ X_WG[:3, :3], R_WS.T @ (X_WG[:3, 3] - p_WS)
+            _draw_plane(R_SG, p_SG, size, way, start, rays.near, distance, cosine)
+        if self._moving:
+            self._cast_moving(X_WS, rays, xpos, np.asarray(xmat).reshape(-1, 3, 3), distance, cosine)
+        shape = rays.directions.shape[:-1]
+        return distance.reshape(shape), cosine.reshape(shape)
+
+    def _cast_moving(
+        self, X_WS: Array, rays: Rays, xpos: Array, R_W: Array, distance: np.ndarray, cosine: np.ndarray
+    ) -> None:
+        """Draw the moving bodies over `distance` and `cosine` (N,), each in its own frame B."""
+        for part in self._moving:
+            X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
+            centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
+            tiles = _meetings(rays.cone, _spheres(centers, part.clusters[:, 3]))
+            self._cast_chosen(part.scene, X_BS, rays, tiles, distance, cosine)
+
+    @staticmethod
+    def _cast_chosen(
+        scene: RayScene, X_FS: Array, rays: Rays, tiles: np.ndarray, distance: np.ndarray, cosine: np.ndarray
+    ) -> None:
+        """Draw `scene`, whose frame is F, over `distance` and `cosine` (N,) by the rays of the chosen tiles (T,)."""
+        chosen = np.flatnonzero(tiles[rays.tile])
+        if not len(chosen):
+            return
+        near = rays.near
+        way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
+        origins, directions = _gathered(way, start, chosen, near)
+        turn = X_FS[:3, :3].T.astype(np.float32)
+        directions = directions @ turn
+        hit = scene.cast(origins @ turn + X_FS[:3, 3].astype(np.float32), directions)
+        _keep_nearer(hit["t"], hit["normal"], directions, chosen, near, distance, cosine)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MovingBody:
+    body: int
+    scene: RayScene  # in body axes
+    clusters: Array  # (C, 4) centre and radius [m], body axes
+
+    @classmethod
+    def of(cls, body: int, vertices: Array, faces: np.ndarray) -> "_MovingBody":
+        return cls(body, RayScene(vertices, faces), _clusters(vertices, faces))
+
+
+def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
+    """Number of the body `name`; ConfigurationError in the name of `sensor` if there is none."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
+    if index < 0:
+        raise ConfigurationError(f"{sensor}: no body {name!r}; there are {names(model, 'body', model.nbody)}")
+    return int(index)
+
+
+def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Array]:
+    """Body that carries `site`, and the site's pose (4, 4) in it; ConfigurationError if there is no such site."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
+    if index < 0:
+        raise ConfigurationError(f"{sensor}: no site {site!r}; there are {names(model, 'site', model.nsite)}")
+    X_BS = pose(rotation_from_quat_wxyz(model.site_quat[index]), model.site_pos[index])
+    return model.body(model.site_bodyid[index]).name, X_BS
+
+
+def names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
+    """Names of the first `count` things of a `kind` of model element."""
+    return [getattr(model, kind)(index).name for index in range(count)]
+
+
+def _alpha(model: mujoco.MjModel, geom: int) -> float:
+    material = model.geom_matid[geom]
+    return float(model.mat_rgba[material, 3] if material >= 0 else model.geom_rgba[geom, 3])
+
+
+def _cluster_size(faces: np.ndarray) -> int:
+    return max(_CLUSTER, -(-len(faces) // _CLUSTERS))
+
+
+def _clusters(vertices: Array, faces: np.ndarray) -> Array:
+    """Spheres (C, 4), centre and radius [m], around runs of neighbouring triangles, in the order of the triangles."""
+    first = np.arange(0, len(faces), _cluster_size(faces))
+    corners = vertices[faces]
+    low = np.minimum.reduceat(corners.min(axis=1), first)
+    high = np.maximum.reduceat(corners.max(axis=1), first)
+    center = 0.5 * (low + high)
+    away = np.linalg.norm(corners - center[np.arange(len(faces)) // _cluster_size(faces)][:, None], axis=2).max(axis=1)
+    return np.column_stack([center, np.maximum.reduceat(away, first)])
+
+
+def _spheres(centers: Array, radii: Array) -> np.ndarray:
+    return np.column_stack([centers, radii])
+
+
+def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> np.ndarray:
+    """The cones (T, 8) around the rays (N, 3) of each tile, and the sphere that holds their origins."""
+    unit = way / np.linalg.norm(way, axis=1, keepdims=True)
+    axis = np.column_stack([np.bincount(tile, unit[:, i], count) for i in range(3)])
+    axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
+    # By the chord: the cosine of a narrow cone has lost its angle in single precision.
+    chord = np.zeros(count)
+    np.maximum.at(chord, tile, np.linalg.norm(unit - axis[tile], axis=1))
+    origin, spread = np.repeat(start[:1].astype(np.float64), count, axis=0), np.zeros(count)
+    if len(start) > 1:
+        number = np.bincount(tile, minlength=count)[:, None]
+        origin = np.column_stack([np.bincount(tile, start[:, i], count) for i in range(3)]) / number
+        np.maximum.at(spread, tile, np.linalg.norm(start - origin[tile], axis=1))
+    half = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) + 1e-4
+    return np.column_stack([origin, spread + 1e-4, axis, half])
+
+
+@numba.njit(cache=True)
+def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
+    """Which cones (T,) meet any of the spheres."""
+    tiles = np.zeros(len(cones), dtype=np.bool_)
+    for i in range(len(cones)):
+        cos_half, sin_half = np.cos(cones[i, 7]), np.sin(cones[i, 7])
+        for j in range(len(spheres)):
+            x, y, z = spheres[j, 0] - cones[i, 0], spheres[j, 1] - cones[i, 1], spheres[j, 2] - cones[i, 2]
+            reach = spheres[j, 3] + cones[i, 3]
+            along = x * cones[i, 4] + y * cones[i, 5] + z * cones[i, 6]
+            square = x * x + y * y + z * z
+            beside = np.sqrt(max(square - along * along, 0.0))
+            # The nearest point of the cone is its tip, or else on its mantle, whose distance is the first sum.
+            if (
+                square <= reach * reach
+                or cones[i, 7] >= 0.5 * np.pi
+                or (beside * cos_half - along * sin_half <= reach and along * cos_half + beside * sin_half >= 0.0)
+            ):
+                tiles[i] = True
+                break
+    return tiles
+
+
+@numba.njit(cache=True)
+def _gathered(way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Origins, moved `near` along, and directions of the chosen rays, (M, 3) each."""
+    origins = np.empty((len(chosen), 3), dtype=np.float32)
+    directions = np.empty((len(chosen), 3), dtype=np.float32)
+    common = len(start) == 1
+    for k in range(len(chosen)):
+        ray = chosen[k]
+        source = 0 if common else ray
+        for axis in range(3):
+            directions[k, axis] = way[ray, axis]
+            origins[k, axis] = start[source, axis] + near * way[ray, axis]
+    return origins, directions
+
+
+@numba.njit(cache=True)
+def _keep_nearer(
+    t: np.ndarray,
+    normal: np.ndarray,
+    way: np.ndarray,
+    chosen: np.ndarray,
+    near: float,
+    distance: np.ndarray,
+    cosine: np.ndarray,
+) -> None:
+    for k in range(len(chosen)):
+        ray = chosen[k]
+        far = t[k] + near
+        if far < distance[ray]:
+            distance[ray] = far
+            x, y, z = way[k, 0], way[k, 1], way[k, 2]
+            across = x * normal[k, 0] + y * normal[k, 1] + z * normal[k, 2]
+            cosine[ray] = abs(across) / np.sqrt(x * x + y * y + z * z)
+
+
+@numba.njit(cache=True)
+def _draw_plane(
+    R_SG: np.ndarray,
+    p_SG: np.ndarray,
+    size: np.ndarray,
+    way: np.ndarray,
+    start: np.ndarray,
+    near: float,
+    distance: np.ndarray,
+    cosine: np.ndarray,
+) -> None:
+    """Draw a plane geom, which like MuJoCo's has no back; half lengths `size` of 0 are infinite."""
+    common = len(start) == 1
+    for ray in range(len(way)):
+        x, y, z = way[ray, 0], way[ray, 1], way[ray, 2]
+        descent = -(x * R_SG[0, 2] + y * R_SG[1, 2] + z * R_SG[2, 2])
+        if descent <= 0.0:
+            continue
+        source = 0 if common else ray
+        a, b, c = start[source, 0] - p_SG[0], start[source, 1] - p_SG[1], start[source, 2] - p_SG[2]
+        height = a * R_SG[0, 2] + b * R_SG[1, 2] + c * R_SG[2, 2]
+        t = height / descent
+        if height <= 0.0 or t < near or t >= distance[ray]:
+            continue
+        a, b, c = a + t * x, b + t * y, c + t * z
+        if size[0] > 0.0 and abs(a * R_SG[0, 0] + b * R_SG[1, 0] + c * R_SG[2, 0]) > size[0]:
+            continue
+        if size[1] > 0.0 and abs(a * R_SG[0, 1] + b * R_SG[1, 1] + c * R_SG[2, 1]) > size[1]:
+            continue
+        distance[ray] = t
+        cosine[ray] = descent / np.sqrt(x * x + y * y + z * z)

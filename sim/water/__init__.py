@@ -1,0 +1,1 @@
+"""Hydrodynamics inside MuJoCo's step: the passive callback, reaction wrenches, the current."""

@@ -1,0 +1,611 @@
+"""The native passive callback: added mass into `d.M`, drag, buoyancy and velocity terms into `d.qfrc_passive`.
+
+Compiled by numba to a bare C function that MuJoCo calls without the GIL. It keeps no state but a note in the model of
+what it has warned of (`LAYOUT.seen`), allocates only on MuJoCo's own stack, and is linear in the number of bodies:
+per-body 6x6 inertias and wrenches are taken to world axes at the tree's centre of mass (the reference point of `cdof`
+and `cvel`), four bodies at a time, summed up to the parents, and projected on each joint's axis, as MuJoCo's own
+composite-rigid-body pass does for the dry inertia.
+
+Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
+MuJoCo, or a table of coefficients, with another layout (nor code of other files than these).
+"""
+
+import math
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, ParamSpec, TypeVar, cast
+
+import mujoco
+import numpy as np
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.extending import intrinsic
+
+from models.hydrodynamics import INDEFINITE, LAYOUT, MAX_STATIONS, MAX_STRIPS, TOO_FAST, TOO_HIGH
+from sim.interfaces.kernels import imports_stamp
+from sim.interfaces.spatial import Array
+from sim.water.mujoco_layout import offset
+from sim.water.native_memory import f64 as _f64
+from sim.water.native_memory import i32 as _i32
+from sim.water.native_memory import pointer as _pointer
+from sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
+
+# What the callback reads or writes; the layout of at least these is compared with live objects.
+# fmt: off
+MODEL_FIELDS = (
+    "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
+    "body_user", "M_rownnz", "M_rowadr", "M_colind",
+)
+DATA_FIELDS = (
+    "qvel", "xpos", "xmat", "subtree_com", "cdof", "cdof_dot", "cvel", "crb", "M", "qLD", "qLDiagInv",
+    "qfrc_passive",
+)
+# fmt: on
+
+# `d.crb` of the world body is zero and MuJoCo zeroes it again whenever it rebuilds `d.M`, so this mark there means that
+# `d.M` holds the added mass already (mj_forwardSkip and finite differences call mj_passive again without rebuilding).
+WET_MARK = 6.20261121e8
+
+# Symbols of libmujoco, which `sim.hydrodynamics.install` gives to LLVM under these names.
+SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
+_mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
+_free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
+_stack_numbers = types.ExternalFunction("mj_stackAllocNum", types.intp(types.intp, types.intp))
+_count_warning = types.ExternalFunction("mj_warning", types.void(types.intp, types.int32, types.int32))
+_print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
+
+SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
+NEVER = 1e300  # a limit that nothing reaches
+
+FAST_TEXT = "sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
+HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+# Plain tuples stay in registers, where numba's arrays would go through memory. An address is an integer. A number is
+# one float, or four lanes: the same function then serves one body or four.
+Number = Any
+Vector = tuple[Number, Number, Number]
+Matrix = tuple[Vector, Vector, Vector]
+Indices = tuple[int, int, int, int]
+Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular), J (angular-angular) of a 6x6 inertia
+
+
+def _inline(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile into the callers. A multiply and an add may be fused: exact to rounding, and never reordered."""
+    return njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
+
+
+def _storer() -> Callable[[int, int, float], None]:
+    """An intrinsic f(address, index, value): stores the float64 `value` 8 `index` bytes after `address`."""
+
+    def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
+        def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
+            place = builder.add(args[0], builder.mul(args[1], ir.Constant(args[1].type, 8)))
+            builder.store(args[2], builder.inttoptr(place, ir.DoubleType().as_pointer()))
+            return context.get_dummy_value()
+
+        return types.void(types.intp, types.intp, types.float64), codegen
+
+    return cast(Any, intrinsic(store))
+
+
+_put = _storer()
+
+
+def _text(text: str) -> Callable[[], int]:
+    """An intrinsic f(): the address of `text` as a C string, which lies in the compiled code."""
+
+    def address(_typing: Any) -> Any:
+        def codegen(context: Any, builder: Any, _signature: Any, _args: Any) -> ir.Value:
+            return builder.ptrtoint(context.insert_const_string(builder.module, text), ir.IntType(64))
+
+        return types.intp(), codegen
+
+    return cast(Any, intrinsic(address))
+
+
+_fast_text, _high_text = _text(FAST_TEXT), _text(HIGH_TEXT)
+
+
+@_inline
+def _load3(address: int, index: int) -> Vector:
+    return _f64(address, index), _f64(address, index + 1), _f64(address, index + 2)
+
+
+@_inline
+def _load6(address: int, index: int) -> tuple[Vector, Vector]:
+    return _load3(address, index), _load3(address, index + 3)
+
+
+@_inline
+def _put3(address: int, index: int, v: Vector) -> None:
+    _put(address, index, v[0])
+    _put(address, index + 1, v[1])
+    _put(address, index + 2, v[2])
+
+
+@_inline
+def _plus(a: Vector, b: Vector) -> Vector:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@_inline
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@_inline
+def _scaled(s: Number, a: Vector) -> Vector:
+    return s * a[0], s * a[1], s * a[2]
+
+
+@_inline
+def _dot(a: Vector, b: Vector) -> Number:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@_inline
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@_inline
+def _times(R: Matrix, v: Vector) -> Vector:
+    return _dot(R[0], v), _dot(R[1], v), _dot(R[2], v)
+
+
+@_inline
+def _transposed(R: Matrix) -> Matrix:
+    return (R[0][0], R[1][0], R[2][0]), (R[0][1], R[1][1], R[2][1]), (R[0][2], R[1][2], R[2][2])
+
+
+@_inline
+def _turned(R: Matrix, X: Matrix) -> Matrix:
+    """R X R^T."""
+    X = _transposed(X)
+    Y = _transposed((_times(R, X[0]), _times(R, X[1]), _times(R, X[2])))
+    return _times(R, Y[0]), _times(R, Y[1]), _times(R, Y[2])
+
+
+@_inline
+def _symmetric(a: Number, b: Number, c: Number, d: Number, e: Number, f: Number) -> Matrix:
+    return (a, b, c), (b, d, e), (c, e, f)
+
+
+@_inline
+def _turned_symmetric(R: Matrix, X: Matrix) -> Matrix:
+    """R X R^T of a symmetric X."""
+    Y = _times(R, X[0]), _times(R, X[1]), _times(R, X[2])
+    a, b, c = _transposed(Y)
+    return _symmetric(_dot(R[0], a), _dot(R[1], a), _dot(R[2], a), _dot(R[1], b), _dot(R[2], b), _dot(R[2], c))
+
+
+@_inline
+def _rows(address: int, index: int) -> Matrix:
+    return _load3(address, index), _load3(address, index + 3), _load3(address, index + 6)
+
+
+@_inline
+def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Number, Number]:
+    """Four numbers from `shift` on, of each of the four rows that begin at the indices `at`, row by lane."""
+    return transposed_four(
+        load_four(address, at[0] + shift),
+        load_four(address, at[1] + shift),
+        load_four(address, at[2] + shift),
+        load_four(address, at[3] + shift),
+    )
+
+
+@_inline
+def _scattered(address: int, at: Indices, shift: int, x: tuple[Number, Number, Number, Number]) -> None:
+    """The inverse of `_gathered`."""
+    rows = transposed_four(x[0], x[1], x[2], x[3])
+    put_four(address, at[0] + shift, rows[0])
+    put_four(address, at[1] + shift, rows[1])
+    put_four(address, at[2] + shift, rows[2])
+    put_four(address, at[3] + shift, rows[3])
+
+
+@_inline
+def _lanes3(address: int, at: Indices, shift: int) -> Vector:
+    """Also reads the number before, which must be there."""
+    x = _gathered(address, at, shift - 1)
+    return x[1], x[2], x[3]
+
+
+@_inline
+def _lanes6(address: int, at: Indices, shift: int) -> tuple[Vector, Vector]:
+    x, y = _gathered(address, at, shift), _gathered(address, at, shift + 2)
+    return (x[0], x[1], x[2]), (x[3], y[2], y[3])
+
+
+@_inline
+def _lanes9(address: int, at: Indices, shift: int) -> Matrix:
+    x, y, z = _gathered(address, at, shift), _gathered(address, at, shift + 4), _gathered(address, at, shift + 5)
+    return (x[0], x[1], x[2]), (x[3], y[0], y[1]), (y[2], y[3], z[3])
+
+
+@_inline
+def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
+    """The blocks of the packed upper triangles at `at`."""
+    p, q, r = _gathered(user, rows, at), _gathered(user, rows, at + 4), _gathered(user, rows, at + 8)
+    s, t, u = _gathered(user, rows, at + 12), _gathered(user, rows, at + 16), _gathered(user, rows, at + 17)
+    B = _symmetric(p[0], p[1], p[2], q[2], q[3], r[3])
+    C = (p[3], q[0], q[1]), (r[0], r[1], r[2]), (s[0], s[1], s[2])
+    return B, C, _symmetric(s[3], t[0], t[1], t[2], t[3], u[3])
+
+
+@_inline
+def _scratch_blocks(scratch: int, at: int) -> Blocks:
+    """The blocks as `_put_body` leaves them."""
+    B, J = _load6(scratch, at), _load6(scratch, at + 15)
+    return (
+        _symmetric(B[0][0], B[0][1], B[0][2], B[1][0], B[1][1], B[1][2]),
+        _rows(scratch, at + 6),
+        _symmetric(J[0][0], J[0][1], J[0][2], J[1][0], J[1][1], J[1][2]),
+    )
+
+
+@_inline
+def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: Vector) -> None:
+    """The first numbers of a body's scratch: B (6), C (9), J (6), force (3), torque (3), and a zero."""
+    B, C, J = blocks
+    _scattered(scratch, at, 0, (B[0][0], B[0][1], B[0][2], B[1][1]))
+    _scattered(scratch, at, 4, (B[1][2], B[2][2], C[0][0], C[0][1]))
+    _scattered(scratch, at, 8, (C[0][2], C[1][0], C[1][1], C[1][2]))
+    _scattered(scratch, at, 12, (C[2][0], C[2][1], C[2][2], J[0][0]))
+    _scattered(scratch, at, 16, (J[0][1], J[0][2], J[1][1], J[1][2]))
+    _scattered(scratch, at, 20, (J[2][2], force[0], force[1], force[2]))
+    _scattered(scratch, at, 24, (torque[0], torque[1], torque[2], all_four(0.0)))
+
+
+@_inline
+def _at_reference(B: Matrix, C: Matrix, J: Matrix, r: Vector) -> Blocks:
+    """The blocks about the point `-r` away from the one they are given about: T^T A T with T = [[I, -r x], [0, I]]."""
+    C1 = _plus(C[0], _cross(r, B[0])), _plus(C[1], _cross(r, B[1])), _plus(C[2], _cross(r, B[2]))
+    columns, old = _transposed(C1), _transposed(C)
+    left = _transposed((_cross(r, columns[0]), _cross(r, columns[1]), _cross(r, columns[2])))
+    x, y, z = (
+        _plus(_plus(J[0], left[0]), _cross(r, old[0])),
+        _plus(_plus(J[1], left[1]), _cross(r, old[1])),
+        _plus(_plus(J[2], left[2]), _cross(r, old[2])),
+    )
+    return B, C1, _symmetric(x[0], x[1], x[2], y[1], y[2], z[2])
+
+
+@_inline
+def _applied(B: Matrix, C: Matrix, J: Matrix, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear and angular part of A (v; w)."""
+    return _plus(_times(B, v), _times(C, w)), _plus(_times(_transposed(C), v), _times(J, w))
+
+
+@_inline
+def _drag(user: int, rows: Indices, D: int, quadratic_at: int, v: Vector, w: Vector) -> tuple[Vector, Vector]:
+    """Linear (6x6 at `D`) and quadratic damping (force, torque) of relative twists, all in body axes."""
+    q, p = _lanes6(user, rows, quadratic_at)
+    a, b, c = _lanes6(user, rows, D), _lanes6(user, rows, D + 6), _lanes6(user, rows, D + 12)
+    force = (
+        _dot(a[0], v) + _dot(a[1], w) + q[0] * abs(v[0]) * v[0],
+        _dot(b[0], v) + _dot(b[1], w) + q[1] * abs(v[1]) * v[1],
+        _dot(c[0], v) + _dot(c[1], w) + q[2] * abs(v[2]) * v[2],
+    )
+    a, b, c = _lanes6(user, rows, D + 18), _lanes6(user, rows, D + 24), _lanes6(user, rows, D + 30)
+    torque = (
+        _dot(a[0], v) + _dot(a[1], w) + p[0] * abs(w[0]) * w[0],
+        _dot(b[0], v) + _dot(b[1], w) + p[1] * abs(w[1]) * w[1],
+        _dot(c[0], v) + _dot(c[1], w) + p[2] * abs(w[2]) * w[2],
+    )
+    return _scaled(-1.0, force), _scaled(-1.0, torque)
+
+
+@_inline
+def _stations(user: int, strip: int) -> int:
+    return min(max(int(_f64(user, strip + 8)), 0), MAX_STATIONS)
+
+
+@_inline
+def _strip_drag(
+    user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
+) -> tuple[Vector, Vector]:
+    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros is no segment.
+
+    At the fraction s of a segment the flow across is a + s b, with b = w x (end - start), and the flow along it is
+    the same everywhere. So the stations leave three sums of |a + s b|, weighted by 1, s and s^2.
+    """
+    start = _lanes3(user, strips, 0)
+    along = _minus(_lanes3(user, strips, 3), start)
+    length = math.sqrt(at_least(_dot(along, along), 1e-300))
+    axis = _scaled(1.0 / length, along)
+    _, normal, tangential, _ = _gathered(user, strips, 5)
+    n0, n1 = _stations(user, strips[0]), _stations(user, strips[1])
+    n2, n3 = _stations(user, strips[2]), _stations(user, strips[3])
+    u = _plus(v, _cross(w, start))
+    slip = _dot(u, axis)
+    a, b = _minus(u, _scaled(slip, axis)), _cross(w, along)
+    aa, ab, bb = _dot(a, a), 2.0 * _dot(a, b), _dot(b, b)
+    zeroth, first, second = all_four(0.0), all_four(0.0), all_four(0.0)
+    for k in range(max(max(n0, n1), max(n2, n3))):
+        s = four_of(nodes[n0, k], nodes[n1, k], nodes[n2, k], nodes[n3, k])
+        weight = four_of(weights[n0, k], weights[n1, k], weights[n2, k], weights[n3, k])
+        share = weight * math.sqrt(at_least(aa + s * (ab + s * bb), 0.0))
+        zeroth = zeroth + share
+        first = first + share * s
+        second = second + share * s * s
+    bluff, skin = -1.0 * length * normal, -1.0 * length * tangential * abs(slip) * slip
+    force = _plus(_scaled(bluff, _plus(_scaled(zeroth, a), _scaled(first, b))), _scaled(skin, axis))
+    lever = _scaled(bluff, _plus(_scaled(first, a), _scaled(second, b)))
+    return force, _plus(_cross(start, force), _cross(along, lever))
+
+
+@_inline
+def _subtract(row: int, other: int, factor: float, count: int) -> None:
+    """The first `count` numbers at `row` less `factor` times those at `other`."""
+    four = all_four(factor)
+    full = count - count % 4
+    for k in range(0, full, 4):
+        put_four(row, k, load_four(row, k) - four * load_four(other, k))
+    for k in range(full, count):
+        _put(row, k, _f64(row, k) - factor * _f64(other, k))
+
+
+@_inline
+def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> int:
+    """M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them (Featherstone 2008, table 6.3).
+
+    Returns the last degree of freedom at which M is not positive definite, or -1.
+
+    A row holds a joint's ancestors in order, so that an ancestor's row has the pattern of its beginning: plain dense
+    subtraction, four numbers at a time. It is on long chains that this counts.
+    """
+    last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
+    for k in range(0, last - 3, 4):
+        put_four(LD, k, load_four(M, k))
+    for k in range(last - last % 4, last):
+        _put(LD, k, _f64(M, k))
+    j, singular = nv - 1, -1
+    while j >= 0:
+        here, columns = LD + 8 * _i32(rowadr, j), colind + 4 * _i32(rowadr, j)
+        count = _i32(rownnz, j)
+        scale = 1.0 / _f64(here, count - 1)
+        _put(inverse, j, scale)
+        if _f64(here, count - 1) < SINGULAR:
+            singular = j
+        if count > 1 and _i32(columns, count - 2) == j - 1:
+            # Two rows of a chain at once: an ancestor's row is read and written once for both.
+            above = LD + 8 * _i32(rowadr, j - 1)
+            _subtract(above, here, _f64(here, count - 2) * scale, count - 1)
+            _put(here, count - 2, _f64(here, count - 2) * scale)
+            scale_above = 1.0 / _f64(above, count - 2)
+            _put(inverse, j - 1, scale_above)
+            if _f64(above, count - 2) < SINGULAR:
+                singular = j - 1
+            for i in range(count - 3, -1, -1):
+                ancestor = LD + 8 * _i32(rowadr, _i32(columns, i))
+                factor, factor_above = _f64(here, i) * scale, _f64(above, i) * scale_above
+                four, four_above = all_four(factor), all_four(factor_above)
+                full = i + 1 - (i + 1) % 4
+                for k in range(0, full, 4):
+                    rest = load_four(ancestor, k) - four * load_four(here, k)
+                    put_four(ancestor, k, rest - four_above * load_four(above, k))
+                for k in range(full, i + 1):
+                    rest = _f64(ancestor, k) - factor * _f64(here, k)
+                    _put(ancestor, k, rest - factor_above * _f64(above, k))
+                _put(here, i, factor)
+                _put(above, i, factor_above)
+            j -= 2
+        else:
+            for i in range(count - 2, -1, -1):
+                factor = _f64(here, i) * scale
+                _subtract(LD + 8 * _i32(rowadr, _i32(columns, i)), here, factor, i + 1)
+                _put(here, i, factor)
+            j -= 1
+    return singular
+
+
+@_inline
+def _is_new(user: int, seen_at: int, what: int) -> bool:
+    """Whether the world's row `user` does not have `what` among what was met; it has it from now on."""
+    seen = int(_f64(user, seen_at))
+    _put(user, seen_at, float(seen | what))
+    return seen & what == 0
+
+
+def build() -> Any:
+    """The compiled callback, a numba CFunc `void(mjModel*, mjData*)`, for the running MuJoCo and `LAYOUT`.
+
+    `SYMBOLS` must be known to LLVM before.
+    """
+    model = SimpleNamespace(**{name: offset("mjModel", name) for name in MODEL_FIELDS})
+    data = SimpleNamespace(**{name: offset("mjData", name) for name in DATA_FIELDS})
+    nbody_at, nuser_at, user_at = model.nbody, model.nuser_body, model.body_user
+    parent_at, root_at, tree_at = model.body_parentid, model.body_rootid, model.body_treeid
+    dofnum_at, dofadr_at = model.body_dofnum, model.body_dofadr
+    rownnz_at, rowadr_at, colind_at = model.M_rownnz, model.M_rowadr, model.M_colind
+    wind_at, gravity_at = offset("mjModel", "opt.wind"), offset("mjModel", "opt.gravity")
+    disable_at, gravity_off = offset("mjModel", "opt.disableflags"), int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+    qvel_at, xpos_at, xmat_at, com_at = data.qvel, data.xpos, data.xmat, data.subtree_com
+    cdof_at, cdof_dot_at, cvel_at = data.cdof, data.cdof_dot, data.cvel
+    nv_at, factored_at, inverse_at = model.nv, data.qLD, data.qLDiagInv
+    crb_at, M_at, passive_at = data.crb, data.M, data.qfrc_passive
+    stamp, size = LAYOUT.stamp_value, LAYOUT.size
+    own_density_at = LAYOUT.body_density
+    density_at, surge_at, shear_at = LAYOUT.density, LAYOUT.current_acceleration, LAYOUT.current_shear
+    volume_at, mass_at = LAYOUT.volume, LAYOUT.added_mass  # the centre of buoyancy follows the volume
+    linear_at, quadratic_at = LAYOUT.linear_damping, LAYOUT.quadratic_damping
+    strip_count_at, strips_at, strip_size = LAYOUT.strip_count, LAYOUT.strips, LAYOUT.strip_size
+    timestep_at = offset("mjModel", "opt.timestep")
+    rate_at, ceiling_at, seen_at = LAYOUT.drag_rate, LAYOUT.ceiling, LAYOUT.seen
+    singular_kind = int(mujoco.mjtWarning.mjWARN_INERTIA)
+
+    # Gauss-Legendre on [0, 1], one rule a row, by its number of stations; what a row does not use weighs nothing.
+    nodes, weights = np.zeros((2, MAX_STATIONS + 1, MAX_STATIONS))
+    for n in range(1, MAX_STATIONS + 1):
+        x, weight = np.polynomial.legendre.leggauss(n)
+        nodes[n, :n], weights[n, :n] = 0.5 + 0.5 * x, 0.5 * weight
+
+    # Scratch of each body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0 (angular 3,
+    # linear 3), and 1 if it or a descendant carries coefficients. After all bodies, the numbers of those that carry.
+    wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
+
+    elsewhere = int(imports_stamp(globals()), 16)
+
+    @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
+    def passive(m: int, d: int) -> None:
+        nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
+        if nuser < size or elsewhere < 0:  # the last is never so: it is for the cache
+            return
+        nbody = _pointer(m, nbody_at)
+        parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)
+        dofnum, dofadr = _pointer(m, dofnum_at), _pointer(m, dofadr_at)
+        xpos, xmat, com = _pointer(d, xpos_at), _pointer(d, xmat_at), _pointer(d, com_at)
+        qvel, cvel = _pointer(d, qvel_at), _pointer(d, cvel_at)
+        cdof, cdof_dot = _pointer(d, cdof_at), _pointer(d, cdof_dot_at)
+        M, crb, qfrc = _pointer(d, M_at), _pointer(d, crb_at), _pointer(d, passive_at)
+
+        wind, surge, shear, density = _load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+        fastest, ceiling, ours = NEVER, NEVER, _f64(user, 0) == stamp
+        if ours:  # MJCF does not keep the row of the world
+            surge, shear, density = _load3(user, surge_at), _load3(user, shear_at), _f64(user, density_at)
+            ceiling = _f64(user, ceiling_at)
+            if _f64(user, rate_at + 1) > 0.0:  # the speed at which drag's rate would be that of the steps
+                limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
+                fastest = limit * limit
+        gravity = _load3(m + gravity_at, 0)
+        if _i32(m + disable_at, 0) & gravity_off:
+            gravity = (0.0, 0.0, 0.0)
+        dry = _f64(crb, 0) != WET_MARK
+
+        _mark_stack(d)
+        scratch = _stack_numbers(d, nbody * (stride + 1) + 3)
+        carrying, count = scratch + 8 * nbody * stride, 0
+        _put3(scratch, acceleration, (0.0, 0.0, 0.0))
+        _put3(scratch, acceleration + 3, (0.0, 0.0, 0.0))
+
+        for i in range(1, nbody):
+            here = scratch + 8 * stride * i
+            above = scratch + 8 * stride * _i32(parent, i)
+            _put(here, loaded, 0.0)
+            a_w, a_v = _load6(above, acceleration)
+            for j in range(_i32(dofadr, i), _i32(dofadr, i) + _i32(dofnum, i)):
+                rate = _load6(cdof_dot, 6 * j)
+                a_w = _plus(a_w, _scaled(_f64(qvel, j), rate[0]))
+                a_v = _plus(a_v, _scaled(_f64(qvel, j), rate[1]))
+            _put3(here, acceleration, a_w)
+            _put3(here, acceleration + 3, a_v)
+            if _i32(tree, i) >= 0 and _f64(user, nuser * i) == stamp:
+                _put(here, loaded, 1.0)
+                _put(carrying, count, float(i))
+                count += 1
+        if count == 0:
+            _free_stack(d)
+            return
+        for k in range(count, count + 3):  # fill the last four with one of them: it is only computed again
+            _put(carrying, k, _f64(carrying, count - 1))
+
+        too_fast, too_high = all_four(0.0), all_four(0.0)
+        for k in range(0, count, 4):
+            i, i1 = int(_f64(carrying, k)), int(_f64(carrying, k + 1))
+            i2, i3 = int(_f64(carrying, k + 2)), int(_f64(carrying, k + 3))
+            row = nuser * i, nuser * i1, nuser * i2, nuser * i3
+            here = stride * i, stride * i1, stride * i2, stride * i3
+            roots = 3 * _i32(root, i), 3 * _i32(root, i1), 3 * _i32(root, i2), 3 * _i32(root, i3)
+
+            R = _lanes9(xmat, (9 * i, 9 * i1, 9 * i2, 9 * i3), 0)
+            p = _lanes3(xpos, (3 * i, 3 * i1, 3 * i2, 3 * i3), 0)
+            r = _minus(p, _lanes3(com, roots, 0))
+            B, C, J = _body_blocks(user, row, mass_at)
+            B, C, J = _at_reference(_turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r)
+
+            # All about the tree's centre of mass, world axes: twist, relative twist, momentum of the water.
+            w, v = _lanes6(cvel, (6 * i, 6 * i1, 6 * i2, 6 * i3), 0)
+            a_w, a_v = _lanes6(scratch, here, acceleration)
+            current = _plus(wind, _scaled(p[2], shear))
+            flow = _plus(surge, _scaled(current[2], shear))  # acceleration of the water itself
+            v = _minus(v, current)
+            a_v = _minus(_plus(a_v, _cross(w, current)), flow)
+            p_v, p_w = _applied(B, C, J, v, w)
+            f, t = _applied(B, C, J, a_v, a_w)
+            f = _scaled(-1.0, _plus(f, _cross(w, p_v)))
+            t = _scaled(-1.0, _plus(t, _plus(_cross(w, p_w), _cross(v, p_v))))
+
+            # Drag in body axes at the body origin.
+            Rt = _transposed(R)
+            v_B, w_B = _times(Rt, _plus(v, _cross(w, r))), _times(Rt, w)
+            drag_f, drag_t = _drag(user, row, linear_at, quadratic_at, v_B, w_B)
+            too_fast = too_fast + at_least(_dot(v_B, v_B) - fastest, 0.0) + at_least(_dot(w_B, w_B) - fastest, 0.0)
+            too_high = too_high + at_least(p[2] - ceiling, 0.0)
+            strips = 0
+            for n in row:
+                strips = max(strips, int(_f64(user, n + strip_count_at)))
+            for n in range(min(strips, MAX_STRIPS)):
+                at = strips_at + n * strip_size
+                strip = row[0] + at, row[1] + at, row[2] + at, row[3] + at
+                strip_f, strip_t = _strip_drag(user, strip, v_B, w_B, nodes, weights)
+                drag_f, drag_t = _plus(drag_f, strip_f), _plus(drag_t, strip_t)
+            drag_f = _times(R, drag_f)
+            f = _plus(f, drag_f)
+            t = _plus(t, _plus(_times(R, drag_t), _cross(r, drag_f)))
+
+            # Buoyancy, and the pressure gradient that accelerates the water, at the centre of buoyancy.
+            volume, x, y, z = _gathered(user, row, volume_at)
+            own = four_of(
+                _f64(user, row[0] + own_density_at),
+                _f64(user, row[1] + own_density_at),
+                _f64(user, row[2] + own_density_at),
+                _f64(user, row[3] + own_density_at),
+            )
+            if density > 0.0:
+                own = all_four(density)
+            lift = _scaled(own * volume, _minus(flow, gravity))
+            f = _plus(f, lift)
+            t = _plus(t, _cross(_plus(r, _times(R, (x, y, z))), lift))
+            _put_body(scratch, here, (B, C, J), f, t)
+
+        if ours:
+            put_four(scratch, 0, too_fast)  # the world needs no wrench
+            put_four(scratch, 4, too_high)
+            over = _f64(scratch, 0) + _f64(scratch, 1) + _f64(scratch, 2) + _f64(scratch, 3)
+            if over > 0.0 and _is_new(user, seen_at, TOO_FAST):
+                _print_warning(_fast_text())
+            over = _f64(scratch, 4) + _f64(scratch, 5) + _f64(scratch, 6) + _f64(scratch, 7)
+            if over > 0.0 and gravity[2] < 0.0 and _is_new(user, seen_at, TOO_HIGH):
+                _print_warning(_high_text())
+
+        rownnz, rowadr, colind = _pointer(m, rownnz_at), _pointer(m, rowadr_at), _pointer(m, colind_at)
+        for i in range(nbody - 1, 0, -1):
+            here = scratch + 8 * stride * i
+            if _f64(here, loaded) == 0.0:
+                continue
+            if _i32(tree, _i32(parent, i)) >= 0:
+                above = scratch + 8 * stride * _i32(parent, i)
+                if _f64(above, loaded) == 0.0:
+                    _put(above, loaded, 1.0)
+                    for k in range(0, summed, 4):
+                        put_four(above, k, load_four(here, k))
+                else:
+                    for k in range(0, summed, 4):
+                        put_four(above, k, load_four(above, k) + load_four(here, k))
+            f, t = _load6(here, wrench)
+            B, C, J = _scratch_blocks(here, 0)
+            for j in range(_i32(dofadr, i), _i32(dofadr, i) + _i32(dofnum, i)):
+                s_w, s_v = _load6(cdof, 6 * j)
+                _put(qfrc, j, _f64(qfrc, j) + _dot(s_v, f) + _dot(s_w, t))
+                if dry:
+                    F, T = _applied(B, C, J, s_v, s_w)
+                    first = _i32(rowadr, j)
+                    for k in range(first, first + _i32(rownnz, j)):
+                        u_w, u_v = _load6(cdof, 6 * _i32(colind, k))
+                        _put(M, k, _f64(M, k) + _dot(u_v, F) + _dot(u_w, T))
+        _free_stack(d)
+        if dry:
+            _put(crb, 0, WET_MARK)
+            factored, inverse = _pointer(d, factored_at), _pointer(d, inverse_at)
+            singular = _factor(M, factored, inverse, _pointer(m, nv_at), rownnz, rowadr, colind)
+            if singular >= 0:
+                _count_warning(d, singular_kind, singular)
+                if ours:
+                    _is_new(user, seen_at, INDEFINITE)
+
+    return passive

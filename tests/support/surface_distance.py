@@ -1,0 +1,16 @@
+"""How far points are from a closed mesh, and on which side."""
+
+import numpy as np
+
+from models.meshes.nearest_surface import NearestSurface
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.spatial import Array
+
+
+def signed_distance(vertices: Array, triangles: np.ndarray, points: Array) -> Array:
+    """Distance (N,) [m] of points (N, 3) from a closed mesh whose triangles wind outwards; negative inside."""
+    away = NearestSurface.of(vertices, triangles).query(points).distance
+    way = np.broadcast_to([0.36, 0.48, 0.8], points.shape)  # along no axis: rays along edges count for nothing
+    hit = RayScene(vertices, triangles).cast(points, way)
+    inside = np.isfinite(hit["t"]) & (np.einsum("ij,ij->i", hit["normal"], way) > 0.0)
+    return np.where(inside, -away, away)

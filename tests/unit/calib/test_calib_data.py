@@ -1,0 +1,130 @@
+"""Bad touches: what is said about them, and what is found in spite of them."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from tests.unit.test_calib_fit import OFF_AXIS, PAPER, UR10E
+
+from calib import Arm, identify
+from calib.simulation import touch
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+
+@pytest.fixture(scope="module")
+def series() -> list[Array]:
+    return touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(20))
+
+
+def with_nan(series: list[Array]) -> list[Array]:
+    bad = [q.copy() for q in series]
+    bad[1][4, 2] = np.nan
+    return bad
+
+
+REFUSED: dict[str, tuple[Callable[[list[Array]], object], str]] = {
+    "empty": (lambda _: [], "empty"),
+    "empty series": (lambda s: [s[0], np.empty((0, 6))], "series 2: empty"),
+    "not finite": (with_nan, "series 2, touch 5: joint 3 is nan"),
+    "degrees": (lambda s: [np.rad2deg(q) for q in s], "degrees"),
+    "joint count": (lambda s: [q[:, :5] for q in s], r"the arm has 6 joints.*\(21, 5\)"),
+    "one array": (lambda s: s[0], "list of arrays"),
+    "text": (lambda _: [[["a"] * 6] * 3], "series 1"),
+    "one touch each": (lambda s: [q[:1] for q in s], "at least three different touches"),
+    "equal touches": (lambda s: [np.repeat(q[:1], 10, axis=0) for q in s], "at least three different touches"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_in_one_line(case: str, series: list[Array]):
+    spoil, words = REFUSED[case]
+    with pytest.raises(ConfigurationError, match=words):
+        identify(spoil(series), UR10E)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"free": ["a", "lengths"]}, "'lengths' is no parameter.*theta, d, a"),
+        ({"prior": {"a": -1.0}}, "deviation of a: must be positive"),
+        ({"prior": {"b": 1.0}}, "'b' is not identified"),
+        ({"noise": 0.0}, "noise"),
+        ({"method": "magic"}, "map, paper"),
+        ({"distances": [(0, 3, 1.0)]}, r"0\.\.2"),
+        ({"distances": [(0, 1, -1.0)]}, "positive"),
+        ({"tcp": [0.0, 0.0]}, "tcp"),
+        ({"free": ["compliance"]}, "loads"),
+    ],
+)
+def test_options_refused(options: dict, words: str, series: list[Array]):
+    with pytest.raises(ConfigurationError, match=words):
+        identify(series, UR10E, **options)
+
+
+@pytest.mark.parametrize(
+    ("dh", "words"),
+    [(np.rad2deg(UR10E), "degrees"), (1e3 * UR10E * [0, 1, 1, 0], "millimetres"), (UR10E[:, :3], "nominal")],
+    ids=["degrees", "millimetres", "columns"],
+)
+def test_nominal_refused(dh: Array, words: str, series: list[Array]):
+    with pytest.raises(ConfigurationError, match=words):
+        identify(series, dh)
+
+
+def test_outliers_are_named_and_left_out(series: list[Array], within):
+    arm = Arm.from_dh(PAPER)
+    off = touch(arm, OFF_AXIS, np.random.default_rng(21), points=np.array([[0.5, 0.5, 0.3]]), touches=1)[0]
+    spoilt = [q.copy() for q in series]
+    # A slip of 20 mm: the wrist turned, so that the tip is elsewhere.
+    clean = identify(series, UR10E)
+    for s, j, joint in ((0, 3, 4), (2, 17, 3)):
+        away = spoilt[s][j].copy()
+        for angle in np.linspace(0.0, 0.5, 500):
+            away[joint] = spoilt[s][j][joint] + angle
+            if np.linalg.norm(arm.tips(away[None], OFF_AXIS) - arm.tips(spoilt[s][j][None], OFF_AXIS)) > 0.02:
+                break
+        spoilt[s][j] = away
+    result = identify(spoilt, UR10E)
+    assert {(outlier.series, outlier.touch) for outlier in result.outliers} == {(0, 3), (2, 17)}
+    assert all(0.018 < outlier.distance < 0.022 for outlier in result.outliers)
+    assert any("series 1, touch 4" in line for line in result.warnings)
+    assert not clean.outliers
+    q = np.vstack([*series, off])
+    gap = result.tips(q) - clean.tips(q)
+    within("tips without two touches [m]", gap - gap.mean(axis=0), 3e-4)
+    assert identify(spoilt, UR10E, robust=False).noise > 5.0 * result.noise
+
+
+def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], within):
+    clean = identify(series, UR10E)
+    more = [np.vstack([series[0], series[0][:5]]), *series[1:], series[0][:1] + 0.1]
+    result = identify(more, UR10E)
+    assert any("series 1: 5 of 26 touches repeat" in line for line in result.warnings)
+    assert any("series 4: one touch" in line for line in result.warnings)
+    within("table", result.arm.table - clean.arm.table, 1e-9)
+    assert [len(distances) for distances in result.residuals] == [26, 21, 21, 1]
+
+
+def test_touches_of_another_arm_are_doubted():
+    other = Arm.from_dh(UR10E * [1, 1.3, 0.6, 1] + [0.3, 0.05, 0.1, 0.2])
+    result = identify(touch(other, OFF_AXIS, np.random.default_rng(22)), UR10E)
+    assert any("far from the nominal one" in line for line in result.warnings)
+    shuffled = [q[:, ::-1] for q in touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(23))]
+    assert any("nominal" in line or "not of this arm" in line for line in identify(shuffled, UR10E).warnings)
+
+
+def test_too_few_touches_are_not_believed(series: list[Array]):
+    result = identify([series[0][:3]], UR10E)
+    assert any("proves nothing" in line for line in result.warnings)
+    assert result.noise > 5e-5
+    full = identify(series, UR10E)
+    assert np.all(result.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], result.prior[:24]))
+
+
+def test_masks_hold_the_rest(series: list[Array]):
+    result = identify(series, UR10E, free=["a", "alpha2", "tcp"])
+    changed = np.abs(result.arm.table - Arm.from_dh(UR10E).table) > 0.0
+    assert result.names == ("a1", "a2", "alpha2", "a3", "a4", "a5", "a6", "tcp_x", "tcp_y", "tcp_z")
+    assert not changed[:, [0, 1, 4]].any()
+    assert changed[:, 3].tolist() == [False, True, False, False, False, False]

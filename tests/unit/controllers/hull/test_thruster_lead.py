@@ -1,0 +1,142 @@
+"""The lead against the plant's own thrusters: closed form of what comes, what it costs, and what a wrong lag leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import models
+from controllers.hull.allocation import Allocation
+from controllers.hull.thruster_lead import ThrusterLead
+from models.vehicle import Vehicle
+from models.water.thrusters import SLEW_RATE, TIME_CONSTANT
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+from sim.plant.thrusters import Thrusters
+
+DT, STEP = 0.02, 0.002  # [s] of the hover, of the physics
+STILL = np.zeros(6)
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return Vehicle.of(models.load("uuv_puma").compile())
+
+
+def changed(vehicle: Vehicle, column: int, value: float) -> Vehicle:
+    table = vehicle.thruster_table.copy()
+    table[:, column] = value
+    return replace(vehicle, thruster_table=table)
+
+
+def follow(
+    vehicle: Vehicle, lead: ThrusterLead, wanted: Array, nu_r_B: Array = STILL
+) -> tuple[Array, Array, Array, Array]:
+    """Speeds (k, m) at the end of each step, commands (k, m), mean wrenches given (k, 6) and predicted (k, 6)."""
+    plant = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, STEP)
+    state, speeds, commands, given, told = lead.init(), [], [], [], []
+    for row in wanted:
+        command = lead.step(state, row, nu_r_B, DT)
+        thrust = np.zeros(len(row))
+        for _ in range(round(DT / STEP)):
+            plant.step(command, np.eye(3), nu_r_B[:3], nu_r_B[3:], np.zeros(3))
+            thrust += plant.thrust * STEP / DT
+        speeds.append(plant.speed.copy())
+        commands.append(command)
+        given.append(vehicle.thruster_wrench @ thrust)
+        told.append(state.given_B.copy())
+    return np.array(speeds), np.array(commands), np.array(given), np.array(told)
+
+
+def steps(level: float, count: int = 40) -> Array:
+    return np.tile(level * np.array([1.0, -0.5, 0.8, 0.3, -1.0, 0.6]), (count, 1))
+
+
+def test_the_speed_comes_with_the_lag_that_is_asked_for(vehicle, within):
+    """Within the range of the command: n = c (1 - exp(-t / T_r)) at every step of the hover, exactly."""
+    speeds, commands, _, _ = follow(vehicle, ThrusterLead(vehicle, response=0.05), steps(0.3))
+    assert np.abs(commands).max() < 1.0
+    t = DT * np.arange(1, len(speeds) + 1)
+    within("speed", speeds - steps(0.3) * (1.0 - np.exp(-t / 0.05))[:, None], 1e-14)  # measured 2e-16
+
+
+@pytest.mark.parametrize("response", [0.15, 0.2])
+def test_a_slow_response_leaves_the_command_alone(vehicle, response):
+    wanted = steps(0.5)
+    assert np.array_equal(follow(vehicle, ThrusterLead(vehicle, response=response), wanted)[1], wanted)
+
+
+@pytest.mark.parametrize("level", [0.3, 0.9])
+def test_what_is_given_is_known(vehicle, level, within):
+    """Mean wrench over each step, with the command at its limit or not, in still water and in a stream."""
+    for nu_r_B in (STILL, np.array([0.3, -0.2, 0.1, 0.05, 0.0, 0.1])):
+        _, commands, given, told = follow(vehicle, ThrusterLead(vehicle), steps(level), nu_r_B)
+        assert (np.abs(commands).max() == 1.0) == (level == 0.9)
+        scale = np.abs(given).max(axis=0)
+        within("mean wrench", (told - given)[1:] / scale, 0.05)  # measured 8e-3: four points against ten physics steps
+
+
+def test_slow_drives_are_reckoned_with(vehicle, within):
+    slewing = changed(vehicle, SLEW_RATE, 2.0)
+    _, _, given, told = follow(slewing, ThrusterLead(slewing), steps(0.6, 60))
+    within("settled wrench", (told - given)[-1] / np.abs(given).max(axis=0), 1e-3)
+
+
+def test_a_step_of_force_comes_sooner_also_with_a_wrong_lag(vehicle):
+    """90 N down within one step: force missing, integrated over the first 0.6 s [N s], by the lag that is true."""
+    allocation = Allocation(vehicle)
+    command = allocation.command(allocation.thrust(np.array([0.0, 0.0, -90.0, 0.0, 0.0, 0.0])))
+
+    def missing(true_lag: float, lead: ThrusterLead) -> float:
+        given = follow(changed(vehicle, TIME_CONSTANT, true_lag), lead, np.tile(command, (30, 1)))[2]
+        return float(np.abs(given[:, 2] + 90.0).sum() * DT)
+
+    for true_lag in (0.10, 0.15, 0.225):  # the lead believes 0.15: too long, right, too short by half
+        none, some = missing(true_lag, ThrusterLead(vehicle, response=1.0)), missing(true_lag, ThrusterLead(vehicle))
+        assert some < 0.65 * none, (true_lag, some, none)
+
+
+def test_the_steady_thrust_is_as_wanted_whatever_the_lag(vehicle, within):
+    for error in (-0.5, 0.5):
+        speeds = follow(vehicle, ThrusterLead(vehicle, lag_error=error), steps(0.7, 200))[0]
+        within("speed", speeds[-1] - steps(0.7)[0], 1e-8)  # measured 1e-12
+
+
+def test_noise_of_the_command_grows_by_the_ratio_of_the_lags(vehicle, within):
+    """White noise on what is wanted: its gain is that of the discrete filter, worked out by hand."""
+    wanted = 0.3 + 0.01 * np.random.default_rng(1).standard_normal((20_000, 6))
+    commands = follow(vehicle, ThrusterLead(vehicle, response=0.05), wanted)[1]
+    keep, g = np.exp(-DT / 0.05), np.expm1(-DT / 0.05) / np.expm1(-DT / 0.15)
+    # n' = keep n + (1 - keep) c, u = n + g (c - n): u is white g c beside (1 - g) n, and n is an AR(1) of the past c.
+    gain = np.sqrt(g**2 + (1.0 - g) ** 2 * (1.0 - keep) ** 2 / (1.0 - keep**2))
+    within("growth of noise", commands[100:].std() / 0.01 / gain - 1.0, 0.03)  # 120 000 numbers: 3e-3
+
+
+def test_thrusters_without_a_lag_get_what_is_wanted(vehicle):
+    quick = changed(vehicle, TIME_CONSTANT, 0.0)
+    speeds, commands, _, _ = follow(quick, ThrusterLead(quick), steps(0.4))
+    assert np.array_equal(commands, steps(0.4))
+    assert np.array_equal(speeds, steps(0.4))
+
+
+@pytest.mark.parametrize(
+    ("figures", "named"),
+    [
+        ({"response": 0.0}, "response"),
+        ({"response": np.inf}, "response"),
+        ({"response": np.nan}, "response"),
+        ({"lag_error": -1.0}, "lag_error"),
+        ({"lag_error": np.nan}, "lag_error"),
+    ],
+)
+def test_figures_that_cannot_be(vehicle, figures, named):
+    with pytest.raises(ConfigurationError, match=named):
+        ThrusterLead(vehicle, **figures)
+
+
+def test_commands_that_cannot_be(vehicle):
+    lead = ThrusterLead(vehicle)
+    with pytest.raises(ConfigurationError, match="thruster commands wanted"):
+        lead.step(lead.init(), np.zeros(5), STILL, DT)
+    with pytest.raises(ConfigurationError, match="motion through the water"):
+        lead.step(lead.init(), np.zeros(6), np.full(6, np.nan), DT)

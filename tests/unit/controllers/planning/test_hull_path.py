@@ -1,0 +1,79 @@
+"""Ways past an object, judged by MuJoCo's own distances between the geoms of vehicle and object."""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from controllers.mkps import Chain
+from controllers.planning.hull_path import CLEARANCE, Passing
+from models.objects.targets import pile
+from models.site import scenes
+from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle
+from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
+
+X_WT = pose(p=[0.2, -0.1, 0.1])
+HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
+NEAREST = CLEARANCE - 0.08  # [m] of any geom: the tool is a ball of 6 cm; on 24 ways no more than that under `gap`
+
+
+@pytest.fixture(scope="module")
+def passing() -> Passing:
+    own = models.load("uuv_puma_side").compile()
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    return Passing(Vehicle.of(own), chain, HULL_BOX, transform_points(X_WT, pile().vertices))
+
+
+@pytest.fixture(scope="module")
+def site() -> mujoco.MjModel:
+    return scenes.work_site(models.load("uuv_puma_side"), pile(), X_WT).compile()
+
+
+def nearest(site: mujoco.MjModel, poses: list[Array]) -> float:
+    """Distance [m] of the geoms of vehicle and pile on straight moves through `poses`."""
+    data, vehicle = mujoco.MjData(site), Vehicle.of(site)
+    mujoco.mj_resetDataKeyframe(site, data, 0)
+    hull = site.body(HULL_BODY).id
+    felt = [g for g in range(site.ngeom) if site.geom_contype[g] or site.geom_conaffinity[g]]
+    own = [g for g in felt if site.body_rootid[site.geom_bodyid[g]] == hull]
+    there = [g for g in felt if site.geom(g).name.startswith("target")]
+    assert own
+    assert there
+    gap = np.inf
+    for start, end in pairwise(poses):
+        turn = np.arctan2(*(start[:3, :3].T @ end[:3, :3])[[1, 0], 0])
+        for share in np.linspace(0.0, 1.0, 15):
+            at = vehicle.hull_qpos
+            data.qpos[at : at + 3] = (1.0 - share) * start[:3, 3] + share * end[:3, 3]
+            data.qpos[at + 3 : at + 7] = quat_wxyz_from_rotation(start[:3, :3] @ exp_so3([0.0, 0.0, share * turn]))
+            mujoco.mj_kinematics(site, data)
+            gap = min(gap, *(mujoco.mj_geomDistance(site, data, a, b, 1.0, None) for a in own for b in there))
+    return gap
+
+
+def beside(bearing: float, heading: float, away: float) -> Array:
+    p = X_WT[:3, 3] + away * np.array([np.cos(bearing), np.sin(bearing), 0.0])
+    return pose(exp_so3([0.0, 0.0, heading]), p)
+
+
+def test_straight_where_there_is_room(passing):
+    X_from, X_to = beside(0.0, np.pi, 2.4), beside(0.3, np.pi, 2.4)
+    way = passing.way(X_from, X_to)
+    assert len(way) == 1
+    assert np.array_equal(way[0], X_to)
+
+
+@pytest.mark.seeds(1, 2)
+def test_goes_around_what_the_folded_arm_would_strike(passing, site, seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(3):
+        bearing, turn = rng.uniform(-np.pi, np.pi), rng.choice([-1.0, 1.0]) * rng.uniform(1.2, 2.0)
+        X_from = beside(bearing, bearing + np.pi, rng.uniform(1.9, 2.2))
+        X_to = beside(bearing + turn, bearing + turn + np.pi / 2.0, rng.uniform(1.9, 2.2))
+        way = passing.way(X_from, X_to)
+        assert np.array_equal(way[-1], X_to)
+        straight = passing.least_gap([X_from, X_to])
+        assert (len(way) == 1) == (straight >= CLEARANCE), seed
+        assert nearest(site, [X_from, *way]) > NEAREST, seed

@@ -1,0 +1,85 @@
+"""Motions in time: bounds of speed and acceleration kept and reached, rest at both ends, rates that are derivatives."""
+
+import numpy as np
+import pytest
+
+from controllers.planning.trajectories import JointMove, PoseMove, Progress
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
+
+H = 1e-5  # [s] of the differences
+
+
+def random_move(rng: np.random.Generator) -> tuple[PoseMove, Array, Array]:
+    X_from, X_to = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
+    move = PoseMove.between(3.0, X_from, X_to, speed=0.25, acceleration=0.08, turn_rate=rng.uniform(0.1, 1.0))
+    return move, X_from, X_to
+
+
+def test_pose_move_keeps_its_bounds_and_meets_one(rng):
+    X_from, X_to = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
+    speed, acceleration, turn_rate = rng.uniform(0.1, 0.4), rng.uniform(0.03, 0.2), rng.uniform(0.1, 1.0)
+    move = PoseMove.between(3.0, X_from, X_to, speed=speed, acceleration=acceleration, turn_rate=turn_rate)
+    times = np.linspace(3.0, 3.0 + move.duration, 2001)
+    v = np.array([move.at(t)[1] for t in times])
+    a = [np.linalg.norm(move.at(t + H)[1] - move.at(t - H)[1]) / (2 * H) for t in times]
+    w = [rotation_angle(move.at(t - H)[0][:3, :3], move.at(t + H)[0][:3, :3]) / (2 * H) for t in times]
+    shares = [np.linalg.norm(v, axis=1).max() / speed, max(a) / acceleration, max(w) / turn_rate]
+    assert max(shares) == pytest.approx(1.0, abs=1e-3)  # the shortest move within the bounds
+
+
+def test_pose_move_starts_and_ends_at_rest_where_it_should(rng, within):
+    move, X_from, X_to = random_move(rng)
+    for time, X in ((-5.0, X_from), (3.0, X_from), (3.0 + move.duration, X_to), (1e3, X_to)):
+        within("pose", move.at(time)[0] - X, 1e-14)
+        within("velocity at rest [m/s]", move.at(time)[1], 1e-29)  # measured 4e-32
+    assert move.done(3.0 + move.duration)
+    assert not move.done(2.9 + move.duration)
+
+
+def test_pose_move_velocity_is_the_derivative(rng, within):
+    move, *_ = random_move(rng)
+    for t in rng.uniform(3.0, 3.0 + move.duration, 20):
+        difference = (move.at(t + H)[0][:3, 3] - move.at(t - H)[0][:3, 3]) / (2 * H)
+        within("velocity [m/s]", move.at(t)[1] - difference, 2e-9)  # measured 2e-10, rounding over H
+
+
+def test_joint_move(rng, within):
+    q_from, q_to = rng.uniform(-3.0, 3.0, (2, 6))
+    move = JointMove.between(1.0, q_from, q_to, speed=0.5)
+    times = np.linspace(1.0, 1.0 + move.duration, 2001)
+    speeds = np.array([move.at(t)[1] for t in times])
+    # Either the fastest joint meets its speed, or a short move is bounded by 0.5 rad/s^2.
+    assert np.abs(speeds).max() <= 0.5 * (1.0 + 1e-9)
+    assert np.abs(np.gradient(speeds, times, axis=0)).max() <= 0.5 * 1.01
+    assert np.abs(speeds).max() == pytest.approx(0.5, rel=1e-6)
+    within("ends", np.array([move.at(0.0)[0] - q_from, move.at(1e3)[0] - q_to]), 5e-15)  # measured 4e-16
+    assert not move.at(1.0)[1].any()
+    assert not move.at(1.0 + move.duration)[1].any()
+    t = float(rng.uniform(1.0, 1.0 + move.duration))
+    within(
+        "speed [rad/s]", move.at(t)[1] - (move.at(t + H)[0] - move.at(t - H)[0]) / (2 * H), 5e-10
+    )  # measured 4e-11, rounding over H
+
+
+@pytest.mark.parametrize(("length", "top"), [(0.6, 0.02), (0.021, 0.02), (0.02, 0.02), (0.005, 0.01)])
+def test_progress(length, top, within):
+    """A trapezoid, or a triangle where the path is too short for the speed: v^2 = length * acceleration."""
+    progress = Progress(length, 0.02, 1.0)
+    times = np.linspace(0.0, progress.duration, 5001)
+    s, rate = np.array([progress.at(t) for t in times]).T
+    assert rate.max() == pytest.approx(top, rel=1e-3)
+    assert rate.min() >= 0.0
+    assert np.abs(np.diff(rate)).max() / (times[1] - times[0]) <= 0.02 * (1.0 + 1e-6)
+    within(
+        "rate is the derivative [m/s]", np.gradient(s, times, edge_order=2) - rate, 1e-4
+    )  # measured 2e-5, at the corners
+    assert progress.at(-1.0) == progress.at(0.0) == (0.0, 0.0)
+    assert progress.at(progress.duration) == progress.at(1e3) == (length, 0.0)
+    assert length / progress.duration < 0.02
+
+
+@pytest.mark.parametrize("figures", [(0.0, 0.02, 1.0), (0.6, -0.02, 1.0), (0.6, 0.02, 0.0), (float("nan"), 0.02, 1.0)])
+def test_progress_that_cannot_be(figures):
+    with pytest.raises(ConfigurationError, match="path progress"):
+        Progress(*figures)

@@ -1,0 +1,216 @@
+"""The guard: a sound run passes untouched, and whatever else comes, what goes out are numbers."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import models
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.safety.fault_detection import Limits
+from controllers.safety.safety_wrapper import Guarded
+from models.vehicle import Vehicle
+from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
+
+DT = 0.002
+MODEL = models.load("uuv_puma").compile()
+VEHICLE = Vehicle.of(MODEL)
+N, M = len(VEHICLE.joints), len(VEHICLE.thruster_names)
+REFERENCE = Reference(
+    time=0.0,
+    state=WorkState.WORK,
+    X_WB=np.eye(4),
+    v_WB_W=np.zeros(3),
+    X_WG=None,
+    v_WG_W=np.zeros(3),
+    w_WG_W=np.zeros(3),
+    q=np.zeros(N),
+    qd=np.zeros(N),
+    force=0.0,
+    force_control=False,
+    tare=False,
+    scan=False,
+    path_s=0.0,
+)
+
+
+@dataclass
+class Inner:
+    """A controller that commands what it counts, and no numbers from its `breaks`-th step on."""
+
+    period: float = DT
+    breaks: int = 10**9
+    seen: Any = None
+
+    def init(self, estimate: StateEstimate) -> int:
+        self.seen = estimate
+        return 0
+
+    def step(self, state: int, estimate: StateEstimate, reference: Reference) -> tuple[int, Command]:
+        self.seen = estimate
+        assert reference is REFERENCE
+        value = np.nan if state + 1 >= self.breaks else 0.01 * state
+        return state + 1, Command(
+            time=estimate.time, joint_torque=np.full(N, value), thrusters=np.full(M, 0.5), scan=False, felt_normal=7.0
+        )
+
+
+def estimate(i: int, **changed: Any) -> StateEstimate:
+    rng = np.random.default_rng(i)
+    sound = StateEstimate(
+        time=i * DT,
+        X_WB=np.eye(4),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        a_WB_B=np.zeros(3),
+        q=np.array(VEHICLE.q_home) + 1e-5 * rng.standard_normal(N),
+        qd=1e-3 * rng.standard_normal(N),
+        tau=rng.standard_normal(N),
+    )
+    return replace(sound, **changed)
+
+
+def run(estimates: list[StateEstimate], inner: Inner | None = None) -> list[Command]:
+    guarded = Guarded(inner or Inner(), MODEL)
+    state = guarded.init(estimates[0])
+    commands = []
+    for one in estimates:
+        state, command = guarded.step(state, one, REFERENCE)
+        assert np.isfinite(command.joint_torque).all()
+        assert np.isfinite(command.thrusters).all()
+        assert np.all(np.abs(command.joint_torque) <= VEHICLE.torque_limits)
+        commands.append(command)
+    return commands
+
+
+def kinds(command: Command) -> list[FaultKind]:
+    return [fault.kind for fault in command.faults]
+
+
+def test_a_sound_run_passes_untouched():
+    commands = run([estimate(i) for i in range(50)])
+    assert [c.joint_torque[0] for c in commands] == [0.01 * i for i in range(50)]
+    assert all(c.faults == () and c.felt_normal == 7.0 for c in commands)
+
+
+@pytest.mark.parametrize("name", ["X_WB", "v_WB_B", "w_WB_B", "a_WB_B", "q", "qd", "time"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_no_numbers_anywhere_in_the_estimate_end_in_brakes_and_still_thrusters(name: str, value: float):
+    broken = np.array(getattr(estimate(0), name))
+    broken[(0,) * broken.ndim] = value
+    bad = {name: broken if broken.ndim else float(broken)}
+    commands = run([estimate(i) if i < 20 else estimate(i, **bad) for i in range(60)])
+    for command in commands[20:30]:  # patience: the last sound command again
+        assert command.joint_torque[0] == 0.01 * 19
+        assert command.thrusters[0] == 0.5
+    assert kinds(commands[-1]) == [FaultKind.ESTIMATE]
+    assert commands[-1].faults[0].time == pytest.approx(20 * DT + 0.03, abs=2 * DT)
+    assert not commands[-1].thrusters.any()
+    assert commands[-1].felt_normal == 0.0
+
+
+def test_a_few_missing_numbers_are_passed_over():
+    commands = run([estimate(i, q=np.full(N, np.nan)) if 20 <= i < 30 else estimate(i) for i in range(60)])
+    assert all(c.faults == () for c in commands)
+    assert commands[-1].joint_torque[0] == pytest.approx(0.01 * 49)  # ten steps were left out
+
+
+def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
+    """Whatever the controller makes of an angle that stands still; the other drives do as it says."""
+    joint, limits = 1, Limits(warm_up=0.1)
+
+    def frozen(i: int) -> StateEstimate:
+        now, then = estimate(i), estimate(min(i, 100))
+        stuck = np.arange(N) == joint
+        return replace(now, q=np.where(stuck, then.q, now.q), qd=np.where(stuck, then.qd, now.qd))
+
+    guarded, commands = Guarded(Inner(), MODEL, limits=limits), []
+    state = guarded.init(estimate(0))
+    for i in range(150):
+        state, command = guarded.step(state, frozen(i), REFERENCE)
+        commands.append(command)
+    found = next(i for i, command in enumerate(commands) if command.faults)
+    assert 0.0 < (found - 100) * DT - limits.frozen_encoder_time < 3.0 * DT
+    assert [fault.index for fault in commands[-1].faults] == [joint]
+    rest = np.zeros(N)
+    borne = ArmDynamics(MODEL).inverse(
+        frozen(149).q,
+        rest,
+        rest,
+        R_WB=np.eye(3),
+        nu_B=np.zeros(6),
+        a_B=np.zeros(6),
+        v_current_W=np.zeros(3),
+        wrench_tip_G=np.zeros(6),
+    )[0]
+    assert abs(borne[joint]) > 5.0
+    assert commands[-1].joint_torque[joint] == borne[joint]
+    assert np.all(np.delete(commands[-1].joint_torque, joint) == 0.01 * 149)
+
+
+def test_an_estimate_whose_time_stands_still_is_lost():
+    commands = run([estimate(min(i, 20)) for i in range(60)])
+    assert kinds(commands[-1]) == [FaultKind.ESTIMATE]
+    assert not commands[-1].thrusters.any()
+
+
+def test_an_estimate_without_its_inertial_unit_is_lost():
+    commands = run([estimate(i, imu_age=max(i - 20, 0) * DT) for i in range(100)])
+    assert commands[69].faults == ()
+    assert kinds(commands[-1]) == [FaultKind.ESTIMATE]
+
+
+def test_a_slower_estimator_is_not():
+    assert run([estimate(4 * (i // 4)) for i in range(100)])[-1].faults == ()
+
+
+def test_a_controller_of_no_numbers_is_replaced_for_good():
+    commands = run([estimate(i) for i in range(60)], Inner(breaks=20))
+    assert kinds(commands[-1]) == [FaultKind.CONTROLLER]
+    assert not commands[-1].thrusters.any()
+
+
+def test_brakes_act_against_the_motion_and_bear_the_weight():
+    still = run([estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=np.zeros(N)) for i in range(60)])
+    fast = np.array([0.1, -0.1, 0.1, -0.1, 0.1, -0.1])
+    moving = run([estimate(i) if i < 20 else estimate(i, a_WB_B=np.full(3, np.nan), qd=fast) for i in range(60)])
+    brake = moving[-1].joint_torque - still[-1].joint_torque
+    assert np.allclose(brake, -0.5 * VEHICLE.torque_limits * fast / 0.4, rtol=0.0, atol=1e-9)
+    assert np.abs(still[-1].joint_torque).max() > 1.0  # the arm is heavy in water
+
+
+def test_a_torque_that_is_no_number_is_its_sensors_fault_alone():
+    inner = Inner()
+    tau = np.ones(N)
+    tau[2] = np.nan
+    commands = run([estimate(i) if i < 20 else estimate(i, tau=tau) for i in range(60)], inner)
+    assert [(f.kind, f.index) for f in commands[-1].faults] == [(FaultKind.TORQUE_SENSOR, 2)]
+    assert commands[-1].joint_torque[0] == 0.01 * 59
+    assert np.isfinite(inner.seen.tau).all()
+
+
+def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
+    inner = Inner()
+    guarded = Guarded(inner, MODEL)
+    state = guarded.init(estimate(0))
+    state, command = guarded.step(state, estimate(0), REFERENCE)
+    tau = estimate(0).tau
+    for i in range(1, 2600):
+        tau = estimate(i).tau + 0.01 * max(i - 1, 0) + 3.0  # what the motors were asked for, and an offset
+        state, command = guarded.step(state, estimate(i, tau=np.array(tau)), REFERENCE)
+    assert command.faults == ()
+    assert state.health is not None
+    state.health.faults.append(Fault(kind=FaultKind.TORQUE_SENSOR, part="", index=1, time=0.0))
+    wrong = np.array(tau)
+    wrong[1] = -400.0
+    guarded.step(state, estimate(2600, tau=wrong), REFERENCE)
+    assert np.array_equal(np.delete(inner.seen.tau, 1), np.delete(wrong, 1))
+    # Its noise of 1 N m, averaged, is what remains.
+    assert inner.seen.tau[1] == pytest.approx(0.01 * 2599 + 3.0, abs=0.5)
+    # A rotor that is being accelerated, and its gear, take their share of what the motor gives.
+    steady, faster = inner.seen.tau[1], np.array(estimate(2601).qd)
+    faster[1] += 0.2
+    taken = VEHICLE.armature[1] / Limits().torque_time + VEHICLE.joint_damping[1]
+    guarded.step(state, estimate(2601, tau=wrong, qd=faster), REFERENCE)
+    assert steady - inner.seen.tau[1] == pytest.approx(0.2 * taken, abs=0.05 * taken)

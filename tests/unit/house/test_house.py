@@ -1,0 +1,139 @@
+"""The house keeps its word: our rooms and no others, a leaf that stays a leaf, a README whose commands are true."""
+
+import ast
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from sim.runs.startup import ROOMS
+
+ROOT = Path(__file__).resolve().parents[3]
+SCRIPTS = sorted(
+    path
+    for folder in ("", "studies", "benchmarks", "papers")
+    for path in (ROOT / "scripts" / folder).glob("*.py")
+    if path.name != "__init__.py"
+)
+LEAF = "sim.interfaces"
+
+
+def readme_commands() -> list[str]:
+    """The ./uvw commands in the fenced blocks of the README, continued lines joined."""
+    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    commands = [line.strip().removeprefix("$ ") for line in lines]
+    return [command for command in commands if command.startswith("./uvw ")]
+
+
+def modules_after(statement: str) -> set[str]:
+    """Modules that `statement` adds to those of a bare interpreter."""
+    code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(run.stdout.split())
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_room_is_ours(room: str):
+    file = import_module(room).__file__
+    assert file is not None
+    assert Path(file).resolve() == ROOT / room / "__init__.py"
+
+
+def test_leaf_imports_numpy_only():
+    leaf = sorted((ROOT / "sim" / "interfaces").glob("*.py"))
+    names = [LEAF if path.stem == "__init__" else f"{LEAF}.{path.stem}" for path in leaf]
+    assert len(names) > 3
+    loaded = modules_after("import " + ", ".join(names)) - modules_after("import numpy.random, numpy.typing")
+    ours = {"sim", *(name for name in loaded if name.startswith(LEAF))}
+    assert {
+        name for name in loaded - ours if name.partition(".")[0] not in {"numpy", *sys.stdlib_module_names}
+    } == set()
+
+
+@pytest.mark.parametrize("room", ["perception", "calib"])
+def test_room_is_imported_lazily(room: str):
+    loaded = modules_after(f"import {room}")
+    assert not {"embreex", "open3d", "scipy", "numba", "mujoco", "trimesh"} & loaded
+
+
+def test_environment_sees_the_plant_only_through_the_step():
+    file = ROOT / "sim" / "environment.py"
+    nodes = list(ast.walk(ast.parse(file.read_text())))
+    imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert not {name for name in imported if name.partition(".")[0] == "mujoco"}
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_script_starts_as_all_do(script: Path):
+    assert script.stem not in ROOMS, "a script named like a room hides it"
+    text = script.read_text()
+    assert re.search(r"^from scenarios\.start import .*\brun_scenario\b", text, flags=re.MULTILINE)
+    assert "run_scenario(main)" in text
+
+
+def without_uv_options(words: list[str]) -> list[str]:
+    """A command without what it tells uv, which must be true as well."""
+    while words[0].startswith("--"):
+        option, value, *words = words
+        if option == "--with-requirements":
+            assert (ROOT / value).is_file(), value
+        elif option == "--group":
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["dependency-groups"], value
+        elif option == "--extra":
+            assert value in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"], (
+                value
+            )
+        else:
+            assert option == "--with", option
+    return words
+
+
+def test_readme_commands_are_true(script):
+    commands = readme_commands()
+    helps: dict[str, str] = {}  # by script
+    assert commands, "the README must tell a newcomer what to run"
+    for command in commands:
+        words = shlex.split(command, comments=True)
+        assert words[1] in ("run", "sync"), command
+        if words[1] == "sync":
+            continue
+        program, *options = without_uv_options(words[2:])
+        if not program.endswith(".py"):
+            assert shutil.which(program, path=str(Path(sys.executable).parent)), command
+            continue
+        file = ROOT / program
+        assert file.is_file(), f"{command}: no such script"
+        if program not in helps:
+            said = script(program.removeprefix("scripts/").removesuffix(".py").replace("/", "."), "--help")
+            assert said.returncode == 0, said.stderr
+            helps[program] = said.stdout
+        for option in (word.partition("=")[0] for word in options if re.match(r"--[a-z]", word)):
+            assert re.search(rf"(?<![\w-]){option}(?![\w-])", helps[program]), f"{command}: {option} is not in --help"
+
+
+def test_ci_runs_what_a_newcomer_is_told_to():
+    tests = [command for command in readme_commands() if " pytest" in command] or ["./uvw run pytest"]
+    ci = ROOT / ".ci" / "run"
+    assert os.access(ci, os.X_OK)
+    assert tests[0] in ci.read_text().splitlines()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="uvw is for a POSIX shell")
+def test_uvw_parses_and_is_executable():
+    uvw = ROOT / "uvw"
+    assert os.access(uvw, os.X_OK)
+    subprocess.run(["sh", "-n", uvw], check=True)
+
+
+def test_lock_names_public_registries_only():
+    hosts = set(re.findall(r"https?://([^/\"]+)", (ROOT / "uv.lock").read_text()))
+    assert hosts == {"pypi.org", "files.pythonhosted.org"}

@@ -1,0 +1,52 @@
+"""Starts when nothing is known beforehand: the true pose is among them, whatever frame the model is given in."""
+
+import numpy as np
+import pytest
+from tests.unit.depth_scenes import look, seen_from
+
+from models.objects import targets
+from models.objects.target_model import TargetModel
+from perception.clouds.scan import Scan, SensorModel
+from perception.registration.fine_fit import ModelSurface
+from perception.registration.identification import identify
+from perception.registration.initialiser import Expected, initial_poses
+from sim.interfaces.spatial import exp_so3, pose, transform_points
+
+VALVE = targets.named("valve")
+VIEW = seen_from(np.array([0.3, -0.8, 0.6]))
+
+
+def test_an_exact_look_is_explained_best_by_the_true_pose(within):
+    scan = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), noise=None, floor=False))
+    for turn in (np.zeros(3), np.array([0.3, -2.0, 1.0])):
+        G = pose(exp_so3(turn), [0.1, -0.2, 0.3])  # the same valve, drawn in another frame
+        target = TargetModel(name="v", vertices=transform_points(G, VALVE.vertices), triangles=VALVE.triangles)
+        surface = ModelSurface.of(target)
+        first, *others = initial_poses(scan, scan.depth > 0.0, surface, SensorModel(), Expected())
+        apart = first @ G
+        within("position [m]", np.linalg.norm((apart - VIEW)[:3, 3]), 0.04)  # 3 mm: a start, not a fit
+        within("attitude", np.linalg.norm((apart - VIEW)[:3, :3]), 0.3)  # 0.02
+        for other in others:
+            position, angle = target.symmetry.error(other, first)
+            assert position > 0.01 or angle > np.deg2rad(5.0)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("starfish", 1), ("manifold", 3), ("valve", 4), ("rock", 2), ("barrel", 2)])
+def test_found_among_stones_with_nothing_known(within, name: str, seed: int):
+    from scenarios.object_scenes import object_scene
+
+    scene = object_scene(name, seed)
+    found = identify(scene.scan, scene.target, sensor=scene.sensor.model)
+    position, angle = scene.error(found.X_sensor_target)
+    assert found.accepted, found.reason
+    within("position, of range", position / scene.range_m, 0.01)  # 0.15 %
+    within("attitude [deg]", np.rad2deg(angle), 5.0)  # 1 deg
+
+
+def test_a_plate_without_thickness_is_seen_from_no_edge():
+    corners = np.array([[-0.2, -0.1, 0], [0.2, -0.1, 0], [0.2, 0.1, 0], [-0.2, 0.1, 0], [0.3, 0.0, 0.1]])
+    plate = TargetModel(name="plate", vertices=corners, triangles=np.array([[0, 1, 2], [0, 2, 3], [1, 4, 2]]))
+    scan = Scan.from_depth(look(plate, VIEW, np.random.default_rng(0), floor=False))
+    starts = initial_poses(scan, scan.depth > 0.0, ModelSurface.of(plate), SensorModel(), Expected())
+    assert starts
+    assert np.all(np.isfinite(starts))

@@ -1,0 +1,73 @@
+"""Several looks as one: their median, wherever each was taken from."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.depth_scenes import look, seen_from
+
+from models.objects.targets import barrel
+from perception.clouds.scan import Scan
+from perception.registration.fine_fit import ModelSurface
+from perception.registration.identification import identify
+from perception.registration.multi_frame import Look, fused, on_all_looks
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
+
+BARREL = barrel()
+VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
+
+
+def plane_from(X_WS: np.ndarray, noise: float, rng: np.random.Generator) -> Look:
+    """The plane z_W = 1 m, seen from `X_WS` by 120 x 90 pixels."""
+    tangent_x, tangent_y = np.linspace(-0.4, 0.4, 120), np.linspace(-0.3, 0.3, 90)
+    rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((90, 120))], axis=-1)
+    depth = (1.0 - X_WS[2, 3]) / (rays @ X_WS[2, :3]) + noise * rng.standard_normal((90, 120))
+    scan = Scan(points=readonly(rays * depth[..., None]), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
+    return Look(scan=scan, X_WS=X_WS)
+
+
+def test_median_of_looks_from_several_places(within):
+    rng = np.random.default_rng(0)
+    X = [pose(exp_so3(0.02 * rng.standard_normal(3)), 0.05 * rng.standard_normal(3)) for _ in range(9)]
+    looks = [plane_from(each, 0.0, rng) for each in X]
+    points_W = transform_points(X[-1], fused(looks).points.reshape(-1, 3))
+    assert np.isfinite(points_W).all(axis=1).mean() > 0.9
+    within("exact looks, off the plane [m]", np.nanmax(np.abs(points_W[:, 2] - 1.0)), 5e-3)  # half a pixel aside
+    noisy = [plane_from(X[-1], 0.01, rng) for _ in range(25)]
+    error = fused(noisy).depth - fused(looks[-1:]).depth
+    within("median of 25 against 1.25 / 5 of the noise", np.nanstd(error) / (0.01 * 1.25 / 5.0) - 1.0, 0.05)
+
+
+def test_what_few_looks_saw_is_left_out():
+    rng = np.random.default_rng(0)
+    looks = [plane_from(np.eye(4), 0.0, rng) for _ in range(5)]
+    points = [np.array(each.scan.points) for each in looks]
+    points[0][10, 10] *= 0.5  # something swam by
+    for each in points[:4]:
+        each[20, 20] = np.nan
+    seen = fused(
+        [replace(each, scan=replace(each.scan, points=p)) for each, p in zip(looks, points, strict=True)]
+    ).depth
+    assert seen[10, 10] == looks[-1].scan.depth[10, 10]
+    assert np.isnan(seen[20, 20])
+    with pytest.raises(ConfigurationError, match="at least one"):
+        fused([])
+
+
+def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
+    rng = np.random.default_rng(0)
+    looks = [Look(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
+    found = identify(looks[-1].scan, ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
+    of_all = on_all_looks(found, looks)
+    assert found.evidence is not None
+    assert of_all.evidence is not None
+    assert on_all_looks(found, looks[:2]) is found  # too few for a median
+    assert np.array_equal(of_all.X_sensor_target, found.X_sensor_target)
+    true = np.array(Scan.from_depth(look(BARREL, VIEW, rng, noise=None)).depth)
+    errors = [
+        each.scan.depth[found.evidence.mask] - true[found.evidence.mask] for each in (found.evidence, of_all.evidence)
+    ]
+    single, median = (1.48 * np.nanmedian(np.abs(error)) for error in errors)
+    assert median < 0.75 * single  # 0.56 for normal errors
+    assert of_all.evidence.sensor.disparity_sigma < 0.6 * found.evidence.sensor.disparity_sigma

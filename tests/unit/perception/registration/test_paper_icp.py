@@ -1,0 +1,54 @@
+"""The papers' own fit: it comes to rest where it should, and asks for a new scan where it does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.unit.depth_scenes import look, seen_from
+
+from models.objects import targets
+from perception.clouds.scan import Scan, SensorModel
+from perception.registration.fine_fit import ModelSurface
+from perception.registration.identification import identify
+from perception.registration.paper_icp import laid_on, paper_fit
+from perception.registration.pose_check import Decision
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import exp_so3, pose, transform_points
+
+VALVE = targets.named("valve")
+SURFACE = ModelSurface.of(VALVE)
+VIEW = seen_from(VALVE.center + np.array([0.3, -0.5, 0.8]), VALVE.center)
+MIDDLE = transform_points(VIEW, VALVE.center)
+SCAN = Scan.from_depth(look(VALVE, VIEW, np.random.default_rng(0), floor=False))
+
+
+def test_by_the_one_door(within):
+    found = identify(SCAN, SURFACE, MIDDLE, exp_so3([0.1, -0.1, 0.1]) @ VIEW[:3, :3], method="paper")
+    position, angle = VALVE.symmetry.error(found.X_sensor_target, VIEW)
+    within("position [m]", position, 0.02)  # 2 mm
+    within("angle [rad]", angle, 0.1)
+    assert position < 0.5 * VALVE.symmetry.error(found.X_sensor_start, VIEW)[0]
+    assert len(found.hypotheses) == 1
+    with pytest.raises(ConfigurationError, match="planes, paper"):
+        identify(SCAN, SURFACE, method="guess")  # pyright: ignore[reportArgumentType]
+
+
+def test_whole_cloud_is_met_exactly(within):
+    """A cloud that is the model's own points, moved: ICP from point to point ends on them."""
+    found = identify(SCAN, SURFACE, MIDDLE, VIEW[:3, :3])
+    assert found.evidence is not None
+    whole = replace(found.evidence, points=transform_points(VIEW, SURFACE.points))
+    fit = paper_fit(whole, SURFACE, pose(exp_so3([0.003, 0.0, 0.003]), [0.0, 0.0, 0.0]) @ VIEW)
+    within("pose", fit.X_ST - VIEW, 1e-9)
+    within("error [m]", fit.error, 1e-9)
+    within("middle on middle", laid_on(whole.points, SURFACE, VIEW[:3, :3]) - VIEW, 1e-9)
+
+
+def test_no_further_fall_of_the_error_asks_for_a_new_scan():
+    """A sensor that claims to be exact, and an object that is not the one looked for."""
+    exact = SensorModel(disparity_sigma=0.01)
+    found = identify(SCAN, targets.named("rock"), MIDDLE, VIEW[:3, :3], sensor=exact, method="paper")
+    assert found.evidence is not None
+    fit = paper_fit(found.evidence, found.surface, np.array(found.X_sensor_start))
+    assert fit.error > fit.required
+    assert found.decision is not Decision.ACCEPT

@@ -1,0 +1,521 @@
+"""The contact study's own parts: what it draws, how it names what came of a run, and that no run depends on another."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import cache
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from time import monotonic, sleep
+from types import MappingProxyType, SimpleNamespace
+from typing import Any, ClassVar
+
+import jsonschema
+import numpy as np
+import pytest
+from rich.console import Console
+
+import models
+from models.vehicle import Vehicle
+from pool_tasks import deadly, ignores, squared, told_dead
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.loop.recording import STATES, Event, Recording, Series
+from sim.runs.startup import Interrupted, ScenarioOptions
+
+DT = 0.002
+SCHEMA = json.loads((Path(__file__).resolve().parents[3] / "sim/schemas/study_contact.schema.json").read_text())
+
+
+@pytest.fixture
+def study() -> Any:
+    return import_module("scenarios.campaigns.contact_study")
+
+
+@pytest.fixture
+def told() -> Any:
+    return import_module("scenarios.campaigns.study_figures")
+
+
+@pytest.fixture
+def pool() -> Any:
+    return import_module("scenarios.campaigns.pool")
+
+
+@pytest.fixture
+def log() -> Any:
+    return import_module("scenarios.campaigns.row_log")
+
+
+# -- drawing -----------------------------------------------------------------------------------------------------------
+
+
+def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
+    return study.Task(**{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other})
+
+
+def test_a_run_depends_on_its_number_and_the_seed_alone(study):
+    options, job, _, variation = study.draw(task(study, 5))
+    again, job_again, _, varied_again = study.draw(task(study, 5, without="fusion"))
+    assert (options.current, options.gust, options.seed) == (again.current, again.gust, again.seed)
+    assert variation == varied_again
+    assert np.array_equal(job.X_WT, job_again.X_WT)
+    assert job_again.without == {"fusion"}
+    for other in (task(study, 6), task(study, 5, seed=4)):
+        assert study.draw(other)[3] != variation
+
+
+def test_draws_fill_their_ranges_and_no_more(study):
+    ranges = study.Ranges(elevation=(-10.0, 30.0), surface=0.02)
+    drawn = [study.draw(task(study, run, ranges=ranges)) for run in range(300)]
+    speed = np.array([np.linalg.norm(options.current) for options, *_ in drawn])
+    rise = np.degrees(np.arcsin([options.current[2] / s for (options, *_), s in zip(drawn, speed, strict=True)]))
+    columns = {
+        "speed": (speed, ranges.current),
+        "rise": (rise, ranges.elevation),
+        "gust": (np.array([options.gust for options, *_ in drawn]), ranges.gust),
+        "delay": (np.array([v.vision_delay for *_, v in drawn]), ranges.vision_delay),
+        "rate": (np.array([1.0 / v.vision_period for *_, v in drawn]), ranges.vision_rate),
+        "noise": (np.array([v.vision_noise for *_, v in drawn]), ranges.vision_noise),
+        "friction": (np.array([v.friction for *_, v in drawn]), ranges.friction),
+        "stiffness": (np.log([v.stiffness for *_, v in drawn]), tuple(np.log(ranges.stiffness))),
+        "surface": (np.array([v.surface_offset for *_, v in drawn]), (-0.02, 0.02)),
+    }
+    for name, (found, (low, high)) in columns.items():
+        slack = 0.05 * (high - low)  # of periods, which are whole ticks
+        assert low - slack <= found.min() < low + slack, name
+        assert high - slack < found.max() <= high + slack, name
+    for *_, variation in drawn:
+        for time in (variation.vision_period, variation.vision_delay):
+            assert abs(time / DT - round(time / DT)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"current": (0.4, 0.0)}, "rise"),
+        ({"friction": (0.0, 0.5)}, "friction"),
+        ({"gust": (0.0, float("nan"))}, "finite"),
+        ({"water": -0.1}, "water"),
+    ],
+)
+def test_ranges_that_cannot_be_are_refused(study, given, said):
+    with pytest.raises(ConfigurationError, match=said):
+        study.Ranges(**given)
+
+
+def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
+    job, scenario = import_module("scenarios.contact_job"), import_module("clean_barrel")
+    options = scenario.Options(record=False, quick=True)
+    rng = np.random.default_rng(0)
+    varied = import_module("scenarios.campaigns.variation").Variation(stiffness=3e5)
+    built = job.build(scenario.barrel_job(options, rng), options, rng, varied)
+    assert built.plant.timestep == pytest.approx(DT, rel=1e-12)
+    assert built.plant.substeps > 4
+    recording = job.run(built, longest=0.01).recording
+    assert len(recording["contact_most"].time) == 5
+    assert recording.timestep == built.plant.timestep
+    assert recording.substeps == built.plant.substeps
+
+
+# -- classes -----------------------------------------------------------------------------------------------------------
+
+GOOD = {
+    "force_rms_n": 0.5,
+    "force_peak_n": 3.0,
+    "lost_s": 0.0,
+    "cross_max_m": 0.001,
+    "along_max_m": 0.002,
+    "force_over_set": 1.1,
+    "collision_s": 0.0,
+    "simulated_s": 60.0,
+}
+
+
+def recording(states: list[WorkState], set_force: Any = 60.0, true: Any = 60.0, note: str = "") -> Recording:
+    """A run through `states`, a second in each."""
+    each = round(1.0 / DT)
+    time = np.array(np.arange(len(states) * each) * DT, dtype=np.float64)
+    columns = {
+        "state": np.repeat([STATES.index(state) for state in states], each).astype(float),
+        "set_force": np.broadcast_to(set_force, time.shape),
+        "contact_normal": np.broadcast_to(true, time.shape),
+        "contact_most": np.broadcast_to(true, time.shape),
+    }
+    return Recording(
+        timestep=DT,
+        duration=len(time) * DT,
+        vehicle=vehicle(),
+        series=MappingProxyType(
+            {name: Series(time=time, value=np.array(v)[:, None], unit="", labels=()) for name, v in columns.items()}
+        ),
+        events=tuple(Event(time=float(i), state=state, note=note) for i, state in enumerate(states)),
+        targets=(),
+        clouds=MappingProxyType({}),
+    )
+
+
+@cache
+def vehicle() -> Vehicle:
+    return Vehicle.of(models.load("uuv_puma").compile())
+
+
+WORKED = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT]
+
+
+@pytest.mark.parametrize(
+    ("states", "note", "figures", "expected"),
+    [
+        ([*WORKED, WorkState.DONE], "", {}, ("kept", "")),
+        ([*WORKED, WorkState.DONE], "", {"force_peak_n": 8.1}, ("missed", "force_peak_n")),
+        ([*WORKED, WorkState.DONE], "", {"force_peak_n": 8.0}, ("kept", "")),
+        ([*WORKED, WorkState.DONE], "", {"lost_s": 0.002, "along_max_m": None}, ("missed", "along_max_m, lost_s")),
+        ([*WORKED, WorkState.DONE], "", {"force_over_set": 2.1}, ("damage", "force above 2 times the set one")),
+        ([*WORKED, WorkState.DONE], "", {"collision_s": 0.01}, ("damage", "the vehicle touched what it should not")),
+        ([*WORKED, WorkState.DONE], "", {"force_rms_n": np.inf}, ("diverged", "figures are no numbers")),
+        ([*WORKED, WorkState.ABORT], "contact lost for 0.5 s", {}, ("broken off", "contact lost")),
+        (
+            [*WORKED, WorkState.ABORT],
+            "felt force 170 N is above the limit of 160 N",
+            {},
+            ("broken off", "force above the limit"),
+        ),
+        ([*WORKED, WorkState.ABORT], "", {"force_over_set": 2.5}, ("damage", "force above 2 times the set one")),
+        ([*WORKED], "", {}, ("broken off", "not done in time")),
+        (
+            [WorkState.SETTLE, WorkState.ABORT],
+            "the hull did not become quiet within 60 s",
+            {},
+            ("refused", "current too strong"),
+        ),
+        ([WorkState.SCAN, WorkState.ABORT], "the path is out of reach: 3 cm too far", {}, ("refused", "out of reach")),
+        ([WorkState.SCAN, WorkState.ABORT], "not identified in 3 views: -1.5e-3", {}, ("refused", "not identified")),
+        ([WorkState.SCAN, WorkState.ABORT], "lamp 4 broke at 2.5 V", {}, ("refused", "lamp # broke at # V")),
+    ],
+)
+def test_what_came_of_a_run_has_a_class_and_a_kind(study, states, note, figures, expected):
+    outcome = SimpleNamespace(recording=recording(states, note=note))
+    found = study.classify(outcome, {**GOOD, **figures}, study.Bounds())
+    assert (found["class"], found["kind"]) == expected
+    assert found["class"] in study.CLASSES
+    assert found["detail"] == note
+
+
+def test_force_is_measured_against_what_is_set_then(study):
+    """Before the work against the first set force, however little is asked for yet; at work against the present one."""
+    states = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.WORK]
+    wanted = np.repeat([0.0, 20.0, 60.0, 30.0], round(1.0 / DT))
+    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 66.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    assert over == pytest.approx(1.5)
+    over = study.force_over_set(recording(states, wanted, np.repeat([30.0, 96.0, 63.0, 45.0], round(1.0 / DT))), 60.0)
+    assert over == pytest.approx(1.6)
+
+
+# -- processes ---------------------------------------------------------------------------------------------------------
+
+
+def test_rows_do_not_depend_on_the_number_of_workers(pool, log):
+    one, two = ([row for _, row in pool.run_all(range(6), workers, squared, told_dead)] for workers in (1, 2))
+    assert log.in_order(one) == log.in_order(two)
+    assert [row["run"] for row in log.in_order(two)] == list(range(6))
+    assert len({row["value"] for row in one}) == 6
+    assert os.getpid() not in {row["timing"] for row in two}
+
+
+def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
+    rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
+    assert sorted(row["run"] for row in rows) == list(range(5))
+    assert [row["run"] for row in rows if "value" not in row] == [2]
+
+
+def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(pool, monkeypatch):
+    class Breaking(ThreadPoolExecutor):
+        """Refuses the second run that it is given, as a pool does of which a process died meanwhile."""
+
+        given = 0
+
+        def submit(self, *what: Any, **how: Any) -> Any:
+            self.given += 1
+            if self.given == 2:
+                raise BrokenProcessPool
+            return super().submit(*what, **how)
+
+    monkeypatch.setattr(pool, "_pool", Breaking)
+    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
+    assert sorted(row["run"] for row in rows) == list(range(4))
+    assert all("value" in row for row in rows)
+
+
+def test_workers_ignore_the_signals_that_the_study_ignores(pool):
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert found == {signal.SIGINT: True, signal.SIGTERM: False}
+
+
+WATCHED = """
+import sys
+sys.path.insert(0, "scripts")
+from scenarios.campaigns.pool import run_all
+from pool_tasks import told_dead, waiting
+if __name__ == "__main__":
+    for _ in run_all([sys.argv[1] + "/0", sys.argv[1] + "/1"], 2, waiting, told_dead): pass
+"""
+
+
+def gone(process: int) -> bool:
+    """Whether it has ended (what nobody has waited for has ended as well)."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests" / "support")])}
+    (tmp_path / "study.py").write_text(WATCHED)
+    with subprocess.Popen([sys.executable, tmp_path / "study.py", tmp_path], cwd=root, env=environment) as study:
+        until(lambda: len(list(tmp_path.glob("[01]"))) == 2, "its workers are at work")
+        workers = [int(file.read_text()) for file in tmp_path.glob("[01]")]
+        assert not any(map(gone, workers))
+        study.kill()
+    until(lambda: all(map(gone, workers)), "they are gone")
+
+
+def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
+    stop = import_module("scenarios.runner").Stop()
+    stop.observe("first")
+    assert stop.last is None
+    stop.ask(signal.SIGTERM)
+    with pytest.raises(Interrupted) as ended:
+        stop.observe("second")
+    assert (stop.last, ended.value.code) == ("second", 143)
+    with pytest.raises(Interrupted) as at_once:
+        stop.ask(signal.SIGINT)
+    assert at_once.value.code == 130
+
+
+def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
+    """It comes while the run is judged: the figures are written all the same, and the exit code says so."""
+    whole_run = import_module("scenarios.runner")
+
+    class Judged:
+        accepted, failed = True, ()
+        metrics: ClassVar = {"run": {"simulated_s": 1.0}, "timings": {"wall_s": 1.0, "real_time_factor": 1.0}}
+
+        def made_by(self, _made_by: Any) -> Any:
+            return self
+
+        def write(self, file: Path) -> None:
+            file.write_text("{}")
+
+    def assess(_ran: Any) -> Judged:
+        signal.raise_signal(signal.SIGTERM)
+        return Judged()
+
+    for name in ("rehearse", "run_through"):  # the run itself is not what this is about
+        monkeypatch.setattr(whole_run, name, lambda *_, **__: None)
+    monkeypatch.setattr(whole_run, "results_table", lambda _: "")
+    plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
+    judging = whole_run.Judging(assess=assess, pictures=lambda _: (), begun=())
+    said = StringIO()
+    with pytest.raises(Interrupted) as ended:
+        whole_run.run_shown(
+            "x",
+            SimpleNamespace(plant=plant),
+            judging,
+            "x",
+            ScenarioOptions(record=False),
+            tmp_path,
+            Console(file=said),
+            0.0,
+        )
+    assert ended.value.code == 143
+    assert (tmp_path / "metrics.json").exists()
+    assert "written to" in said.getvalue()
+
+
+def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:
+    """Wait for it; a failure after `longest` [s]."""
+    began = monotonic()
+    while not true():
+        assert monotonic() - began < longest, f"not within {longest:g} s: {what}"
+        sleep(0.02)
+
+
+def test_fingerprint_is_of_all_scripts_that_a_run_imports(log, root, tmp_path):
+    names = {
+        path.name for path in log.imported_scripts(Path(log.__file__).with_name("contact_study.py"), root / "scripts")
+    }
+    assert names >= {"contact_study.py", "contact_job.py", "runner.py", "contact_options.py", "deck_calibration.py"}
+    assert not names & {"study_report.py", "study_figures.py", "contact.py"}
+    (tmp_path / "a.py").write_text("import b\ndef later():\n    from c import d\n")
+    (tmp_path / "b.py").write_text("import os, a\n")
+    (tmp_path / "c.py").write_text("")
+    assert {path.name for path in log.imported_scripts(tmp_path / "a.py", tmp_path)} == {"a.py", "b.py", "c.py"}
+
+
+def test_two_studies_do_not_share_a_folder(log, root, tmp_path):
+    other = "import sys, pathlib, sim.runs.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): pass"
+    command = [sys.executable, "-c", other, str(tmp_path)]
+    with log.Log.open(tmp_path, {"seed": 1}):
+        refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
+        assert f"process {os.getpid()} is at work in it" in refused.stderr
+    assert subprocess.run(command, cwd=root, check=False).returncode == 0
+
+
+def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
+    (tmp_path / "metrics.json").write_text("{}")
+    with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
+        log.Log(tmp_path, {"seed": 1})
+
+
+def test_a_bad_line_with_rows_after_it_costs_none_of_them(log, tmp_path):
+    begun = log.Log(tmp_path, {"seed": 1})
+    for run in range(3):
+        begun.add({"run": run, "without": ""})
+    file = tmp_path / "results.jsonl"
+    spoilt = file.read_text().replace('{"run": 1', '{"run": ')
+    file.write_text(spoilt)
+    with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
+        log.Log(tmp_path, {"seed": 1})
+    assert file.read_text() == spoilt
+
+
+def test_anew_leaves_nothing_of_the_old_runs(log, tmp_path):
+    log.Log(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
+    for name in ("metrics.json", "report.html"):
+        (tmp_path / name).write_text("")
+    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
+
+
+def test_log_goes_on_where_it_was_cut(log, tmp_path):
+    begun = log.Log(tmp_path, {"seed": 1})
+    begun.add({"run": 0, "without": ""})
+    begun.add({"run": 1, "without": ""})
+    file = tmp_path / "results.jsonl"
+    file.write_text(file.read_text() + '{"run": 2, "wit')
+    begun = log.Log(tmp_path, {"seed": 1})
+    assert [row["run"] for row in begun.rows] == [0, 1]
+    begun.add({"run": 2, "without": ""})
+    with file.open("ab") as cut:
+        cut.write(bytes(30) + b"\n")  # of a power cut
+    assert [row["run"] for row in log.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
+    with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
+        log.Log(tmp_path, {"seed": 2})
+    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
+    return {
+        "run": run,
+        "without": without,
+        "path": "longitudinal",
+        "class": "kept",
+        "kind": "",
+        "missed": [],
+        "varied": {"friction": 0.1 + 0.01 * run, "stiffness": 1e4},
+        "figures": {**GOOD, **figures},
+    }
+
+
+def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
+    rows = [row(i, force_peak_n=float(i)) for i in range(10)]
+    rows.append(row(10, force_peak_n=None))
+    found = told.distributions(rows, study.Bounds())["force_peak_n"]
+    assert (found["count"], found["median"], found["max"], found["bound"]) == (10, 4.5, 9.0, 8.0)
+    assert found["share_within"] == pytest.approx(9 / 11)
+
+
+def test_factor_of_a_method_is_the_median_of_ratios_of_the_same_runs(told):
+    rows = [row(i, force_rms_n=1.0 + i) for i in range(3)]
+    rows += [row(i, "fusion", force_rms_n=factor * (1.0 + i)) for i, factor in enumerate((2.0, 3.0, 10.0))]
+    rows.append(row(7, "fusion", force_rms_n=99.0))  # of no run with the method
+    rows[3]["class"] = "broken off"
+    (found,) = told.ablations(rows)
+    assert (found["method"], found["figure"], found["pairs"]) == ("fusion", "force_rms_n", 3)
+    assert found["factor"] == pytest.approx(3.0)
+    assert found["kept_with"] == 3
+    assert found["kept_without"] == 2
+
+
+def test_drivers_are_found_where_there_are_some(told):
+    rng = np.random.default_rng(1)
+    rows = [row(i, force_rms_n=0.1 * i, force_peak_n=rng.uniform()) for i in range(40)]
+    found = told.drivers(rows)
+    assert found["force_rms_n"] == {"friction": pytest.approx(1.0)}
+    assert abs(found["force_peak_n"]["friction"]) < 0.6
+
+
+def test_metrics_keep_their_schema_and_the_report_is_one_page(told, study, tmp_path):
+    rows = [row(i, force_rms_n=0.5 + 0.01 * i) for i in range(12)]
+    rows[4] |= {"class": "broken off", "kind": "contact lost"}
+    rows[5] |= {"class": "refused", "kind": "out of reach", "figures": {}}
+    rows.append(row(0, "fusion", force_rms_n=3.0))
+    metrics = told.summary(rows, study.Bounds(), {"seed": 0})
+    jsonschema.validate(metrics, SCHEMA)
+    assert metrics["kept"] == 10
+    assert not metrics["accepted"]
+    assert [group["class"] for group in metrics["outcomes"]] == ["kept", "broken off", "refused"]
+    file = tmp_path / "report.html"
+    import_module("scenarios.campaigns.study_report").write_report(
+        file, rows, metrics, study.Bounds(), title="T & T", pace=""
+    )
+    page = file.read_text()
+    assert page.count("<img") == 5
+    assert "T &amp; T" in page
+    assert 'src="http' not in page
+
+
+def test_no_runs_that_worked_give_a_page_without_pictures(told, study, tmp_path):
+    rows = [{**row(i), "class": "refused", "kind": "out of reach", "figures": {}} for i in range(3)]
+    metrics = told.summary(rows, study.Bounds(), {})
+    jsonschema.validate(metrics, SCHEMA)
+    file = tmp_path / "report.html"
+    import_module("scenarios.campaigns.study_report").write_report(
+        file, rows, metrics, study.Bounds(), title="T", pace=""
+    )
+    assert "<img" not in file.read_text()
+
+
+# -- step response -----------------------------------------------------------------------------------------------------
+
+
+def test_step_figures_of_a_second_order_answer(within):
+    """Overshoot exp(-pi z / sqrt(1 - z^2)); a first-order answer rises in T ln 9 and settles in T ln 20."""
+    steps = import_module("scenarios.force_steps")
+    t = np.maximum(steps.times(), 0.0)
+    z, w = 0.5, 12.0
+    damped = w * np.sqrt(1.0 - z * z)
+    second = 1.0 - np.exp(-z * w * t) * (np.cos(damped * t) + z * w / damped * np.sin(damped * t))
+    found = steps.figures(60.0 + 30.0 * second, 60.0, 90.0)
+    within("overshoot", found["overshoot"] - np.exp(-np.pi * z / np.sqrt(1.0 - z * z)), 1e-3)
+    first = steps.figures(60.0 + 30.0 * (1.0 - np.exp(-t / 0.1)), 60.0, 90.0)
+    within("rise [s]", first["rise_s"] - 0.1 * np.log(9.0), 2.0 * steps.SAMPLE)
+    within("settling [s]", first["settling_s"] - 0.1 * np.log(20.0), 2.0 * steps.SAMPLE)
+    assert first["overshoot"] == 0.0
+
+
+def test_steps_up_are_cut_out_of_a_run():
+    steps = import_module("scenarios.force_steps")
+    each = round(1.0 / DT)
+    level = np.repeat([60.0, 60.0, 90.0, 90.0, 90.0, 60.0, 60.0, 60.0, 90.0, 90.0], each)
+    ramp = np.clip(np.interp(np.arange(len(level)), np.arange(len(level)), level), 60.0, 90.0)
+    run = recording([WorkState.WORK] * 10, ramp, ramp + 1.0)
+    found = steps.steps_up(run, 60.0, 90.0)
+    assert found["set"].shape == (1, len(steps.times()))  # the last is not seen to its end
+    assert found["true"][0, 0] == 61.0
+    assert found["true"][0, -1] == 91.0

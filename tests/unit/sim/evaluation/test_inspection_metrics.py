@@ -1,0 +1,75 @@
+"""The figures of an inspection flight against their closed forms, around a box."""
+
+import numpy as np
+import pytest
+
+from models.objects.targets import TargetModel
+from sim.evaluation.inspection_metrics import TrueInspection, off_and_view, seen_share
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, pose, transform_points
+
+CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+SIDES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 7, 5],
+        [4, 6, 7],
+        [0, 5, 1],
+        [0, 4, 5],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
+CUBE = TargetModel(name="cube", vertices=CORNERS, triangles=SIDES)
+X_WT = pose(p=[1.0, 2.0, -5.0])
+
+
+def truth(**changed: object) -> TrueInspection:
+    given = {"X_WT": X_WT, "X_BC": np.eye(4), "half_view": (1.0, 1.0), "far": 10.0, "distance": 1.5}
+    return TrueInspection(target=CUBE, **{**given, **changed})  # pyright: ignore[reportArgumentType]
+
+
+def looking(at_T: Array, axis: Array) -> Array:
+    """A camera at `at_T` (3,) from the cube's middle that looks along `axis` (3,)."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, [0.3, 0.5, 0.81])
+    x /= np.linalg.norm(x)
+    return pose(np.column_stack([x, np.cross(z, x), z]), transform_points(X_WT, np.asarray(at_T)[None])[0])
+
+
+def test_distance_and_view_are_those_to_the_nearest_of_the_outline(within):
+    side = looking(np.array([1.4, 0.1, 1.2]), np.array([-1.0, 0.0, -1.0]))  # 0.9 before a side, 1.2 over its middle
+    corner = looking(np.array([0.8, 0.9, 0.0]), np.array([-1.0, -1.0, 0.0]))
+    off, view = off_and_view(np.array([side, corner]), truth())
+    within("off [m]", off - ([1.5, 0.5] - np.full(2, 1.5)), 1e-12)
+    within("view [rad]", view - [0.0, np.arctan2(0.4, 0.3) - 0.25 * np.pi], 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "share"),
+    [
+        pytest.param([looking(np.array([0.0, 0.0, 1.6]), np.array([0.0, 0.0, -1.0]))], 1.0 / 6.0, id="from above"),
+        pytest.param([looking(np.array([2.0, 2.0, 2.0]), np.array([-1.0, -1.0, -1.0]))], 0.5, id="on a corner"),
+        pytest.param([looking(np.array([0.0, 0.0, 1.6]), np.array([0.0, 0.0, 1.0]))], 0.0, id="looking away"),
+        pytest.param([looking(s * np.array([2.0, 2.0, 2.0]), -s * np.ones(3)) for s in (1, -1)], 1.0, id="all around"),
+        pytest.param([looking(np.array([0.0, 0.0, 11.0]), np.array([0.0, 0.0, -1.0]))], 0.0, id="too far"),
+    ],
+)
+def test_surface_seen_of_a_cube(within, cameras, share):
+    within("share", seen_share(np.array(cameras), truth()) - share, 0.03)  # 4000 random pieces: 4 sigma
+
+
+def test_a_narrow_view_sees_the_middle_alone(within):
+    """A quarter of the top: 1 m away with a tangent of 0.25."""
+    camera = pose(np.diag([1.0, -1.0, -1.0]), X_WT[:3, 3] + [0.0, 0.0, 1.5])
+    within("share", seen_share(camera[None], truth(half_view=(0.25, 0.25))) - 0.25 / 6.0, 0.015)
+
+
+def test_what_cannot_be_is_refused():
+    with pytest.raises(ConfigurationError, match="half_view, far and distance must be > 0"):
+        truth(far=0.0)

@@ -1,0 +1,357 @@
+"""Every figure of a run against its closed form, on recordings made up for it."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import jsonschema
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from models.objects.targets import BARREL_DIAMETER, barrel
+from models.vehicle import Vehicle
+from sim.evaluation.mesh_surface import Surface, closest_on_curve
+from sim.evaluation.metrics import (
+    Assessment,
+    TrueObject,
+    assess,
+    contact_figures,
+    force_estimate_figures,
+    hull_figures,
+    path_error,
+    schema,
+    tool_figures,
+)
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Target, WorkState
+from sim.interfaces.spatial import exp_so3, pose, quat_wxyz_from_rotation, transform_points
+from sim.loop.recording import STATES, Event, Recording, Series
+from sim.runs.provenance import model_digest, provenance
+
+DT = 0.002  # [s]
+SPEED = 0.05  # [m/s]
+STEPS = 5000
+TIME = DT * np.arange(STEPS, dtype=np.float64)
+TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(exp_so3([0.1, -0.2, 0.3]), [1.0, 0.1, -1.5]))
+VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
+
+
+def recorded(during: WorkState = WorkState.WORK, final: WorkState = WorkState.DONE, **changed: np.ndarray) -> Recording:
+    """10 s in one state at 60 N on a perfect path along the barrel, but for what is `changed`."""
+    start_T = TRUTH.model.path("longitudinal").p[0]
+    p_T = start_T + SPEED * TIME[:, None] * [1.0, 0.0, 0.0]
+    tip = transform_points(TRUTH.X_WT, p_T)
+    R_WT = TRUTH.X_WT[:3, :3]
+    ones = np.ones((STEPS, 1))
+    values = {
+        "state": STATES.index(during) * ones,
+        "contact_normal": 60.0 * ones,
+        "set_force": 60.0 * ones,
+        "felt_normal": 60.0 * ones,
+        "felt_force": ones * [0.0, 0.0, 60.0],
+        "contact_force": ones * [0.0, 0.0, 60.0],
+        "saturated": 0.0 * ones,
+        "collision": 0.0 * ones,
+        "path_s": SPEED * TIME[:, None],
+        "p_command": tip,
+        "v_command": ones * (SPEED * R_WT[:, 0]),
+        "p_pad": tip,
+        "tool_axis": ones * -R_WT[:, 2],
+        "p_WB": ones * [0.0, 0.0, 0.0],
+        "quat_WB_wxyz": ones * [1.0, 0.0, 0.0, 0.0],
+    }
+    assert not changed.keys() - values.keys() - {"contact_least", "contact_most"}
+    values |= changed
+    for name in ("contact_least", "contact_most"):  # as where the plant has no substeps
+        values.setdefault(name, values["contact_normal"])
+    series = {
+        name: Series(time=TIME, value=np.asarray(value, dtype=np.float64).reshape(STEPS, -1), unit="", labels=())
+        for name, value in values.items()
+    }
+    found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
+    note = "felt force 170 N" if final is WorkState.ABORT else ""
+    return Recording(
+        timestep=DT,
+        duration=STEPS * DT,
+        vehicle=VEHICLE,
+        series=MappingProxyType(series),
+        events=(Event(time=0.0, state=during, note=""), Event(time=10.0, state=final, note=note)),
+        targets=(found,),
+        clouds=MappingProxyType({}),
+    )
+
+
+def assessed(recording: Recording) -> Assessment:
+    return assess(recording, TRUTH, seed=3, wall_s=0.5, identification_s=0.2)
+
+
+def test_perfect_run_is_accepted_and_keeps_the_schema():
+    assessment = assessed(recorded())
+    assert assessment.accepted, assessment.failed
+    jsonschema.validate(assessment.metrics, schema())
+    assert assessment.metrics["timings"]["real_time_factor"] == pytest.approx(20.0)
+    assert assessment.metrics["tool"]["speed_mean_m_s"] == pytest.approx(SPEED, rel=1e-3)
+
+
+def test_schema_has_the_keys_that_others_rely_on():
+    keys = {
+        "identification": "position_error_m orientation_error_rad range_m check_m accepted",
+        "contact": "force_error_rms_n force_error_max_n lost_s segments",
+        "tool": "path_deviation_rms_m path_deviation_max_m cross_track_max_m along_track_max_m "
+        "object_deviation_max_m tilt_max_rad speed_mean_m_s",
+        "force_estimate": "error_rms_n",
+        "hull": "excursion_max_m tilt_max_rad",
+        "thrusters": "saturated_s",
+    }
+    required = schema()["properties"]
+    for group, names in keys.items():
+        assert set(names.split()) <= set(required[group]["required"])
+    shared = schema()["$defs"]["every_run"]["$defs"]
+    assert set(shared["run"]["required"]) >= {"simulated_s", "seed", "state", "trajectory_sha256"}
+    assert set(shared["timings"]["required"]) == {"wall_s", "real_time_factor", "identification_s"}
+    assert "accepted" in schema()["required"]
+
+
+def test_two_times_of_one_run_differ_in_the_timings_alone():
+    first, second = (
+        dict(assess(recorded(), TRUTH, seed=3, wall_s=wall_s, identification_s=0.1 * wall_s).metrics)
+        for wall_s in (0.5, 0.7)
+    )
+    assert first.pop("timings") != second.pop("timings")
+    assert first == second
+
+
+def test_a_run_that_was_interrupted_says_so_and_is_not_accepted():
+    assessment = assessed(replace(recorded(), interrupted="SIGTERM"))
+    jsonschema.validate(assessment.metrics, schema())
+    assert assessment.metrics["run"]["state"] == "interrupted"
+    assert assessment.metrics["run"]["note"] == "by SIGTERM in state done after 10.0 s"
+    assert assessment.failed == ("the run was interrupted by SIGTERM in state done after 10.0 s",)
+
+
+def test_what_it_was_made_by_is_in_the_file(tmp_path):
+    @dataclass
+    class Options:
+        seed: int = 3
+        out: Path | None = tmp_path
+        forces: tuple[float, ...] = (60.0, np.inf)
+
+    model = models.load("uuv_puma").compile()
+    assessed(recorded()).made_by(provenance("clean_barrel", Options(), model)).write(tmp_path / "metrics.json")
+    kept = json.loads((tmp_path / "metrics.json").read_text("utf-8"))
+    jsonschema.validate(kept, schema())
+    made = kept["provenance"]
+    assert made["options"] == {"seed": 3, "forces": [60.0, "inf"]}
+    assert made["versions"]["mujoco"] == mujoco.__version__
+    assert made["model_sha256"] == model_digest(models.load("uuv_puma").compile())
+    model.opt.timestep *= 2.0
+    assert made["model_sha256"] != model_digest(model)
+
+
+def test_force_error_counts_from_one_second_after_each_change():
+    wanted = np.interp(TIME, [0.0, 4.0, 4.5, 10.0], [60.0, 60.0, 90.0, 90.0])
+    error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [5, 10)
+    error[(TIME < 0.999)] = 30.0
+    error[(TIME > 4.0005) & (TIME < 4.999)] = -25.0
+    overall, segments = contact_figures(recorded(set_force=wanted, contact_normal=wanted + error))
+    assert overall["force_error_rms_n"] == pytest.approx(np.sqrt(2.0), rel=2e-3)
+    assert overall["force_error_max_n"] == pytest.approx(2.0, rel=2e-3)
+    assert [s["set_n"] for s in segments] == [60.0, 90.0]
+    assert [s["duration_s"] for s in segments] == pytest.approx([4.0, 6.0], abs=2 * DT)
+    for segment in segments:
+        assert segment["force_error_rms_n"] == pytest.approx(np.sqrt(2.0), rel=2e-3)
+
+
+def test_lost_contact_is_counted_wherever_it_happens_in_the_work():
+    force = np.full(STEPS, 60.0)
+    force[100:137] = 0.5
+    force[4000:4010] = 0.0
+    assessment = assessed(recorded(contact_normal=force))
+    assert assessment.metrics["contact"]["lost_s"] == pytest.approx(47 * DT)
+    assert any("contact lost" in line for line in assessment.failed)
+
+
+def test_peaks_and_lost_contact_are_those_of_the_substeps():
+    least, most = np.full(STEPS, 60.0), np.full(STEPS, 60.0)
+    least[3000:3003], most[4000] = 0.0, 72.0
+    overall, _ = contact_figures(recorded(contact_least=least))
+    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 60.0, "lost_s": pytest.approx(3 * DT)}
+    overall, _ = contact_figures(recorded(contact_most=most))
+    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 12.0, "lost_s": 0.0}
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_path_error_splits_into_along_lateral_and_normal(sign: float):
+    """Signed where it says so; the greatest figures are of its size, whichever way it points."""
+    R_WT = TRUTH.X_WT[:3, :3]
+    x, y, z = R_WT.T
+    along, lateral, deeper = sign * 0.002, sign * 0.0012, sign * 0.0005
+    start = recorded()
+    tip = start["p_command"].value + along * x + lateral * y - deeper * z
+    recording = recorded(p_pad=tip)
+    error = path_error(recording)
+    assert error is not None
+    assert error.along == pytest.approx(along)
+    assert error.normal == pytest.approx(deeper)
+    assert np.abs(error.lateral) == pytest.approx(abs(lateral))
+    along, lateral, deeper = abs(along), abs(lateral), abs(deeper)
+    tool = tool_figures(recording, TRUTH)
+    assert tool["cross_track_max_m"] == pytest.approx(lateral)
+    assert tool["cross_track_rms_m"] == pytest.approx(lateral)
+    assert tool["along_track_rms_m"] == pytest.approx(along)
+    assert tool["along_track_max_m"] == pytest.approx(along)
+    assert tool["path_deviation_max_m"] == pytest.approx(along)
+    assert tool["path_deviation_rms_m"] == pytest.approx(along)
+    assert tool["normal_deviation_max_m"] == pytest.approx(deeper)
+
+
+def test_tangent_holds_while_the_commanded_point_rests():
+    velocity = recorded()["v_command"].value.copy()
+    velocity[:200] = velocity[-200:] = 0.0
+    tip = recorded()["p_command"].value + 0.001 * TRUTH.X_WT[:3, 0]
+    error = path_error(recorded(v_command=velocity, p_pad=tip))
+    assert error is not None
+    assert error.along == pytest.approx(0.001)
+    assert error.lateral == pytest.approx(0.0, abs=1e-12)
+
+
+def test_deviation_from_the_object_and_tilt_know_the_true_surface():
+    # On the half circle, 2 mm off the shell, the tool leaning 1.5 deg: facets of the mesh must not show.
+    truth = replace(TRUTH, path="transverse")
+    angle = np.linspace(-1.3, 1.3, STEPS)
+    outward = np.column_stack([np.zeros(STEPS), -np.sin(angle), np.cos(angle)])
+    tangent = np.column_stack([np.zeros(STEPS), -np.cos(angle), -np.sin(angle)])
+    R_WT = TRUTH.X_WT[:3, :3]
+    tip = transform_points(TRUTH.X_WT, (0.5 * BARREL_DIAMETER + 0.002) * outward)
+    lean = np.radians(1.5)
+    axis = (-np.cos(lean) * outward + np.sin(lean) * tangent) @ R_WT.T
+    recording = recorded(p_pad=tip, p_command=tip, v_command=SPEED * tangent @ R_WT.T, tool_axis=axis)
+    tool = tool_figures(recording, truth)
+    # measured 1e-5 m (chords of the path, 5 mm long) and 2e-5 rad
+    assert tool["object_deviation_max_m"] == pytest.approx(0.002, abs=5e-5)
+    assert tool["tilt_max_rad"] == pytest.approx(lean, abs=1e-4)
+
+
+def test_hull_is_measured_from_the_first_touch():
+    force = np.full(STEPS, 60.0)
+    force[:1000] = 0.0
+    offset = np.zeros((STEPS, 3))
+    offset[:1000] = [1.0, 0.0, 0.0]  # before the touch: does not count, wherever the hull was
+    state = np.full(STEPS, STATES.index(WorkState.WORK))
+    state[:1500] = STATES.index(WorkState.PRESS)
+    offset[3000] = [0.003, 0.004, 0.0]
+    R_0 = exp_so3([0.2, -0.1, 2.0])
+    quats = np.tile(quat_wxyz_from_rotation(R_0), (STEPS, 1))
+    quats[4000] = -quat_wxyz_from_rotation(R_0 @ exp_so3([0.0, 0.02, 0.0]))  # the other of its two quaternions
+    hull = hull_figures(recorded(contact_normal=force, state=state, p_WB=offset, quat_WB_wxyz=quats))
+    assert hull["excursion_max_m"] == pytest.approx(0.005)
+    assert hull["tilt_max_rad"] == pytest.approx(0.02)
+
+
+def test_force_estimate_and_saturation():
+    felt = np.tile([3.0, 0.0, 64.0], (STEPS, 1))
+    saturated = np.zeros(STEPS)
+    saturated[:25] = 1.0
+    recording = recorded(felt_force=felt, felt_normal=np.full(STEPS, 58.0), saturated=saturated)
+    assert force_estimate_figures(recording) == pytest.approx({"error_rms_n": 5.0, "normal_error_rms_n": 2.0})
+    assert assessed(recording).metrics["thrusters"]["saturated_s"] == pytest.approx(0.05)
+
+
+def test_controller_that_believes_in_no_force_has_no_estimate():
+    blind = recorded(felt_force=np.full((STEPS, 3), np.nan), felt_normal=np.full(STEPS, np.nan))
+    assert force_estimate_figures(blind)["error_rms_n"] is None
+
+
+@pytest.mark.parametrize(("range_m", "accepted"), [(1.2, True), (0.5, False)])
+def test_identification_is_bound_by_its_share_of_the_range(range_m: float, accepted: bool):
+    X_WT = TRUTH.X_WT @ pose(exp_so3([2.0, 0.0, 0.0]), [0.004, 0.0, 0.0])  # the turn is the barrel's own
+    found = Target(time=0.0, X_WT=X_WT, accepted=True, check_m=0.001, range_m=range_m, reason="", path=None)
+    assessment = assessed(replace(recorded(), targets=(found,)))
+    assert assessment.metrics["identification"]["position_error_m"] == pytest.approx(0.004)
+    assert assessment.metrics["identification"]["orientation_error_rad"] == pytest.approx(0.0, abs=1e-9)
+    assert assessment.accepted is accepted
+
+
+def test_run_that_never_touched_gives_nulls_and_says_why():
+    recording = recorded(during=WorkState.SCAN, final=WorkState.ABORT, contact_normal=np.zeros(STEPS))
+    assessment = assessed(replace(recording, targets=()))
+    jsonschema.validate(assessment.metrics, schema())
+    assert not assessment.accepted
+    json.dumps(assessment.metrics, allow_nan=False)
+    assert assessment.metrics["contact"]["force_error_rms_n"] is None
+    assert assessment.metrics["hull"]["tilt_max_rad"] is None
+    assert "the run ended in state abort: felt force 170 N" in assessment.failed
+    assert "the object was not identified" in assessment.failed
+
+
+def test_check_that_could_not_be_made_is_null():
+    found = Target(time=0.0, X_WT=np.eye(4), accepted=False, check_m=np.inf, range_m=1.0, reason="no", path=None)
+    assessment = assessed(replace(recorded(), targets=(found,)))
+    assert assessment.metrics["identification"]["check_m"] is None
+
+
+def test_collision_is_not_accepted():
+    collision = np.zeros(STEPS)
+    collision[7] = 1.0
+    assert not assessed(recorded(collision=collision)).accepted
+
+
+def test_object_must_have_the_path():
+    with pytest.raises(ConfigurationError, match=r"no path 'spiral'.*longitudinal"):
+        replace(TRUTH, path="spiral")
+
+
+def test_closest_points_of_a_box_are_exact_and_its_edges_sharp(within):
+    corners = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-2.0, 2.0) for z in (-3.0, 3.0)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = np.array([t for a, b, c, d in quads for t in ([a, b, c], [a, c, d])])
+    surface = Surface.of(corners, triangles)
+    points = np.random.default_rng(0).uniform(-6.0, 6.0, (500, 3))
+    points = points[np.any(np.abs(points) > [1.0, 2.0, 3.0], axis=1)]
+    closest, normals = surface.closest(points)
+    within("closest point of a box [m]", closest - np.clip(points, [-1, -2, -3], [1, 2, 3]), 1e-13)
+    assert np.allclose(np.sort(np.abs(normals), axis=1), [0.0, 0.0, 1.0])
+
+
+def test_closest_on_curve_gives_arc_lengths_past_corners_and_repeated_points():
+    curve = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 2, 0]])
+    closest, arc = closest_on_curve(np.array([[0.3, -1.0, 0], [2.0, 1.5, 0], [-5.0, 0, 0]]), curve)
+    assert np.allclose(closest, [[0.3, 0, 0], [1.0, 1.5, 0], [0, 0, 0]])
+    assert np.allclose(arc, [0.3, 2.5, 0.0])
+
+
+def test_work_without_contact_is_judged_by_its_distance(within):
+    """Held 1 mm too far from the shell all along, and 3 mm too near for a moment."""
+    truth = TrueObject(model=TRUTH.model, path=TRUTH.path, X_WT=TRUTH.X_WT, contactless=0.03)
+    near = np.arange(STEPS) // 100 == 20  # 0.2 s, seen at 50 Hz
+    height = np.where(near, 0.027, 0.031)
+    tip = recorded()["p_pad"].value + height[:, None] * TRUTH.X_WT[:3, 2]
+    none = np.zeros(STEPS)
+
+    def free(p_pad: np.ndarray, contact: np.ndarray = none) -> Recording:
+        return recorded(p_pad=p_pad, p_command=tip, set_force=none, felt_normal=none, contact_normal=contact)
+
+    clean = free(tip)
+    assessment = assess(clean, truth, seed=3, wall_s=0.5, identification_s=0.2)
+    assert assessment.accepted, assessment.failed
+    jsonschema.validate(assessment.metrics, schema())
+    gap = assessment.metrics["gap"]
+    assert gap["set_m"] == 0.03
+    within("peak [m]", gap["error_max_m"] - 0.003, 5e-5)  # facets of the shell: 2e-5
+    within("RMS [m]", gap["error_rms_m"] - np.sqrt(0.98 * 0.001**2 + 0.02 * 0.003**2), 5e-5)
+    assert gap["touched_s"] == 0.0
+    assert assessment.metrics["contact"] == {
+        "force_error_rms_n": None,
+        "force_error_max_n": None,
+        "lost_s": None,
+        "segments": [],
+    }
+
+    failed = assess(free(tip, np.where(near, 1.0, 0.0)), truth, seed=3, wall_s=0.5).failed
+    assert [line for line in failed if line.startswith("touched: 0.2 s")]
+    inside = free(tip - 0.04 * TRUTH.X_WT[:3, 2])
+    assert assess(inside, truth, seed=3, wall_s=0.5).metrics["gap"]["error_max_m"] == pytest.approx(0.03)
+    assert assessed(recorded()).metrics["gap"] is None

@@ -1,0 +1,184 @@
+"""A recording holds what was shown to the recorder, at the rates that were asked for."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import models
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import pose
+from sim.loop.recording import EVERY_STEP, Recorder, Recording
+from sim.loop.rollout import Moment
+
+MODEL = models.load("uuv_puma").compile()
+DT = float(MODEL.opt.timestep)
+PLANNER_TICKS = 5
+
+
+class Run:
+    """Steps a made-up truth whose arrays, like the plant's, are views that the next step overwrites."""
+
+    def __init__(self) -> None:
+        self.truth = SimpleNamespace(
+            time=0.0,
+            contact_normal=0.0,
+            contact_least=0.0,
+            contact_most=0.0,
+            saturated=False,
+            collision=False,
+            p_pad=np.zeros(3),
+            R_WG=np.eye(3),
+            p_WB=np.zeros(3),
+            contact_force_W=np.zeros(3),
+            xpos=np.zeros((MODEL.nbody, 3)),
+            xquat=np.tile([1.0, 0.0, 0.0, 0.0], (MODEL.nbody, 1)),
+            q=np.zeros(6),
+            qd=np.zeros(6),
+            tau_drive=np.zeros(6),
+            thrust=np.zeros(6),
+            current_W=np.zeros(3),
+            arm_wrench_B=np.zeros(6),
+        )
+        self.target: Target | None = None
+        self.reference: Reference | None = None
+
+    def show(self, recorder: Recorder, steps: int, state: WorkState = WorkState.WORK, note: str = "") -> None:
+        truth = self.truth
+        first = round(truth.time / DT) if self.reference else 0
+        for tick in range(first, first + steps):
+            truth.time = tick * DT
+            truth.p_pad[:] = tick
+            truth.contact_normal = 0.5 * tick
+            truth.contact_least, truth.contact_most = 0.25 * tick, 1.0 * tick
+            truth.q[:] = tick
+            truth.xpos[:] = tick
+            if tick % PLANNER_TICKS == 0 or self.reference is None:
+                self.reference = Reference(
+                    time=truth.time,
+                    state=state,
+                    X_WB=np.eye(4),
+                    v_WB_W=np.zeros(3),
+                    X_WG=pose(p=[truth.time, 2.0, 3.0]),
+                    v_WG_W=np.array([1.0, 0.0, 0.0]),
+                    w_WG_W=np.zeros(3),
+                    q=np.zeros(6),
+                    qd=np.zeros(6),
+                    force=60.0,
+                    force_control=True,
+                    tare=False,
+                    scan=False,
+                    path_s=0.1,
+                    note=note,
+                )
+            estimate = StateEstimate(
+                time=truth.time,
+                X_WB=np.eye(4),
+                v_WB_B=np.zeros(3),
+                w_WB_B=np.zeros(3),
+                a_WB_B=np.zeros(3),
+                q=np.zeros(6),
+                qd=np.zeros(6),
+                tau=np.zeros(6),
+            )
+            believed = {"f_tip_W": np.full(3, float(tick))}
+            command = Command(
+                time=truth.time,
+                joint_torque=np.zeros(6),
+                thrusters=np.zeros(6),
+                scan=False,
+                felt_normal=float(tick),
+                believed=believed,
+            )
+            recorder.observe(Moment(tick, truth, estimate, self.target, self.reference, command, None, None))
+        truth.time += DT
+
+
+def recorded(steps: int, full: bool = True) -> Recording:
+    recorder = Recorder(MODEL, full=full)
+    Run().show(recorder, steps)
+    return recorder.recording()
+
+
+def test_every_step_is_kept_past_the_first_block_and_not_as_a_view():
+    steps = (1 << 15) + 100
+    recording = recorded(steps)
+    assert np.array_equal(recording["p_pad"].value[:, 1], np.arange(steps))
+    assert np.array_equal(recording["contact_normal"].scalar, 0.5 * np.arange(steps))
+    assert np.array_equal(recording["contact_least"].scalar, 0.25 * np.arange(steps))
+    assert np.array_equal(recording["contact_most"].scalar, np.arange(steps))
+    assert np.allclose(recording["p_pad"].time, DT * np.arange(steps))
+    assert recording.duration == pytest.approx(steps * DT)
+
+
+def test_commanded_tip_is_carried_on_between_references():
+    recording = recorded(23)
+    command = recording["p_command"]
+    assert np.allclose(command.value, np.column_stack([command.time, np.full(23, 2.0), np.full(23, 3.0)]))
+
+
+def test_slow_series_keep_their_rates():
+    recording = recorded(500)
+    assert np.allclose(np.diff(recording["q"].time), 0.02)
+    assert np.allclose(np.diff(recording["body_pose"].time), 0.04)
+    assert recording["q"].labels == tuple(f"joint{i}" for i in range(1, 7))
+    assert np.array_equal(recording["q"].value[:, 0], np.arange(0, 500, 10))
+    assert np.array_equal(recording["believed.f_tip_W"].value[:, 2], np.arange(0, 500, 10))
+
+
+def test_metrics_only_leaves_the_slow_series_out():
+    recording = recorded(20, full=False)
+    assert "p_pad" in recording
+    assert "q" not in recording
+    with pytest.raises(ConfigurationError, match=r"no series 'q'.*p_pad"):
+        recording["q"]
+
+
+def test_states_and_targets_are_kept_once_each():
+    recorder, run = Recorder(MODEL), Run()
+    run.show(recorder, 50, WorkState.SCAN)
+    run.target = Target(time=0.1, X_WT=np.eye(4), accepted=True, check_m=0.0, range_m=1.0, reason="", path=None)
+    run.show(recorder, 50, WorkState.WORK)
+    run.show(recorder, 50, WorkState.RETREAT, note="felt too much")
+    recording = recorder.recording()
+    assert [(event.state, event.note) for event in recording.events] == [
+        (WorkState.SCAN, ""),
+        (WorkState.WORK, ""),
+        (WorkState.RETREAT, "felt too much"),
+    ]
+    assert recording.final.time == pytest.approx(100 * DT)
+    assert len(recording.targets) == 1
+    assert recording.within(WorkState.WORK, WorkState.RETREAT).sum() == 100
+
+
+def test_digest_is_of_every_bit_of_the_trajectory():
+    recording = recorded(50)
+    assert recording.digest() == recorded(50).digest() == recorded(50, full=False).digest()
+    assert recording.digest() != recorded(51).digest()
+    assert recording.digest(["p_pad", "state"]) == recording.digest(("state", "p_pad"))
+    for name in EVERY_STEP:
+        series = recording[name]
+        value = series.value.copy()
+        value[17, -1] = np.nextafter(value[17, -1], np.inf)  # NaN stays
+        changed = replace(recording, series={**recording.series, name: replace(series, value=value)})
+        assert (changed.digest() == recording.digest()) == np.array_equal(value, series.value, equal_nan=True), name
+
+
+def test_recording_is_frozen():
+    recording = recorded(10)
+    for series in recording.series.values():
+        with pytest.raises(ValueError, match="read-only"):
+            series.value[0] = 1.0
+
+
+def test_what_cannot_be_kept_is_refused():
+    with pytest.raises(ConfigurationError, match="no step yet"):
+        Recorder(MODEL).recording()
+    with pytest.raises(ConfigurationError, match="whole multiple"):
+        Recorder(MODEL, period=0.003)
+    with pytest.raises(ConfigurationError, match="recorder's timestep"):
+        Recorder(MODEL, timestep=0.0025)
+    with pytest.raises(ConfigurationError, match=r"expected shape \(N, 3\)"):
+        Recorder(MODEL).add_cloud("scan", np.zeros((4, 2)))

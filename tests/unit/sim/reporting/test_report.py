@@ -1,0 +1,138 @@
+"""The page is whole in itself, shows what the run lived to give, and says why a run was not accepted."""
+
+import io
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+import models
+from models.objects.targets import barrel
+from models.vehicle import Vehicle
+from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Target, WorkState
+from sim.interfaces.spatial import pose
+from sim.loop.recording import STATES, Event, Recording, Series
+from sim.reporting.report import write_report
+from sim.reporting.report_figures import path_figures
+from sim.reporting.results_table import results_table
+
+DT = 0.01  # [s]
+TRUTH = TrueObject(model=barrel(), path="longitudinal", X_WT=pose(p=[0.0, 0.0, -1.5]))
+VEHICLE = Vehicle.of(models.load("uuv_puma").compile())
+
+
+class Reader(HTMLParser):
+    """Counts pictures and collects what the page would fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pictures = 0
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.pictures += tag == "img"
+        self.fetched += [value or "" for name, value in attrs if name in ("src", "href")]
+
+
+def recorded(state: WorkState, final: WorkState) -> Recording:
+    n = 1000
+    time, ones = DT * np.arange(n, dtype=np.float64), np.ones((n, 1))
+    tip = np.column_stack([0.02 * time, np.zeros(n), np.full(n, -1.2)])
+    values = {
+        "state": STATES.index(state) * ones,
+        "set_force": 60.0 * ones,
+        "path_s": 0.02 * time[:, None],
+        **dict.fromkeys(
+            ("contact_normal", "contact_least", "contact_most"), (60.0 if state is WorkState.WORK else 0.0) * ones
+        ),
+        "felt_normal": 60.0 * ones,
+        "felt_force": ones * [0, 0, 60.0],
+        "contact_force": ones * [0, 0, 60.0],
+        "saturated": 0 * ones,
+        "collision": 0 * ones,
+        "p_command": tip,
+        "v_command": ones * [0.02, 0, 0],
+        "p_pad": tip,
+        "tool_axis": ones * [0, 0, -1.0],
+        "p_WB": 0 * tip,
+        "quat_WB_wxyz": ones * [1.0, 0, 0, 0],
+        "thrust": ones * np.arange(6.0),
+        "tau_drive": ones * np.arange(6.0),
+    }
+    labels = {"thrust": VEHICLE.thruster_names, "tau_drive": VEHICLE.joint_names}
+    found = Target(time=0.0, X_WT=TRUTH.X_WT, accepted=True, check_m=0.001, range_m=1.2, reason="", path=None)
+    return Recording(
+        timestep=DT,
+        duration=n * DT,
+        vehicle=VEHICLE,
+        series=MappingProxyType(
+            {name: Series(time=time, value=v, unit="", labels=labels.get(name, ())) for name, v in values.items()}
+        ),
+        events=(Event(time=0.0, state=state, note=""), Event(time=10.0, state=final, note="felt < 1 N & lost")),
+        targets=(found,) if state is WorkState.WORK else (),
+        clouds=MappingProxyType({"scan": np.random.default_rng(0).normal(size=(100, 3))}),
+    )
+
+
+def written(folder: Path, recording: Recording) -> tuple[str, Assessment]:
+    assessment = assess(recording, TRUTH, seed=0, wall_s=1.0)
+    file = folder / "report.html"
+    write_report(
+        file,
+        recording,
+        assessment,
+        title="clean <barrel>",
+        options={"path": "longitudinal"},
+        pictures=path_figures(recording, TRUTH),
+    )
+    return file.read_text(encoding="utf-8"), assessment
+
+
+def test_page_fetches_nothing_and_shows_every_picture(tmp_path: Path):
+    page, assessment = written(tmp_path, recorded(WorkState.WORK, WorkState.DONE))
+    reader = Reader()
+    reader.feed(page)
+    assert assessment.accepted, assessment.failed
+    assert reader.pictures == 6
+    assert all(source.startswith("data:image/svg+xml;base64,") for source in reader.fetched)
+    assert "url(" not in page
+    assert "clean &lt;barrel&gt;" in page
+    assert re.search(r"<h1>.*<span class='accepted'>accepted</span></h1>", page)
+
+
+def test_page_of_a_run_that_was_broken_off_says_why(tmp_path: Path):
+    page, assessment = written(tmp_path, recorded(WorkState.SCAN, WorkState.ABORT))
+    reader = Reader()
+    reader.feed(page)
+    assert not assessment.accepted
+    assert reader.pictures == 2  # thrusters and joints
+    assert "<li>the run ended in state abort: felt &lt; 1 N &amp; lost</li>" in page
+    assert "nan" not in re.sub(r'src="[^"]*"', "", page).lower()
+
+
+def test_page_without_slow_series_leaves_their_pictures_out(tmp_path: Path):
+    recording = recorded(WorkState.WORK, WorkState.DONE)
+    few = {name: series for name, series in recording.series.items() if name not in ("thrust", "tau_drive")}
+    page, _ = written(tmp_path, replace(recording, series=MappingProxyType(few)))
+    assert page.count("<img") == 4
+
+
+def test_missing_folder_is_refused(tmp_path: Path):
+    with pytest.raises(ConfigurationError, match="no folder"):
+        written(tmp_path / "nowhere", recorded(WorkState.SCAN, WorkState.ABORT))
+
+
+def test_table_has_a_row_and_a_verdict_for_each_check():
+    assessment = assess(recorded(WorkState.SCAN, WorkState.ABORT), TRUTH, seed=0, wall_s=1.0)
+    said = io.StringIO()
+    Console(width=100, file=said).print(results_table(assessment))
+    for check in assessment.checks:
+        assert check.name in said.getvalue()
+    assert said.getvalue().count("missed") == sum(not check.ok for check in assessment.checks)

@@ -1,0 +1,53 @@
+"""Rerun's program as we start it: a log made compact holds the same, and what is no log stays as it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+
+from sim.reporting import rerun_program
+
+
+def values(file: Path) -> tuple[np.ndarray, int]:
+    """Everything logged at `a`, in order of time, and the number of chunks that hold it."""
+    chunks = [chunk for chunk in RrdReader(file).stream().to_chunks() if chunk.entity_path == "/a"]
+    rows = [
+        (time, value[0])
+        for batch in (chunk.to_record_batch() for chunk in chunks)
+        for time, value in zip(batch.column("t").to_pylist(), batch.column("Scalars:scalars").to_pylist(), strict=True)
+    ]
+    return np.array([value for _, value in sorted(rows)]), len(chunks)
+
+
+def test_compact_log_holds_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(rerun_program, "_SMALL", 0)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    file = tmp_path / "run.rrd"
+    stream = rr.RecordingStream("test")
+    stream.save(str(file))
+    for i in range(200):
+        stream.set_time("t", sequence=i)
+        stream.log("a", rr.Scalars(float(i * i)))
+        stream.flush()
+    stream.disconnect()
+    before, many = values(file)
+    assert rerun_program.compact(file)
+    after, few = values(file)
+    assert np.array_equal(before, np.arange(200.0) ** 2)
+    assert np.array_equal(after, before)
+    assert few < many
+    assert not (tmp_path / "home").exists(), "Rerun wrote its usage settings"
+    assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]
+
+
+@pytest.mark.parametrize("content", [b"no log" * 500, b""])
+def test_what_cannot_be_made_compact_stays(tmp_path, monkeypatch, content):
+    monkeypatch.setattr(rerun_program, "_SMALL", 0)
+    file = tmp_path / "run.rrd"
+    file.write_bytes(content)
+    assert not rerun_program.compact(file)
+    assert file.read_bytes() == content
+    assert not rerun_program.compact(tmp_path / "none.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.rrd"]

@@ -1,0 +1,126 @@
+"""The current in time: its statistics, an acceleration that is its derivative, and what the door refuses."""
+
+import numpy as np
+import pytest
+
+import models
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+from sim.plant.plant import Plant
+from sim.water.current import Current
+
+MEAN = (0.15, -0.05, 0.02)  # [m/s]
+
+
+def run(current: Current, steps: int) -> tuple[Array, Array]:
+    rows = [current.step() for _ in range(steps)]
+    return np.array([v for v, _ in rows]), np.array([a for _, a in rows])
+
+
+def test_gusts_have_the_stated_deviation_and_the_spectrum_of_two_poles():
+    gust, T, dt = 0.03, 0.5, 0.01
+    rng = np.random.default_rng(1)
+    velocity, acceleration = run(Current(MEAN, gust=gust, time_constant=T, timestep=dt, rng=rng), 200_000)
+    # 2000 s of a process that forgets itself within a second or so: 2 % of its deviation is three sigma.
+    assert velocity.mean(axis=0) == pytest.approx(MEAN, abs=0.1 * gust)
+    assert velocity.std(axis=0) == pytest.approx(gust, rel=0.1)
+    assert acceleration.std(axis=0) == pytest.approx(gust / T, rel=0.1)
+    fluctuation = velocity - velocity.mean(axis=0)
+    for lag in (T, 2.0 * T):  # autocorrelation (1 + t/T) exp(-t/T)
+        n = round(lag / dt)
+        seen = np.mean(fluctuation[n:] * fluctuation[:-n], axis=0) / fluctuation.var(axis=0)
+        assert seen == pytest.approx((1.0 + lag / T) * np.exp(-lag / T), abs=0.06)
+
+
+def test_the_axes_gust_independently():
+    velocity, _ = run(Current(MEAN, gust=0.03, time_constant=0.2, timestep=0.01, rng=np.random.default_rng(2)), 50_000)
+    assert np.abs(np.corrcoef(velocity.T) - np.eye(3)).max() < 0.1
+
+
+@pytest.mark.parametrize(("time_constant", "timestep"), [(5.0, 0.002), (0.1, 0.009), (5e4, 1e-7)])
+def test_gusts_blow_from_the_first_step_on(time_constant, timestep):
+    """The first value of many runs has the stationary deviation already, and no jump in its acceleration."""
+    first = []
+    for seed in range(1000):
+        rng = np.random.default_rng(seed)
+        first.append(Current((0, 0, 0), gust=0.03, time_constant=time_constant, timestep=timestep, rng=rng).step())
+    velocity, acceleration = np.array(first).transpose(1, 0, 2)
+    assert velocity.std() == pytest.approx(0.03, rel=0.1)  # 3000 values: 1.3 % is one sigma
+    a = np.exp(-timestep / time_constant)  # of a difference over one step, by the correlation 2 a / (1 + a^2)
+    differs = 0.03 / timestep * np.sqrt(2.0 / (1.0 + a * a)) * -np.expm1(-timestep / time_constant)
+    assert acceleration.std() == pytest.approx(differs, rel=0.1)
+
+
+def test_acceleration_is_the_derivative(within):
+    """Over two refills of the generator's block as well."""
+    velocity, acceleration = run(Current(MEAN, gust=0.03, timestep=0.002, rng=np.random.default_rng(3)), 10_000)
+    within("dv - a dt [m/s]", np.diff(velocity, axis=0) - 0.002 * acceleration[1:], 3e-16)  # measured 3e-17
+
+
+def test_a_flow_that_grows_is_accelerated_by_as_much(within):
+    """With gusts, under a profile 1 - exp(-t / T): differences of the velocities are the accelerations."""
+
+    def rising(t: float) -> tuple[float, float]:
+        return 1.0 - np.exp(-t / 3.0), np.exp(-t / 3.0) / 3.0
+
+    current = Current([0.4, -0.2, 0.1], gust=0.05, timestep=1e-3, rng=np.random.default_rng(1), profile=rising)
+    v, a = (np.array(rows) for rows in zip(*(current.step() for _ in range(5000)), strict=True))
+    assert np.abs(a).max() > 0.1
+    within("acceleration [m/s^2]", np.diff(v, axis=0) / 1e-3 - a[1:], 3e-4)  # 2.8e-5: of the first order
+
+
+def test_gusts_of_a_long_time_and_a_short_step_begin_at_once():
+    current = Current((0, 0, 0), gust=0.03, time_constant=1e8, timestep=1e-3, rng=np.random.default_rng(5))
+    velocity, _ = run(current, 10)
+    assert 0.0 < np.abs(velocity[0]).max() < 0.2
+    assert np.ptp(velocity, axis=0).max() < 1e-9
+
+
+def test_the_plant_refuses_gusts_made_for_another_step():
+    model = hydrodynamics.compile(models.load("bluerov2_heavy"))
+    gusty = Current(MEAN, gust=0.03, timestep=2.0 * model.opt.timestep, rng=np.random.default_rng(6))
+    with pytest.raises(ConfigurationError, match="timestep"):
+        Plant(model, current=gusty)
+    assert Current(MEAN, timestep=0.1).timestep is None
+    plant = Plant(model, current=Current(MEAN, timestep=0.1))  # a steady one fits any
+    with pytest.raises(ConfigurationError, match="timestep"):
+        plant.reset(current=gusty)
+
+
+def test_same_seed_same_gusts():
+    one, same, other = (run(Current(MEAN, gust=0.03, rng=np.random.default_rng(seed)), 5000)[0] for seed in (4, 4, 5))
+    assert np.array_equal(one, same)
+    assert np.abs(one - other).max() > 0.01
+
+
+def test_steady_without_gusts():
+    velocity, acceleration = run(Current(MEAN), 10)
+    assert np.array_equal(velocity, np.tile(MEAN, (10, 1)))
+    assert not acceleration.any()
+
+
+@pytest.mark.parametrize(
+    ("mean", "options", "said"),
+    [
+        ((0.1, 0.0), {}, "current"),
+        ((0.1, 0.0, float("nan")), {}, "current"),
+        (MEAN, {"gust": -0.01}, "gust: must be finite and >= 0"),
+        (MEAN, {"gust": float("inf")}, "gust"),
+        (MEAN, {"gust": 0.03}, "generator"),
+        (MEAN, {"time_constant": 0.01}, "time constant 0.01"),
+        (MEAN, {"time_constant": float("inf")}, "time constant inf"),
+        (MEAN, {"time_constant": float("nan")}, "time constant nan"),
+        (MEAN, {"time_constant": 1e300}, "time constant 1e\\+300"),
+        (MEAN, {"time_constant": "5"}, "time constant"),
+        (MEAN, {"timestep": 0.0}, "timestep of the current"),
+        (MEAN, {"timestep": -0.002}, "timestep of the current"),
+        (MEAN, {"timestep": float("nan")}, "timestep of the current"),
+        (MEAN, {"gust": "0.3"}, "gust"),
+        (MEAN, {"gust": [0.1, 0.1, 0.1]}, "gust"),
+        (MEAN, {"gust": 0.03, "rng": 5}, "generator"),
+    ],
+)
+def test_refusals(mean, options, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Current(mean, **options)

@@ -1,0 +1,179 @@
+"""The plant: what cannot be is said at its door, and a motion that blows up does not begin anew behind one's back."""
+
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+import models
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import pose
+from sim.plant.plant import Plant
+from sim.water.current import Current
+
+STILL = Current((0.0, 0.0, 0.0))
+GUSTS = Current((0.0, 0.0, 0.0), gust=0.01, timestep=0.002, rng=np.random.default_rng(0))
+REST = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
+
+
+def advance(plant: Plant, steps: int) -> None:
+    for _ in range(steps):
+        plant.step(REST)
+        plant.observe()
+
+
+@pytest.mark.parametrize("substeps", [1, 4])
+@pytest.mark.parametrize("steps", [0, 1, 50])
+@pytest.mark.parametrize(("what", "value"), [("qvel", np.nan), ("qvel", 1e12), ("qfrc_applied", np.inf)])
+def test_a_motion_that_blows_up_is_an_error(substeps, steps, what, value):
+    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL, substeps=substeps)
+    plant.observe()
+    advance(plant, steps)
+    getattr(plant.data, what)[3] = value
+    with pytest.raises(HydrodynamicsError, match=r"became unstable .* 'hull'"):
+        advance(plant, 5)
+
+
+def test_the_body_of_a_bad_position_is_named():
+    """A free joint has seven positions for its six directions: qpos[7] is the first joint of the arm."""
+    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
+    plant.observe()
+    at = int(plant.vehicle.qpos[0])
+    body = plant.model.body(int(plant.model.jnt_bodyid[plant.vehicle.joints[0]])).name
+    plant.data.qpos[at] = np.nan
+    with pytest.raises(HydrodynamicsError, match=rf"qpos\[{at}\] \(body '{body}'\)"):
+        advance(plant, 2)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"density": 1000.0}, "density 1000.0"),
+        ({"solver": mujoco.mjtSolver.mjSOL_PGS}, "solver PGS"),
+        ({"timestep": 5.0}, "timestep 5 s times the rate of the drag"),
+    ],
+)
+def test_options_changed_after_compiling_are_refused(change: dict[str, Any], says):
+    wet = hydrodynamics.compile(models.load("uuv_puma"))
+    for name, value in change.items():
+        setattr(wet.opt, name, value)
+    with pytest.raises(HydrodynamicsError, match=says):
+        Plant(wet, current=STILL)
+
+
+def test_a_vehicle_without_coefficients_may_have_the_fluid_of_mujoco():
+    spec = mujoco.MjSpec.from_string(
+        '<mujoco><option density="1000"/><worldbody><body name="hull"><freejoint/><geom size=".1"/></body></worldbody>'
+        "</mujoco>"
+    )
+    plant = Plant(hydrodynamics.compile(spec), current=STILL)
+    plant.observe()
+    plant.step(replace(REST, joint_torque=np.zeros(0), thrusters=np.zeros(0)))
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"model": mujoco.MjSpec()}, "expected a compiled mujoco.MjModel, got <mujoco"),
+        ({"current": [0.0, 0.0, 0.0]}, r"current: expected a sim.water.current.Current, got \[0.0, 0.0, 0.0\]"),
+        ({"substeps": 0}, "substeps must be a whole number >= 1, got 0"),
+        ({"substeps": -4}, "substeps must be a whole number >= 1, got -4"),
+        ({"substeps": 2.0}, "substeps must be a whole number >= 1, got 2.0"),
+        ({"substeps": None}, "substeps must be a whole number >= 1, got None"),
+        ({"substeps": 2, "current": GUSTS}, "current: its timestep is 0.002 s, but the plant's, .* 0.004 s"),
+        ({"X_WB": np.eye(3)}, r"X_WB: expected shape \(4, 4\), got \(3, 3\)"),
+        ({"X_WB": 2.0 * np.eye(4)}, "X_WB: expected a pose"),
+        ({"X_WB": pose(np.diag([1.0, 1.0, -1.0]))}, "X_WB: expected a pose"),
+        ({"X_WB": np.eye(4) + np.eye(4, k=-3)}, "X_WB: expected a pose .*last row 0 0 0 1"),
+        ({"X_WB": pose(p=[0.0, np.nan, 0.0])}, "X_WB: every number must be finite"),
+    ],
+)
+def test_arguments_that_cannot_be(given: dict[str, Any], says):
+    wet = hydrodynamics.compile(models.load("uuv_puma"))
+    with pytest.raises(ConfigurationError, match=says):
+        Plant(**{"model": wet, "current": STILL, **given})
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"thrusters": np.zeros(2)}, r"thruster command: expected shape \(6,\), got \(2,\)"),
+        ({"thrusters": np.array([0.0, 0.0, np.nan, 0.0, 0.0, 0.0])}, "thruster command: every number must be finite"),
+        ({"joint_torque": np.zeros(7)}, r"joint torque command .* expected shape \(6,\), got \(7,\)"),
+        ({"joint_torque": np.full(6, np.inf)}, "joint torque command .* every number must be finite"),
+        ({"joint_torque": np.full(6, 1j)}, r"joint torque command .* expected \(6,\) numbers"),
+        ({"thrusters": ["0.5"] * 6}, r"thruster command: expected \(6,\) numbers"),
+    ],
+)
+def test_a_command_that_cannot_be_changes_nothing(change: dict[str, Any], says):
+    plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
+    plant.observe()
+    with pytest.raises(ConfigurationError, match=says):
+        plant.step(replace(REST, **change))
+    assert not np.any(plant.truth.propeller_speed)
+    assert not np.any(plant.data.ctrl)
+
+
+def test_commands_that_are_no_plain_arrays_act_as_those():
+    speeds = []
+    for thrusters in (np.full(6, 1.0), [1] * 6, np.full(6, 1)):
+        plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
+        plant.observe()
+        plant.step(replace(REST, thrusters=thrusters))  # pyright: ignore[reportArgumentType]
+        speeds.append(plant.truth.propeller_speed.copy())
+    assert np.all(speeds[0] > 0.0)
+    assert np.array_equal(speeds[0], speeds[1])
+    assert np.array_equal(speeds[0], speeds[2])
+
+
+def pressing(substeps: int) -> Plant:
+    """At 0.5 ms, in a current, the pad on a plate and the hull pressed a millimetre into a shelf."""
+    spec = models.load("uuv_puma")
+    spec.option.timestep = 5e-4
+    plain = spec.compile()
+    data = mujoco.MjData(plain)
+    mujoco.mj_resetDataKeyframe(plain, data, 0)
+    mujoco.mj_kinematics(plain, data)
+    pad = data.geom_xpos[plain.geom("pad").id]
+    below = pad - [0.0, 0.0, 0.1 + plain.geom("pad").rbound[0]]
+    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below)
+    shelf = [-0.6, 0.0, -0.399 - 0.1]
+    spec.worldbody.add_geom(name="shelf", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=shelf)
+    return Plant(hydrodynamics.compile(spec), current=Current((0.1, -0.05, -0.1)), substeps=substeps)
+
+
+def test_substeps_are_the_steps_of_a_finer_plant():
+    """Four of them under one command, and what was touched in all four."""
+    whole, fine = pressing(4), pressing(1)
+    assert whole.timestep == 4.0 * fine.timestep == 2e-3
+    held = replace(REST, joint_torque=np.linspace(-20.0, 20.0, 6))
+    whole.observe()
+    fine.observe()
+    most, spread, parts = 0.0, 0.0, set()
+    for _ in range(150):
+        whole.step(held)
+        normal, force, collided = np.zeros(4), np.zeros((4, 3)), np.zeros(4, dtype=bool)
+        for i in range(4):
+            fine.step(held)
+            fine.observe()
+            one = fine.truth
+            normal[i], force[i], collided[i] = one.contact_normal, one.contact_force_W, one.collision
+            assert one.contact_least == one.contact_normal == one.contact_most
+        truth = whole.observe()
+        assert truth.time == fine.truth.time
+        for name in ("qpos", "qvel", "qacc", "qfrc_actuator"):
+            assert np.array_equal(getattr(whole.data, name), getattr(fine.data, name))
+        assert np.array_equal(truth.tau_friction, fine.truth.tau_friction)
+        assert np.allclose(truth.contact_force_W, force.mean(axis=0), rtol=1e-12, atol=1e-12)
+        assert truth.contact_normal == pytest.approx(normal.mean(), rel=1e-12)
+        assert (truth.contact_least, truth.contact_most) == (normal.min(), normal.max())
+        assert truth.collision is bool(collided.any())
+        most, spread = max(most, normal.max()), max(spread, np.ptp(normal))
+        parts.add(int(collided.sum()))
+    assert most > 10.0
+    assert spread > 1.0
+    assert {0, 4} < parts  # of some steps only a part was spent in collision

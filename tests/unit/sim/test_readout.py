@@ -1,0 +1,81 @@
+"""What the plant reads off MuJoCo's memory, against what MuJoCo's binding says of the same step."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim.plant.readout import COLLISION, CONTACTS, FORCE, LEAST, MOST, NORMAL, gears_and_contacts, places_of
+
+# A "vehicle" of two balls, one of them the pad; a floor, a wall, and a stone that lies loose. With friction in a joint.
+WORLD = """
+<mujoco>
+  <option cone="{cone}"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="3 3 .1" condim="{condim}"/>
+    <body name="vehicle" pos="0 0 .098"> <freejoint/>
+      <geom name="pad" size=".1" condim="{condim}" friction=".8 .01 .001"/>
+      <body pos=".25 0 0">
+        <joint name="j" axis="0 0 1" frictionloss=".3" armature=".05"/> <geom name="arm" size="{arm}"/>
+      </body>
+    </body>
+    <body pos="-.19 0 .12"> <freejoint/> <geom name="stone" size=".1"/> </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("condim", [1, 3, 4, 6])
+@pytest.mark.parametrize("cone", ["elliptic", "pyramidal"])
+def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
+    """The pad between floor and stone, pushed and sliding, step by step; stone on the floor is no business of ours."""
+    model = mujoco.MjModel.from_xml_string(WORLD.format(cone=cone, condim=condim, arm=0.02))
+    data = mujoco.MjData(model)
+    pad, root = model.geom("pad").id, np.asarray(model.body_rootid)
+    own = root[model.geom_bodyid] == model.body("vehicle").id
+    places, contacts, tau = places_of(data, model, pad), np.zeros(CONTACTS), np.zeros(1)
+    friction, bound = np.array([[0.3], [0.3], [1.0]]), np.zeros(model.nv)
+    dof, nothing = model.joint("j").dofadr, np.zeros(4)
+    data.qvel[:2], data.qvel[6] = (-0.5, 0.3), 2.0
+    worst, pushed, slid, rubbed = 0.0, 0.0, 0.0, 0.0
+    for _ in range(60):
+        mujoco.mj_step(model, data)
+        qd = data.qvel[6:7].copy()
+        gears_and_contacts(places, np.array([0]), dof, friction, qd, own, nothing, tau, bound, contacts, 0, 1)
+        normal, force, part = 0.0, np.zeros(3), np.zeros(6)
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            if own[contact.geom[0]] == own[contact.geom[1]] or contact.efc_address < 0:
+                continue
+            mujoco.mj_contactForce(model, data, i, part)
+            normal += part[0]
+            force += (1.0 if contact.geom[1] == pad else -1.0) * contact.frame.reshape(3, 3).T @ part[:3]
+        worst = max(worst, abs(contacts[NORMAL] - normal), float(np.abs(contacts[FORCE : FORCE + 3] - force).max()))
+        worst = max(worst, abs(tau[0] - data.efc_force[data.ne]))
+        pushed, slid = max(pushed, normal), max(slid, float(np.hypot(*force[:2])))
+        rubbed = max(rubbed, abs(tau[0]))
+        assert contacts[COLLISION] == 0.0
+        assert contacts[LEAST] == contacts[MOST] == contacts[NORMAL]
+    assert pushed > 10.0
+    assert slid > 1.0
+    assert rubbed > 0.1
+    within("force off the binding's [N]", worst, 1e-10)  # measured 0 to 2e-14
+
+
+def test_what_touches_beside_the_pad_is_a_collision():
+    """The arm's ball reaches the floor, too; before any step there is neither contact nor friction."""
+    model = mujoco.MjModel.from_xml_string(WORLD.format(cone="elliptic", condim=3, arm=0.1))
+    data = mujoco.MjData(model)
+    own = np.asarray(model.body_rootid)[model.geom_bodyid] == model.body("vehicle").id
+    places = places_of(data, model, model.geom("pad").id)
+    contacts, tau, bound = np.ones(CONTACTS), np.ones(1), np.zeros(model.nv)
+    dof, friction = model.joint("j").dofadr, np.array([[0.3], [0.5], [1.0]])
+    for collided in (False, True):
+        gears_and_contacts(
+            places, np.array([0]), dof, friction, np.zeros(1), own, np.zeros(4), tau, bound, contacts, 0, 1
+        )
+        assert bool(contacts[COLLISION]) is collided
+        if not collided:
+            assert not contacts.any()
+            assert tau[0] == 0.0
+            assert bound[dof[0]] == 0.5
+        mujoco.mj_forward(model, data)

@@ -19,15 +19,21 @@ import numpy as np
 from controllers.arm.believed_friction import doubt, dry_friction
 from controllers.arm.compliance import ComplianceState, LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.joint_servo import aim, drive, feel, lost_in_gears, resolve
+from controllers.arm.joint_servo import (
+    estimate_tip_force,
+    resolve,
+    resolve_tool_motion,
+    servo_joints,
+    track_gear_friction,
+)
 from controllers.arm.position_force import Displacement, DisplacementState
 from controllers.arm.tool_motion import blended, moved_on
 from controllers.arm.wrench_terms import WrenchTerms
 from controllers.estimation.contact_force import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
-from controllers.estimation.payload_identification import Weighing, WeighingState
+from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
 from controllers.hull.allocation import WITHOUT_ONE, Allocation
-from controllers.hull.station_keeping import Hover, HoverState
+from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
 from models.arms.gear_friction import DryFriction
@@ -88,7 +94,7 @@ class Tuning:
 class WorkControllerState:
     """Everything that the controller remembers."""
 
-    hover: HoverState
+    hover: StationKeepingState
     propellers: ThrusterLeadState
     displacement: DisplacementState
     compliance: ComplianceState
@@ -102,7 +108,7 @@ class WorkControllerState:
     current_W: Array  # (3,) [m/s] of the water
     offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
     offset_rate: Array  # (n,) [rad/s]
-    yielding: Array  # (2, n) how the joints move the tip along its axis, see `controllers.arm.joint_servo.aim`
+    yielding: Array  # (2, n) how the joints move the tip along its axis, see `resolve_tool_motion`
     softness: float  # share of the servo's stiffness that is given up now along the tool axis
     servo_compliance: float  # [m]/[N] of the tip along the tool axis
     qd_slow: Array  # (n,) [rad/s] filtered speed, whose lag against the measured one gives the acceleration
@@ -110,7 +116,7 @@ class WorkControllerState:
     integral: Array  # (n,) [rad s]
     load: LoadObserverState
     numbers: Array  # of the arm, as it was weighed (`controllers.arm.inverse_dynamics`)
-    weighing: WeighingState | None  # until the arm is at its work
+    weighing: PayloadIdentificationState | None  # until the arm is at its work
     tau: Array  # (n,) [N m] last asked of the motors
     friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
     floor: Array  # (n,) [N m] of the external torques, beside the noise of the sensors
@@ -151,14 +157,14 @@ class WorkController:
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
         self._X_BA = np.array(vehicle.X_BA)
         self._X_AB = inverse(self._X_BA)
-        self._hover = Hover(model, self._arm, water_error=water_error)
+        self._hover = StationKeeping(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
         self._lead = ThrusterLead(vehicle)
         self._left: dict[tuple[int, ...], Allocation] = {(): self._allocation}  # by the thrusters that are lost
         self._observer = LoadObserver(
             model, period=period, time_constant=self._tuning.observer_lag, water_error=water_error, friction=friction
         )
-        self._weighing = Weighing(self._arm)
+        self._weighing = PayloadIdentification(self._arm)
         self._task_ticks = max(1, round(self._tuning.task_period / period))
         self._hover_ticks = max(1, round(self._tuning.hover_period / period))
         n, tuning = vehicle.joints.size, self._tuning
@@ -218,7 +224,7 @@ class WorkController:
 
         # 1. Contact from torques: what the sensors lack against the model is borne by the world.
         floor = state.floor if estimate.tau_doubt is None else np.hypot(state.floor, estimate.tau_doubt)
-        felt = feel(
+        felt = estimate_tip_force(
             arm.layout,
             state.numbers,
             arm.stations,
@@ -276,7 +282,7 @@ class WorkController:
                 dry.coulomb, dry.stiction, dry.stribeck_speed, tuning.friction_reversal, state.qd_wanted, state.friction
             )
         else:
-            lost_in_gears(
+            track_gear_friction(
                 state.tau,
                 estimate.tau,
                 estimate.qd,
@@ -309,7 +315,7 @@ class WorkController:
         self._borne_G[:3] = tuning.friction_feedforward * self._f_tip_G if in_contact else 0.0
         self._borne_G[2] = -reference.force if self._presses(reference) else 0.0
         tau = np.empty(len(vehicle.joints))
-        drive(
+        servo_joints(
             arm.layout,
             state.numbers,
             arm.stations,
@@ -358,7 +364,11 @@ class WorkController:
         )
 
     def _weigh(
-        self, state: WorkControllerState, weighing: WeighingState, estimate: StateEstimate, reference: Reference
+        self,
+        state: WorkControllerState,
+        weighing: PayloadIdentificationState,
+        estimate: StateEstimate,
+        reference: Reference,
     ) -> None:
         """Weigh the arm on its way to the work; once it follows a tool pose, still free of contact, believe it."""
         if reference.X_WG is not None:
@@ -412,7 +422,7 @@ class WorkController:
         correct_drift = "drift-correction" not in self._without
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
-        aim(
+        resolve_tool_motion(
             self._X_AB,
             X_WB,
             X_WG,
@@ -492,7 +502,9 @@ class WorkController:
         left_out = contact_B.copy() if "contact-term" in self._without else np.zeros(6)
         if self._terms is not None:
             time = self._tuning.acceleration_filter
-            qdd = (estimate.qd - state.qd_slow) / max(time - self.period, self.period)  # `feel` has moved qd_slow on
+            qdd = (estimate.qd - state.qd_slow) / max(
+                time - self.period, self.period
+            )  # `estimate_tip_force` has moved qd_slow on
             for name in ("hydrodynamic", "dynamic"):
                 if f"{name}-term" in self._without:
                     left_out += getattr(self._terms, name)(self._hull, estimate.q, estimate.qd, qdd)

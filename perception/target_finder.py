@@ -10,7 +10,7 @@ from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_lone_echoes
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import APPROACH_ERROR, Identification, identify
-from perception.registration.multi_frame import Look, on_all_looks
+from perception.registration.multi_frame import Frame, on_all_looks
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
@@ -22,7 +22,7 @@ class FinderState:
     """What the finder has seen: last, for the log, and since then, to be judged together."""
 
     frames: int = 0
-    looks: tuple[Look, ...] = ()  # that wait for more of their kind
+    looks: tuple[Frame, ...] = ()  # that wait for more of their kind
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
 
@@ -97,7 +97,7 @@ class KnownObjectFinder:
         X_WC = estimate.X_WB @ X_BC
         looks = state.looks
         if isinstance(seen, Scan):
-            looks = (*looks, Look(scan=seen, X_WS=X_WC))
+            looks = (*looks, Frame(scan=seen, X_WS=X_WC))
             if len(looks) < self._count:
                 return replace(state, frames=state.frames + 1, looks=looks), None
         X_CW = inverse(X_WC)

@@ -72,7 +72,7 @@ class Options(ScenarioOptions):
     """The paper's own three iterations on all parameters, or the fit that cannot collapse."""
 
 
-def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.Case:
+def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.CalibrationCase:
     """The arm and its touches. Raises UuvError for what cannot be read or touched."""
     source = _calibration.nominal(options.arm, folder, options.base, options.tip)
     if options.touches:

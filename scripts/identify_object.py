@@ -22,7 +22,7 @@ from models.objects.targets import TargetModel
 from perception.clouds.cloud_files import load_cloud
 from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
 from perception.registration.identification import Identification, Method, identify
-from perception.registration.pose_check import Check
+from perception.registration.pose_check import PoseCheck
 from perception.toolpath.deformation import map_deformation
 from scenarios.contact_options import left_by_the_sea
 from scenarios.deformation_report import figures, picture_of_deviations, save_cloud, table
@@ -117,7 +117,7 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
     def number(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
 
-    def figures(check: Check) -> dict[str, float | None]:
+    def figures(check: PoseCheck) -> dict[str, float | None]:
         names = (
             "figure_m",
             "threshold_m",

@@ -14,7 +14,7 @@ from typing import Literal
 from rich.console import Console
 
 from scenarios.campaigns.trials import check_trials
-from scenarios.insertion import Setting, run_and_write, run_trials
+from scenarios.insertion import InsertionSetting, run_and_write, run_trials
 from sim.runs.provenance import provenance
 
 
@@ -50,7 +50,7 @@ def main() -> int:
     started = time.perf_counter()
     options = parse(Options)
     check_trials(options.trials, options.workers)
-    setting = Setting(
+    setting = InsertionSetting(
         hole=options.hole,
         clearance=1e-3 * options.clearance,
         depth=1e-3 * (30.0 if options.quick else options.depth),

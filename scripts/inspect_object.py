@@ -24,7 +24,7 @@ from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns.variation import NOMINAL
 from scenarios.contact_options import coarse_detection
-from scenarios.contact_parts import controller, hull_box, scan_pose, undriven, with_parts
+from scenarios.contact_parts import controller, hull_box, passive_joints, scan_pose, with_parts
 from scenarios.runner import Judging, Ready, run_shown
 from sim import hydrodynamics
 from sim.evaluation.inspection_metrics import TrueInspection, assess_inspection
@@ -88,7 +88,7 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
         finder=KnownObjectFinder(target, None, approach, orientation, seed=int(sampling.integers(2**31))),
         planner=Inspection(
             arm,
-            Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm)),
+            Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, arm)),
             target,
             job,
             X_WB_scan=X_WB,

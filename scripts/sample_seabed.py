@@ -20,7 +20,7 @@ from controllers.work_controller import Method
 from models.site.seabed import Kind
 from scenarios.campaigns.trials import check_trials
 from scenarios.runner import Judging, run_shown
-from scenarios.seabed_work import Setting, Story, prepare, run_trials
+from scenarios.seabed_work import SeabedSetting, Story, prepare, run_trials
 from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.reporting.seabed_figures import seabed_figures
@@ -67,7 +67,7 @@ def main() -> int:
     depth = options.depth if options.depth is not None else 30.0 if drag else 180.0
     push = min(options.push, 40.0) if options.quick else options.push
     scans = 3 if options.cloud is None else 1
-    setting = Setting(
+    setting = SeabedSetting(
         kind=options.terrain,
         soil=options.soil,
         job=SeabedJob(push=push, depth=1e-3 * depth, drag=drag, scans=scans),

@@ -116,7 +116,7 @@ class PlantPhysics(control.Physics):
         """Nothing is left to do: `place` brings the kinematics up to date."""
 
 
-class Hover(control.Task):
+class HoverTask(control.Task):
     """Hold the model's own pose of the hull in a current, from a random start nearby.
 
     As in dm_control's own tasks all that is random comes from `_random`, which a wrapper may replace to seed it anew
@@ -207,7 +207,7 @@ def hover(
     control_period: float = 0.02,
     current_speed: float = CURRENT_SPEED,
 ) -> control.Environment:
-    """The task `Hover` for `vehicle` (a name of `models.available()`, or an MJCF file).
+    """The task `HoverTask` for `vehicle` (a name of `models.available()`, or an MJCF file).
 
     `seed`: a Generator is used as it is, and shared with the caller; a RandomState is drawn from once; None gives
     episodes that nobody can repeat. An episode ends, with discount 1, at the first action that reaches
@@ -218,7 +218,7 @@ def hover(
     """
     if not time_limit > 0.0:
         raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")
-    task = Hover(_generator(seed), current_speed=current_speed)
+    task = HoverTask(_generator(seed), current_speed=current_speed)
     model = hydrodynamics.compile(scenes.vehicle_spec(vehicle))
     sub_steps = ticks_per_period(control_period, float(model.opt.timestep), "control_period")
     physics = PlantPhysics(Plant(model, current=Current(np.zeros(3))))

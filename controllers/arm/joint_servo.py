@@ -13,7 +13,7 @@ from sim.interfaces.kernels import keyed_by_imports
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def feel(
+def estimate_tip_force(
     layout,
     numbers,
     stations,
@@ -76,7 +76,7 @@ def feel(
 @numba.njit(cache=True)
 @keyed_by_imports
 def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
-    """As `feel`, from external torques `tau_e` (n,) that are known, as an observer gives them; no further filter.
+    """As `estimate_tip_force`, from external torques `tau_e` (n,) of an observer; no further filter.
 
     `tau_measured` (n,) says how much to trust each.
     """
@@ -101,7 +101,7 @@ def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
 ):
-    """Unfiltered force of the world on the tip (3,) [N], hull axes; see `feel` for what else is left behind."""
+    """Unfiltered force of the world on the tip (3,) [N], hull axes; leaves behind what `estimate_tip_force` does."""
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
     tip_kinematics(layout, numbers, work, X_BG, J_B)
@@ -143,7 +143,7 @@ def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, share, friction):
+def track_gear_friction(tau_motor, tau_measured, qd, qdd, armature, damping, most, share, friction):
     """Follow the dry friction `friction` (n,) [N m] that the drives must overcome, as the torque sensors show it.
 
     What the motors gave beyond the rotors' inertia, viscous friction, and what passed the sensors; `share` of the news
@@ -159,7 +159,7 @@ def lost_in_gears(tau_motor, tau_measured, qd, qdd, armature, damping, most, sha
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def drive(
+def servo_joints(
     layout,
     numbers,
     stations,
@@ -222,13 +222,13 @@ def drive(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def aim(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, qd, qdd, yielding):
+def resolve_tool_motion(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, qd, qdd, yielding):
     """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
 
-    With `drift` the hull's own motion, as `feel` left it in `hull`, is taken off, so that the tool stands still on the
-    object: its velocity, and its acceleration, which makes the joint accelerations `qdd`. Without these the drives
-    would carry the arm along with a hull that the contact pushes, and what they push meanwhile goes into the contact.
-    The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The rows of
+    With `drift` the hull's own motion, as `estimate_tip_force` left it in `hull`, is taken off, so that the tool stands
+    still on the object: its velocity, and its acceleration, which makes the joint accelerations `qdd`. Without these
+    the drives would carry the arm along with a hull that the contact pushes, and what they push meanwhile goes into the
+    contact. The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The rows of
     `yielding` (2, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
     """
     X_BW = np.eye(4)

@@ -39,7 +39,7 @@ class Beliefs:
 
 
 @dataclass(slots=True, eq=False)
-class HullObserverState:
+class DisturbanceObserverState:
     """Memory of the observer; arrays change in place."""
 
     v_W: Array  # (3,) [m/s] of the hull
@@ -53,7 +53,7 @@ class HullObserverState:
     begun: bool = False
 
 
-class HullObserver:
+class DisturbanceObserver:
     """Observer of one hull."""
 
     def __init__(self, inertia: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None) -> None:
@@ -69,18 +69,18 @@ class HullObserver:
         b = self._beliefs
         self._numbers = np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk])
 
-    def init(self) -> HullObserverState:
+    def init(self) -> DisturbanceObserverState:
         b, m = self._beliefs, self._mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
-        return HullObserverState(
+        return DisturbanceObserverState(
             np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), P, np.zeros(3), np.zeros(3), np.zeros(6)
         )
 
     def step(
         self,
-        state: HullObserverState,
+        state: DisturbanceObserverState,
         R_WB: Array,
         v_WB_B: Array,
         w_WB_B: Array,
@@ -130,7 +130,7 @@ class HullObserver:
         )
         state.arm_B[:] = arm_B
 
-    def unknown(self, state: HullObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
+    def unknown(self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
         """Wrench (6,) [N, N m] beside what thrusters, arm, weight and buoyancy should do, hull axes.
 
         On a hull that moves with `v_WB_B` (3,) [m/s] and does not turn, while the thrusters should give `given_B` (6,).

@@ -46,7 +46,7 @@ class IdentifiedFriction:
         return np.sqrt(self.covariance[:, at, at])
 
 
-def identify(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
+def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
     """Fit each gear's friction to a recorded motion.
 
     Args:

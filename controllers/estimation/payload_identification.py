@@ -21,7 +21,7 @@ from sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)
-class WeighingState:
+class PayloadIdentificationState:
     """What was seen so far; arrays change in place."""
 
     information: Array  # (u, u) of the unknowns: nb excesses, n biases, the water's share
@@ -31,7 +31,7 @@ class WeighingState:
     q: Array  # (n,) [rad] where it began
 
 
-class Weighing:
+class PayloadIdentification:
     """Least squares over the postures that an arm passes on its way to work."""
 
     def __init__(
@@ -67,12 +67,16 @@ class Weighing:
         self._prior = np.concatenate([np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]])
         self._none = np.zeros((0, 9))
 
-    def init(self) -> WeighingState:
+    def init(self) -> PayloadIdentificationState:
         """Nothing seen: what is believed beforehand."""
         n, unknowns = self._arm.n, self._prior.size
-        return WeighingState(np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n))
+        return PayloadIdentificationState(
+            np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
+        )
 
-    def add(self, state: WeighingState, q: Array, qd: Array, qdd: Array, hull: Array, tau_e: Array) -> None:
+    def add(
+        self, state: PayloadIdentificationState, q: Array, qd: Array, qdd: Array, hull: Array, tau_e: Array
+    ) -> None:
         """Take what the sensors lack against the model, `tau_e` (n,) [N m], free of contact.
 
         `q`, `qd`, `qdd` (n,) [rad, rad/s, rad/s^2] are the arm's motion, `hull` (24,) is the hull's as `newton_euler`
@@ -93,7 +97,7 @@ class Weighing:
         if np.abs(q - state.q).max() >= self._step:
             self._take(state)
 
-    def _take(self, state: WeighingState) -> None:
+    def _take(self, state: PayloadIdentificationState) -> None:
         mean = state.total / state.count
         weight = 1.0 / (self._doubt**2 + (self._water * mean[:, -2]) ** 2)
         A = mean[:, :-1]
@@ -102,7 +106,7 @@ class Weighing:
         state.total[:] = 0.0
         state.count = 0
 
-    def excess(self, state: WeighingState) -> Array:
+    def excess(self, state: PayloadIdentificationState) -> Array:
         """By how much each part (nb,) is heavier than believed, as a share."""
         if state.count:
             self._take(state)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.estimation.disturbance_observer import Beliefs, HullObserver, HullObserverState
+from controllers.estimation.disturbance_observer import Beliefs, DisturbanceObserver, DisturbanceObserverState
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -23,14 +23,14 @@ _STILL = readonly(np.zeros(3))
 
 
 @dataclass(slots=True, eq=False)
-class HoverState:
+class StationKeepingState:
     """Memory of the loop."""
 
-    observer: HullObserverState
+    observer: DisturbanceObserverState
     given_B: Array  # (6,) [N, N m] what the thrusters gave in the mean since the last step; as wanted, unless told
 
 
-class Hover:
+class StationKeeping:
     """Feedback on the hull's pose in six directions, with all that is known of the wrench on it fed forward."""
 
     def __init__(
@@ -68,7 +68,7 @@ class Hover:
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
-        self._observer = HullObserver(
+        self._observer = DisturbanceObserver(
             own,
             (1.0 + water_error) * water.linear_damping.diagonal(),
             (1.0 + water_error) * water.quadratic_damping,
@@ -81,14 +81,14 @@ class Hover:
         )
         self._static = np.vstack([net * np.eye(3), skew(righting)])  # (6, 3), times up in hull axes
 
-    def init(self) -> HoverState:
-        return HoverState(self._observer.init(), np.zeros(6))
+    def init(self) -> StationKeepingState:
+        return StationKeepingState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
         """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
         return self._static @ R_WB[2]
 
-    def current(self, state: HoverState) -> Array:
+    def current(self, state: StationKeepingState) -> Array:
         """Current (3,) [m/s] in W that explains what pushes the hull, in contact too.
 
         What is believed of it says `controllers.estimation.disturbance_observer`; a steady force that nobody feels, a
@@ -96,14 +96,14 @@ class Hover:
         """
         return state.observer.current_W.copy()
 
-    def through_water(self, state: HoverState, estimate: StateEstimate) -> Array:
+    def through_water(self, state: StationKeepingState, estimate: StateEstimate) -> Array:
         """Motion of the hull through the water (6,) [m/s, rad/s], hull axes."""
         through = estimate.v_WB_B - estimate.X_WB[:3, :3].T @ state.observer.current_W
         return np.concatenate([through, estimate.w_WB_B])
 
     def step(
         self,
-        state: HoverState,
+        state: StationKeepingState,
         estimate: StateEstimate,
         X_WB_wanted: Array,
         v_WB_W_wanted: Array,

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.station_keeping import Hover
+from controllers.hull.station_keeping import StationKeeping
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, REVERSE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked
 
 
-class Holding:
+class ThrustMargin:
     """The statics of a vehicle at work."""
 
     def __init__(self, vehicle: Vehicle, arm: ArmDynamics, static_B: ArrayLike, *, drag: float = 0.6) -> None:
@@ -44,7 +44,7 @@ class Holding:
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
         """Of the vehicle in `model`, which the hull's and the arm's weights are read from."""
         arm = ArmDynamics(model)
-        return cls(Vehicle.of(model), arm, Hover(model, arm).static_wrench(np.eye(3)), drag=drag)
+        return cls(Vehicle.of(model), arm, StationKeeping(model, arm).static_wrench(np.eye(3)), drag=drag)
 
     def without_friction(self) -> Self:
         """The same where nothing holds the tool back."""

@@ -17,7 +17,7 @@ _CHECKED = 40  # poses of a move that are checked
 _BACK = (0.4, 0.8, 1.2)  # [m] by which the hull backs off where a straight way comes too near
 
 
-class Passing:
+class HullPath:
     """A vehicle with its arm folded, beside the convex hull of an object."""
 
     def __init__(self, vehicle: Vehicle, chain: Chain, hull_box: Array, obstacle: Array) -> None:

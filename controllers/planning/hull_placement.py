@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
@@ -135,7 +135,7 @@ def place(
     floor: float = -np.inf,
     travel: float = 0.0,
     search: Search | None = None,
-    holding: Holding | None = None,
+    holding: ThrustMargin | None = None,
 ) -> Placement:
     """The best hull pose for `path`.
 
@@ -294,7 +294,7 @@ def try_poses(
     force: float,
     clearance: float,
     to_beat: float,
-    holding: Holding | None = None,
+    holding: ThrustMargin | None = None,
     loads: Array | None = None,
 ) -> tuple[float, float, Array | None]:
     """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good).

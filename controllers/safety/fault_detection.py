@@ -70,7 +70,7 @@ class Limits:
 
 
 @dataclass(slots=True, eq=False)
-class HealthState:
+class FaultDetectionState:
     """Memory of the monitor. Arrays change in place."""
 
     time: float  # [s] of the last estimate
@@ -105,7 +105,7 @@ class HealthState:
         return any(fault.kind is kind and fault.index == index for fault in self.faults)
 
 
-class Health:
+class FaultDetection:
     """Monitor of one vehicle; explicit state, one step per controller period."""
 
     def __init__(self, model: mujoco.MjModel, *, period: float, limits: Limits | None = None) -> None:
@@ -127,10 +127,10 @@ class Health:
         telling = moment > limits.thruster_moment * force
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
 
-    def init(self, estimate: StateEstimate) -> HealthState:
+    def init(self, estimate: StateEstimate) -> FaultDetectionState:
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
         joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
-        return HealthState(
+        return FaultDetectionState(
             time=estimate.time,
             began=estimate.time,
             q=np.array(estimate.q),
@@ -158,7 +158,7 @@ class Health:
             lost_for=thruster(),
         )
 
-    def step(self, state: HealthState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
+    def step(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
         """Look at a finite `estimate`, with the `command` that followed from it; all faults found so far.
 
         The command acts until the next step. The hull is looked at where the controller says what it believes of the
@@ -204,7 +204,7 @@ class Health:
             self._look_at_hull(state, estimate, command, wrench, warm)
         return tuple(state.faults)
 
-    def _judge_joints(self, state: HealthState, time: float) -> None:
+    def _judge_joints(self, state: FaultDetectionState, time: float) -> None:
         limits = self.limits
         least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
         frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
@@ -226,18 +226,20 @@ class Health:
                 )
                 self._add(state, FaultKind.ENCODER, name, j, time, said)
 
-    def blame_torque_sensors(self, state: HealthState, wrong: np.ndarray, time: float) -> None:
+    def blame_torque_sensors(self, state: FaultDetectionState, wrong: np.ndarray, time: float) -> None:
         """Count the torque sensors `wrong` (n,) bool, whose readings are no numbers, as faulty from `time` [s] on."""
         for j in np.flatnonzero(wrong).tolist():
             self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time, "no number")
 
     @staticmethod
-    def _add(state: HealthState, kind: FaultKind, part: str, index: int, time: float, figures: str = "") -> None:
+    def _add(
+        state: FaultDetectionState, kind: FaultKind, part: str, index: int, time: float, figures: str = ""
+    ) -> None:
         if not state.has(kind, index):
             state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
 
     def _look_at_hull(
-        self, state: HealthState, estimate: StateEstimate, command: Command, wrench: Array, warm: bool
+        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, wrench: Array, warm: bool
     ) -> None:
         limits, dt = self.limits, estimate.time - state.hull_time
         state.hull_time = estimate.time
@@ -269,7 +271,7 @@ class Health:
         state.thrusters[:] = command.thrusters
         self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
 
-    def _judge_hull(self, state: HealthState, time: float, dt: float, speed: float, warm: bool) -> None:
+    def _judge_hull(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits = self.limits
         size, asked, changed, best, share = _explain(
             state.missing,

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.fault_detection import Health, HealthState, Limits, finite
+from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, Limits, finite
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
@@ -34,11 +34,11 @@ _BRAKING_SHARE = 0.5  # with this share of its torque limit
 
 
 @dataclass(slots=True, eq=False)
-class GuardedState:
+class SafetyWrapperState:
     """Memory of the guard; `inner` is the controller's own."""
 
     inner: Any
-    health: HealthState | None  # from the first sound estimate on
+    health: FaultDetectionState | None  # from the first sound estimate on
     time: float  # [s] of the last estimate
     sound: StateEstimate  # the last one that was
     command: Command  # the last one that was
@@ -46,7 +46,7 @@ class GuardedState:
     stopped: Fault | None = None
 
 
-class Guarded:
+class SafetyWrapper:
     """A controller with its guard (`sim.interfaces.protocols.Controller`)."""
 
     def __init__(
@@ -60,10 +60,10 @@ class Guarded:
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
-        self._health = Health(model, period=controller.period, limits=limits)
+        self._health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
 
-    def init(self, estimate: StateEstimate) -> GuardedState:
+    def init(self, estimate: StateEstimate) -> SafetyWrapperState:
         n = len(self._limits)
         still = Command(
             time=estimate.time,
@@ -72,11 +72,13 @@ class Guarded:
             scan=False,
             felt_normal=0.0,
         )
-        return GuardedState(
+        return SafetyWrapperState(
             inner=self._controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
         )
 
-    def step(self, state: GuardedState, estimate: StateEstimate, reference: Reference) -> tuple[GuardedState, Command]:
+    def step(
+        self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference
+    ) -> tuple[SafetyWrapperState, Command]:
         """As the controller's; what is no number neither raises here nor is commanded."""
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
@@ -101,7 +103,7 @@ class Guarded:
             command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults
         )
 
-    def _replaced(self, health: HealthState, estimate: StateEstimate) -> StateEstimate:
+    def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
         """The estimate with the motors' word in place of torque sensors that were found wrong, and told to be doubted.
 
         What a motor gives and a gear passes on differ by the gear's stiction, tens of newtons at the tool: the force is
@@ -132,7 +134,7 @@ class Guarded:
         torque[wrong] = self._borne(estimate.q, estimate.X_WB[:3, :3])[wrong]
         return torque
 
-    def _without(self, state: GuardedState, estimate: StateEstimate, kind: FaultKind) -> Command:
+    def _without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
         """What to command without a controller: the same again, and after a while nothing but brakes."""
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
@@ -149,7 +151,7 @@ class Guarded:
             faults=(*faults, state.stopped),
         )
 
-    def _brake(self, state: GuardedState, estimate: StateEstimate) -> Array:
+    def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
         """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake it where it moves."""
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):

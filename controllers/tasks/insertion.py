@@ -18,7 +18,7 @@ from controllers.mkps import Chain
 from controllers.planning.hull_placement import Search, tool_pose
 from controllers.tasks.axial_work import AxialState, AxialWork, felt_by_tool
 from controllers.tasks.supervisor import SurfaceWork
-from controllers.tasks.surface_task_config import Job
+from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -138,7 +138,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             vehicle,
             chain,
             target,
-            Job(forces=(job.force,), standoff=job.standoff),
+            SurfaceTaskConfig(forces=(job.force,), standoff=job.standoff),
             X_WB_scan=X_WB_scan,
             hull_box=hull_box,
             period=period,

@@ -19,7 +19,7 @@ from scipy.interpolate import BSpline, splprep
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
-from controllers.planning.hull_path import Passing
+from controllers.planning.hull_path import HullPath
 from controllers.planning.trajectories import PoseMove, Progress
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -265,7 +265,7 @@ class Inspection:
     def _check_clear(self, found: Orbit, move: PoseMove, X_WT: Array) -> None:
         """Raise ReachError where hull or folded arm would come too near to the object or the seabed."""
         obstacle = transform_points(X_WT, self._target.vertices)
-        passing = Passing(self._vehicle, self._chain, self._hull_box, obstacle)
+        passing = HullPath(self._vehicle, self._chain, self._hull_box, obstacle)
         ways = {
             "on the way around": [found.at(s)[0] for s in np.arange(0.0, found.s[-1], _CHECKED)],
             "on the way there": [move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20)],

@@ -16,7 +16,7 @@ from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, readonly, tran
 AGREE = (0.05, 0.1)  # [m], [rad] from the last find; one further off is of something else, or of another turn
 
 
-def mean_find(finds: Sequence[Target]) -> Target:
+def fuse_poses(finds: Sequence[Target]) -> Target:
     """The last of `finds`, moved with its path to the mean of all that agree with it.
 
     Moves are taken at the middle of the path, or of the object where there is none, so that what a find errs in turning

@@ -2,7 +2,7 @@
 
 | found | reaction |
 |---|---|
-| vision too old | the path waits at half the force, and goes on when vision is back; after `Job.blind_time` retreat |
+| vision too old | the path waits at half the force, and goes on when vision is back; after `blind_time` retreat |
 | one torque sensor wrong | the work goes on, the motor's word in its place (`safety_wrapper`); two: retreat |
 | an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
 | a thruster lost | no more push, retreat along the tool axis, then off and up, as well as the other thrusters can |
@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from controllers.tasks.surface_task_config import Job, SupervisorState
+from controllers.tasks.surface_task_config import SupervisorState, SurfaceTaskConfig
 from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
 
 
@@ -67,7 +67,9 @@ class Verdict:
 _SOUND = Verdict(Reaction.GO_ON)
 
 
-def judge(job: Job, state: SupervisorState, estimate: StateEstimate, felt: float, faults: Sequence[Fault]) -> Verdict:
+def choose_reaction(
+    job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate, felt: float, faults: Sequence[Fault]
+) -> Verdict:
     """What is to be done now; `felt` [N], `faults` as the controller reports them. Counts times in `state`."""
     found = (
         _of_faults(job, faults, estimate.time),
@@ -79,7 +81,7 @@ def judge(job: Job, state: SupervisorState, estimate: StateEstimate, felt: float
     return max(found, key=lambda one: _SEVERITY.index(one.reaction))
 
 
-def _of_faults(job: Job, faults: Sequence[Fault], time: float) -> Verdict:
+def _of_faults(job: SurfaceTaskConfig, faults: Sequence[Fault], time: float) -> Verdict:
     if not math.isfinite(time):
         return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
     hardest, seen = _SOUND, []
@@ -96,7 +98,7 @@ def _of_faults(job: Job, faults: Sequence[Fault], time: float) -> Verdict:
     return hardest
 
 
-def _of_place(job: Job, state: SupervisorState, estimate: StateEstimate) -> Verdict:
+def _of_place(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate) -> Verdict:
     """The hull is carried away, or does not come to rest where it waits for that."""
     time = estimate.time
     off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
@@ -115,7 +117,7 @@ def _of_place(job: Job, state: SupervisorState, estimate: StateEstimate) -> Verd
     return _SOUND
 
 
-def _of_contact(job: Job, state: SupervisorState, estimate: StateEstimate, felt: float) -> Verdict:
+def _of_contact(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate, felt: float) -> Verdict:
     """The force is too large, or the contact is gone."""
     if state.state in _TOUCHING and felt > job.force_limit:
         return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")

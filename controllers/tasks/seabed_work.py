@@ -22,7 +22,7 @@ from controllers.planning.seabed_height import HeightSearch, choose_height
 from controllers.planning.trajectories import Progress
 from controllers.tasks.axial_work import AxialState, AxialWork, felt_by_tool
 from controllers.tasks.supervisor import SurfaceWork
-from controllers.tasks.surface_task_config import Job
+from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
@@ -105,7 +105,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             vehicle,
             chain,
             self._stand,
-            Job(forces=(job.push,), standoff=job.standoff, scans=job.scans),
+            SurfaceTaskConfig(forces=(job.push,), standoff=job.standoff, scans=job.scans),
             X_WB_scan=X_WB_scan,
             hull_box=hull_box,
             period=period,

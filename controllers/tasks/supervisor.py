@@ -14,14 +14,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
-from controllers.planning.hull_path import Passing
+from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
 from controllers.planning.trajectories import JointMove, PoseMove, Progress
-from controllers.tasks.pose_fusion import mean_find
-from controllers.tasks.reactions import Reaction, judge
-from controllers.tasks.surface_task_config import Job, SupervisorState
+from controllers.tasks.pose_fusion import fuse_poses
+from controllers.tasks.reactions import Reaction, choose_reaction
+from controllers.tasks.surface_task_config import SupervisorState, SurfaceTaskConfig
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -46,7 +46,10 @@ class SurfaceWork:
     _APPROACH_ACCELERATION = 0.03  # [m/s^2]
     _PAUSED_FORCE = 0.5  # of the set force
     _PACE_TIME = 0.5  # [s] in which the path comes to a stop, and goes on
-    _BEHIND = (0.3, 0.7)  # of `Job.lost_place`: how far the hull is behind where its move slows down, and waits
+    _BEHIND = (
+        0.3,
+        0.7,
+    )  # of `SurfaceTaskConfig.lost_place`: how far the hull is behind where its move slows down, and waits
     _HALT = 3.0  # [s] that a vehicle without control is given to come to rest
 
     def __init__(
@@ -54,7 +57,7 @@ class SurfaceWork:
         vehicle: Vehicle,
         chain: Chain,
         target: TargetModel | Standing,
-        job: Job,
+        job: SurfaceTaskConfig,
         *,
         X_WB_scan: Array,
         hull_box: Array,
@@ -63,7 +66,7 @@ class SurfaceWork:
         period: float = 0.01,
         search: Search | None = None,
         come_near: ComingNear | None = None,
-        holding: Holding | None = None,
+        holding: ThrustMargin | None = None,
     ) -> None:
         """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
 
@@ -168,7 +171,7 @@ class SurfaceWork:
         if state.finds and state.looks < (self._job.finds if self._known is not None else 1):
             state.look_from = time + self._job.find_interval
         elif state.finds:
-            fused = mean_find(state.finds)
+            fused = fuse_poses(state.finds)
             assert fused.path is not None
             self._plan(state, time, fused, fused.path)
         elif state.scans >= self._job.scans:
@@ -204,7 +207,7 @@ class SurfaceWork:
         state.hull_way = [before]
         if self._known is not None:
             obstacle = transform_points(target.X_WT, self._known.vertices)
-            state.hull_way = Passing(self._vehicle, self._chain, self._hull_box, obstacle).way(state.X_WB, before)
+            state.hull_way = HullPath(self._vehicle, self._chain, self._hull_box, obstacle).way(state.X_WB, before)
         self._move_hull(state, time, state.hull_way.pop(0))
         self._enter(state, WorkState.CLOSE_IN, time)
 
@@ -222,7 +225,7 @@ class SurfaceWork:
         return replace(placement, held=False), path, worked
 
     def _stand_beside(
-        self, obstacle: Array, whole: ToolPath, holding: Holding | None
+        self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None
     ) -> tuple[Placement, ToolPath, float]:
         job = self._job
         best: tuple[Placement, ToolPath, float] | None = None
@@ -435,7 +438,7 @@ class SurfaceWork:
         """Break the work off, or let it wait, where `controllers.tasks.reactions` says so."""
         time, faults = estimate.time, last.faults if last is not None else ()
         state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
-        verdict = judge(self._job, state, estimate, felt, faults)
+        verdict = choose_reaction(self._job, state, estimate, felt, faults)
         state.paused = verdict.reaction is Reaction.PAUSE
         if verdict.reaction is Reaction.STOP and not math.isfinite(state.halted):
             state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []

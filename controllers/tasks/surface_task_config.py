@@ -15,7 +15,7 @@ _HEADROOM = 0.85  # of the force limit that a set force may take
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
+class SurfaceTaskConfig:
     """What is to be done, and within which limits."""
 
     forces: Sequence[float]  # [N] set normal force on equal parts of the path, one after another

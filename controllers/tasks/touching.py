@@ -12,9 +12,9 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.joint_servo import drive, feel, lost_in_gears
+from controllers.arm.joint_servo import estimate_tip_force, servo_joints, track_gear_friction
 from controllers.hull.allocation import Allocation
-from controllers.hull.station_keeping import Hover, HoverState
+from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
 from controllers.work_controller import Tuning
@@ -280,7 +280,7 @@ class TouchSequence:
 class CompliantState:
     """Everything that the controller remembers."""
 
-    hover: HoverState
+    hover: StationKeepingState
     propellers: ThrusterLeadState
     tick: int
     integral: Array  # (n,) [rad s]
@@ -313,7 +313,7 @@ class CompliantTouch:
         self._tuning = tuning or TouchTuning()
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=water_error)
-        self._hover = Hover(model, self._arm, water_error=water_error)
+        self._hover = StationKeeping(model, self._arm, water_error=water_error)
         self._allocation = Allocation(vehicle)
         self._lead = ThrusterLead(vehicle)
         self._push_W = np.array([0.0, 0.0, -1.0]) if push_W is None else push_W
@@ -348,7 +348,7 @@ class CompliantTouch:
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> tuple[CompliantState, Command]:
         arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
-        felt = feel(
+        felt = estimate_tip_force(
             arm.layout,
             arm.numbers,
             arm.stations,
@@ -378,7 +378,7 @@ class CompliantTouch:
             self._f_tip_G,
             np.empty(3),
         )
-        lost_in_gears(
+        track_gear_friction(
             state.tau,
             estimate.tau,
             estimate.qd,
@@ -391,7 +391,7 @@ class CompliantTouch:
         )
         if reference.X_WG is None:
             tau = np.empty(len(estimate.q))
-            drive(
+            servo_joints(
                 arm.layout,
                 arm.numbers,
                 arm.stations,

@@ -22,7 +22,7 @@ _Rows = list[tuple[float, float, float, float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Arm:
+class PublishedArm:
     """A serial arm; all arrays read-only."""
 
     title: str
@@ -74,7 +74,7 @@ def available() -> tuple[str, ...]:
     return tuple(_ARMS)
 
 
-def load(name: str) -> Arm:
+def load(name: str) -> PublishedArm:
     """The arm of that name. Raises ConfigurationError, with the names there are, for another."""
     if not isinstance(name, str) or name not in _ARMS:
         raise ConfigurationError(f"arm: allowed {', '.join(_ARMS)}, got {shown(name)}")
@@ -87,9 +87,9 @@ def _arm(
     degrees: list[tuple[float, float]],
     source: str,
     p_tool: tuple[float, float, float] = (0, 0, 0),
-) -> Arm:
+) -> PublishedArm:
     """An arm of hinges, its limits in degrees."""
-    return Arm(
+    return PublishedArm(
         title=title,
         dh=readonly(rows),
         joint_types="r" * len(rows),
@@ -120,7 +120,7 @@ _ARMS = {
         f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
         p_tool=(0.05, 0.03, 0.2),
     ),
-    "stanford": Arm(
+    "stanford": PublishedArm(
         title="Stanford",
         dh=readonly(
             [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0.0203, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0, 0, 0)]
@@ -298,7 +298,7 @@ _ARMS = {
 # The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
 _JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
 _JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)  # of the wrist, whose axes lie 60 deg apart
-_ARMS["jaco"] = Arm(
+_ARMS["jaco"] = PublishedArm(
     title="Kinova Jaco",
     dh=readonly(
         [

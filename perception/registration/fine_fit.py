@@ -158,7 +158,7 @@ class _Edges:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class IcpFit:
     """Where ICP came to rest."""
 
     X_ST: Array  # (4, 4)
@@ -168,7 +168,7 @@ class Fit:
     size_sigma: float  # standard deviation of `size`, from the sensor's noise
 
 
-def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> Fit:
+def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> IcpFit:
     """The full fit: hidden points removed before each round, planes and depth edges together."""
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
     pairing, X_paired = None, X_ST
@@ -189,9 +189,9 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
-        return Fit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
+        return IcpFit(X_ST, np.zeros((0, 6)), np.inf, 1.0, np.inf)
     H, g, residual = pairing.terms(X_ST, gates[-1], pairing.nearest(X_ST, gates[-1]))
-    return Fit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface))
+    return IcpFit(X_ST, _moved(X_ST, H, g, surface)[1], residual, *_size(H, g, surface))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

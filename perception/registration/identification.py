@@ -15,12 +15,12 @@ from scipy import ndimage
 
 from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
-from perception.registration.fine_fit import Evidence, Fit, ModelSurface, fine_fit, score
+from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, fine_fit, score
 from perception.registration.initialiser import Expected, initial_poses
 from perception.registration.likelihood import log_likelihood
 from perception.registration.paper_icp import laid_on, paper_fit
-from perception.registration.pose_check import Check, Decision, check
-from perception.registration.symmetry_resolution import told_turn
+from perception.registration.pose_check import Decision, PoseCheck, check
+from perception.registration.symmetry_resolution import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (
     Array,
@@ -71,7 +71,7 @@ class Identification:
     X_sensor_target: Array  # (4, 4) pose of T in S
     accepted: bool
     reason: str  # why not; empty if accepted
-    check: Check | None  # None if there was nothing to check
+    check: PoseCheck | None  # None if there was nothing to check
     symmetry: FreeMotion
     X_sensor_start: Array  # (4, 4) coarse pose that was given, else the one that the search came upon
     cloud: Array  # (N, 3) [m] points that took part, thinned, in S
@@ -164,7 +164,7 @@ def identify(
     X_ST = found.X_ST.copy()
     X_start = found.X_start if R_prior is None or p_approach is None else X_prior
     X_ST[:3, :3] = surface.target.symmetry.nearest(X_ST[:3, :3], X_start[:3, :3] if R_prior is None else R_prior)
-    X_told = told_turn(evidence, surface, X_ST)
+    X_told = resolve_symmetry(evidence, surface, X_ST)
     if X_told is not None:
         X_ST = X_told
     second = found.others[0].log_likelihood if found.others else -np.inf
@@ -231,7 +231,7 @@ def _need(mask: np.ndarray, what: str) -> None:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
     X_ST: Array
-    fit: Fit | None  # that came to rest there; None for another method's
+    fit: IcpFit | None  # that came to rest there; None for another method's
     X_start: Array
     log_likelihood: float
     others: tuple[Hypothesis, ...] = ()  # most likely first
@@ -272,9 +272,9 @@ def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array])
     return _Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
 
 
-def _slid(evidence: Evidence, surface: ModelSurface, fit: Fit) -> list[Fit]:
+def _slid(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[IcpFit]:
     """Fits from where `fit` can slide to, the best way along each free motion: what nothing holds, nothing pulls."""
-    fits: list[Fit] = []
+    fits: list[IcpFit] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:
             continue

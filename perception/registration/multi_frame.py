@@ -20,14 +20,14 @@ _FEW = 3  # looks from which on a median is one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Look:
+class Frame:
     """A scan, and where it was taken from."""
 
     scan: Scan
     X_WS: Array  # (4, 4) pose of the sensor, in a frame W common to all looks
 
 
-def fused(looks: Sequence[Look]) -> Scan:
+def fused(looks: Sequence[Frame]) -> Scan:
     """The median depth of `looks` in the grid and frame of the last one; NaN where too few saw anything.
 
     Looks may be taken from anywhere; where one sees nothing, or another surface, the others decide. Raises
@@ -45,7 +45,7 @@ def fused(looks: Sequence[Look]) -> Scan:
     return replace(last.scan, points=readonly(np.stack([depth * x, depth * y, depth], axis=-1)))
 
 
-def on_all_looks(found: Identification, looks: Sequence[Look]) -> Identification:
+def on_all_looks(found: Identification, looks: Sequence[Frame]) -> Identification:
     """`found` in the last of `looks`, with all of them as evidence, for the surface that a path is planned on.
 
     The pose and its check stay those of the single look, whose noise their limits were made for.

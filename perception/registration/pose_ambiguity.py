@@ -20,7 +20,7 @@ _TRIED = 6  # of them, the most alike first
 
 
 @lru_cache(maxsize=16)
-def look_alikes(surface: ModelSurface) -> tuple[Array, ...]:
+def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
     """Poses G (4, 4) in T such that the model at X G nearly looks as at X, most alike first; none for a lone shape.
 
     Turns by 360/n deg, n = 2 to 8, about the main axes through the middle of the surface and of the bounding box.
@@ -48,10 +48,10 @@ def _differ(symmetry, A: Array, B: Array) -> bool:
     return symmetry.error(A, B)[1] > np.deg2rad(8.0)
 
 
-def best_look_alike(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Log likelihood of the scan at the best attitude, fitted, that looks as `X_ST` (4, 4) does; -inf if none does."""
     best = -np.inf
-    for G in look_alikes(surface):
+    for G in ambiguous_poses(surface):
         fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
         if _differ(surface.target.symmetry, fitted, X_ST):  # else it has come back
             best = max(best, log_likelihood(evidence, surface, fitted))

@@ -20,9 +20,9 @@ from scipy import ndimage
 
 from models.meshes.ray_casting import RayScene
 from perception.clouds.scan import hang_together, triangulate
-from perception.registration.fine_fit import Evidence, Fit, ModelSurface, edge_offsets, explained, fine_fit
+from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
 from perception.registration.likelihood import OCCLUDER, log_likelihood
-from perception.registration.pose_ambiguity import best_look_alike
+from perception.registration.pose_ambiguity import best_alternative
 from perception.registration.projection import ACROSS_EDGES, clear_of_edges, curves, direction
 from sim.interfaces.spatial import Array, inverse, transform_points
 
@@ -59,7 +59,7 @@ class Decision(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Check:
+class PoseCheck:
     """Figures of the check and their limits; `reason` is empty if all hold."""
 
     decision: Decision
@@ -82,7 +82,7 @@ class Check:
     size: float  # of the object, as a share of the model's, that would fit best
     size_threshold: float  # by which it may differ from 1
     margin: float  # [nats] log likelihood above that of the best other pose that was tried; inf if none was
-    free: Array  # (k, 6) twists as in `Fit` that nothing in the scan holds
+    free: Array  # (k, 6) twists as in `IcpFit` that nothing in the scan holds
     points_scan: Array  # (K, 3) [m] projections C_i on the scan, in S, rays that hit both
     points_model: Array  # (K, 3) [m] projections C'_i on the model, in S
     reason: str
@@ -110,8 +110,8 @@ class _Rays:
 
 
 def check(
-    evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: Fit | None = None, others: float = -np.inf
-) -> Check:
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: IcpFit | None = None, others: float = -np.inf
+) -> PoseCheck:
     """Judge the pose `X_ST` (4, 4) of the model against the scan.
 
     `fit`: that of `fine_fit` that came to rest at `X_ST` (or at an attitude that looks the same by declaration);
@@ -147,7 +147,7 @@ def check(
         move = _rms_distance(transform_points(rest.X_ST, points), transform_points(X_ST, points))
     move_threshold = MAX_MOVE[0] + MAX_MOVE[1] * float(np.linalg.norm(rays.C_model.mean(axis=0)))
     size_threshold = MAX_SIZE[0] + MAX_SIZE[1] * rest.size_sigma
-    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_look_alike(evidence, surface, X_ST))
+    margin = log_likelihood(evidence, surface, X_ST) - max(others, best_alternative(evidence, surface, X_ST))
     undeclared = len(rest.free) - (surface.target.symmetry.axis is not None)
 
     against = [
@@ -183,7 +183,7 @@ def check(
     decision = Decision.ACCEPT
     if against or lacking:
         decision = Decision.REFUSE if gross and coverage + seen_through > WHOLE else Decision.RESCAN
-    return Check(
+    return PoseCheck(
         decision=decision,
         figure_m=figure,
         threshold_m=threshold,
@@ -289,9 +289,9 @@ def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
 
 
-def _unmade(reason: str) -> Check:
+def _unmade(reason: str) -> PoseCheck:
     nothing = np.zeros((0, 3))
-    return Check(
+    return PoseCheck(
         decision=Decision.RESCAN,
         figure_m=np.inf,
         threshold_m=0.0,

@@ -30,7 +30,7 @@ _OTHER = np.deg2rad(15.0)  # between turns that are not the same
 
 
 @lru_cache(maxsize=16)
-def parts_that_stand_out(surface: ModelSurface) -> Array:
+def asymmetric_parts(surface: ModelSurface) -> Array:
     """Points (N, 3) [m] in T of parts that the declared turns do not map onto the mesh; none without an axis."""
     axis, points = surface.target.symmetry.axis, surface.points
     if axis is None:
@@ -43,10 +43,10 @@ def parts_that_stand_out(surface: ModelSurface) -> Array:
     return parts[:: max(1, len(parts) // _POINTS)]
 
 
-def told_turn(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array | None:
+def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array | None:
     """Of the poses that look like `X_ST` (4, 4) by declaration, the one (4, 4) that the scan tells; None if none."""
     symmetry = surface.target.symmetry
-    if symmetry.axis is None or not len(parts_that_stand_out(surface)):
+    if symmetry.axis is None or not len(asymmetric_parts(surface)):
         return None
 
     def turned(angles: Array, rotations: Array) -> list[Array]:
@@ -84,7 +84,7 @@ class _Pixels:
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, poses: list[Array]) -> "_Pixels | None":
         """None if the sensor got no echo where any of the parts could be in view."""
-        scan, points = evidence.scan, parts_that_stand_out(surface)
+        scan, points = evidence.scan, asymmetric_parts(surface)
         where = np.zeros(scan.depth.shape, dtype=bool)
         for X in poses:
             row, column, inside = scan.pixels(transform_points(X, points))

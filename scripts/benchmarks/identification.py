@@ -37,7 +37,7 @@ from sim.runs.saving import write_whole
 FOUND = (0.01, 5.0)  # of range, deg
 FIT_POINTS = 10_000
 FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] off the truth, where a fit alone is timed
-Method = Callable[["Case"], Array]
+Method = Callable[["SceneCase"], Array]
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class SceneCase:
     """What every method gets."""
 
     scene: ObjectScene
@@ -70,13 +70,13 @@ class Case:
         return 0.2, 0.05, 3.0 * self.surface.spacing  # [m]
 
 
-def whole(case: Case) -> Array:
+def whole(case: SceneCase) -> Array:
     scene = case.scene
     found = identify(scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     return found.X_sensor_target
 
 
-def ours(case: Case) -> Array:
+def ours(case: SceneCase) -> Array:
     scene, evidence = case.scene, case.evidence
     expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
     starts = initial_poses(evidence.scan, evidence.mask, case.surface, evidence.sensor, expected)
@@ -85,7 +85,7 @@ def ours(case: Case) -> Array:
 
 
 def open3d_icp(kind: str) -> Method:
-    def method(case: Case) -> Array:
+    def method(case: SceneCase) -> Array:
         registration = open3d_loader.load().pipelines.registration
         X_TS = inverse(case.X_start)
         for reach in case.stages:
@@ -95,7 +95,7 @@ def open3d_icp(kind: str) -> Method:
     return method
 
 
-def fpfh(case: Case) -> Array:
+def fpfh(case: SceneCase) -> Array:
     o3d = open3d_loader.load()
     registration = o3d.pipelines.registration
     o3d.utility.random.seed(case.scene.seed)
@@ -123,7 +123,7 @@ def fpfh(case: Case) -> Array:
     return inverse(_open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation))
 
 
-def small_gicp(case: Case) -> Array:
+def small_gicp(case: SceneCase) -> Array:
     library = import_module("small_gicp")
     model, points = case.surface.points, case.evidence.points
     X_TS = inverse(case.X_start)
@@ -140,7 +140,7 @@ def small_gicp(case: Case) -> Array:
     return inverse(X_TS)
 
 
-def _clouds(case: Case) -> tuple[Any, Any]:
+def _clouds(case: SceneCase) -> tuple[Any, Any]:
     """Scan and model as Open3D's clouds with normals."""
     o3d = open3d_loader.load()
     clouds = []
@@ -178,17 +178,17 @@ if find_spec("small_gicp"):
     METHODS["small_gicp"] = small_gicp
 
 
-def case_of(scene: ObjectScene, surface: ModelSurface) -> Case | None:
+def case_of(scene: ObjectScene, surface: ModelSurface) -> SceneCase | None:
     """None if the segmentation leaves nothing."""
     found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     if found.evidence is None:
         return None
     R = scene.orientation
     middle = found.evidence.points.mean(axis=0)
-    return Case(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
+    return SceneCase(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
 
 
-def fit_times(case: Case, rng: np.random.Generator) -> dict[str, float]:
+def fit_times(case: SceneCase, rng: np.random.Generator) -> dict[str, float]:
     """Processor time [s] of a fit alone of 10 000 scan points from nearby, ours and Open3D's."""
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
@@ -205,7 +205,7 @@ def fit_times(case: Case, rng: np.random.Generator) -> dict[str, float]:
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
-    near = Case(scene, case.surface, dense, X_near)
+    near = SceneCase(scene, case.surface, dense, X_near)
     registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
     fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
     for kind in ("point", "plane", "generalised"):

@@ -28,11 +28,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from benchmarks.peers.damped_least_squares import arguments, baseline, solve_all
 from benchmarks.peers.ik_tables import draw, tables
-from benchmarks.peers.inverse_kinematics import Solver, Task, peers, present
+from benchmarks.peers.inverse_kinematics import Solver, SolverTask, peers, present
 from controllers.ik.entries import HYBRID, entry
 from controllers.mkps import Chain, Method, solve, solve_many
 from models.arms import published_arms as arms
-from models.arms.published_arms import Arm
+from models.arms.published_arms import PublishedArm
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
@@ -80,10 +80,10 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class IkCase:
     """Targets that an arm can reach within its limits, and a start for each."""
 
-    arm: Arm
+    arm: PublishedArm
     degrees: int
     warm: bool
     bar: str
@@ -92,8 +92,8 @@ class Case:
     starts: Array  # (N, n)
 
     @property
-    def task(self) -> Task:
-        return Task(arm=self.arm, limits=self.limits, bar=BARS[self.bar])
+    def task(self) -> SolverTask:
+        return SolverTask(arm=self.arm, limits=self.limits, bar=BARS[self.bar])
 
     @property
     def chain(self) -> Chain:
@@ -117,7 +117,7 @@ class Results:
     growth: dict[str, Any] = field(default_factory=dict)  # by the number of links
 
 
-def dh_forward(arm: Arm, q: Array) -> Array:
+def dh_forward(arm: PublishedArm, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of textbook DH matrices."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for (theta, d, a, alpha), kind, value in zip(arm.dh, arm.joint_types, q.T, strict=True):
@@ -131,7 +131,7 @@ def dh_forward(arm: Arm, q: Array) -> Array:
     return X @ arm.tool
 
 
-def reached(case: Case, q: Array) -> np.ndarray:
+def reached(case: IkCase, q: Array) -> np.ndarray:
     """Which joint values (N, n) bring the tip within the bar and keep the limits; those with NaN do not."""
     X, bar = dh_forward(case.arm, q), BARS[case.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ case.targets[:, :3, :3]
@@ -142,7 +142,7 @@ def reached(case: Case, q: Array) -> np.ndarray:
     return (distance <= SLACK * bar[0]) & (angle <= SLACK * bar[1]) & kept
 
 
-def cases(options: Options, name: str, count: int) -> Iterator[Case]:
+def cases(options: Options, name: str, count: int) -> Iterator[IkCase]:
     """Every limit, start and bar of an arm, all with the same joint values to be found."""
     arm = arms.load(name)
     rng = np.random.default_rng([options.seed, arms.available().index(name)])
@@ -163,7 +163,7 @@ def cases(options: Options, name: str, count: int) -> Iterator[Case]:
             home, targets = np.clip(home, *limits.T), dh_forward(arm, q)
         for warm in (False, True):
             for bar in BARS:
-                yield Case(
+                yield IkCase(
                     arm=arm,
                     degrees=degrees,
                     warm=warm,
@@ -178,14 +178,14 @@ def own(chain: Chain, method: Method, bar: tuple[float, float], target: Array, q
     return solve(chain, target, q0, *bar, method=method).q
 
 
-def rate(case: Case, method: Method) -> dict[str, Any]:
+def rate(case: IkCase, method: Method) -> dict[str, Any]:
     """Share of the targets that one of our methods reaches."""
     found = solve_many(case.chain, case.targets, case.starts, *BARS[case.bar], method=method)
     good = reached(case, found.q)
     return case.told() | {"method": method, "rate": float(np.mean(good)), "said": float(np.mean(found.converged))}
 
 
-def contenders(case: Case, options: Options) -> dict[str, Solver]:
+def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
     """All that can solve this case, hybrid first."""
     chain, bar = case.chain, BARS[case.bar]
     found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
@@ -194,7 +194,7 @@ def contenders(case: Case, options: Options) -> dict[str, Solver]:
     return found | (peers(case.task) if options.peers else {})
 
 
-def race(case: Case, solvers: dict[str, Solver], repeats: int) -> dict[str, tuple[float, Array]]:
+def race(case: IkCase, solvers: dict[str, Solver], repeats: int) -> dict[str, tuple[float, Array]]:
     """For every solver the share of targets reached, and the time of each call (N,) [us]."""
     count = len(case.targets)
     lanes = list(solvers) + ["hybrid", BASELINE] * (repeats - 1)
@@ -252,7 +252,7 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
                 results.ratios.append(row)
 
 
-def kernel(case: Case, rounds: int) -> dict[str, Any]:
+def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
     """Mean time a target [us] without Python between targets, in turns: hybrid, the baseline, their ratio.
 
     Medians of the rounds, and the middle 95 % of the ratio's median by bootstrap. Processor time of this thread, in the
@@ -281,12 +281,14 @@ def kernel(case: Case, rounds: int) -> dict[str, Any]:
     }
 
 
-def snake(links: int) -> Arm:
+def snake(links: int) -> PublishedArm:
     """A chain of 3 m, its axes crossing by turns."""
     alpha = np.where(np.arange(links) % 2, 0.5 * math.pi, -0.5 * math.pi)
     rows = np.column_stack([np.zeros(links), np.zeros(links), np.full(links, 3.0 / links), alpha])
     limits = np.tile([-math.pi, math.pi], (links, 1))
-    return Arm(title=f"{links} links", dh=readonly(rows), joint_types="r" * links, limits=limits, source="made up")
+    return PublishedArm(
+        title=f"{links} links", dh=readonly(rows), joint_types="r" * links, limits=limits, source="made up"
+    )
 
 
 def growth(options: Options, progress: Progress) -> dict[str, Any]:
@@ -297,7 +299,7 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
         rng, arm = np.random.default_rng([options.seed, n]), snake(n)
         bend = min(1.0, 2.4 / math.sqrt(n))
         targets = dh_forward(arm, rng.uniform(-bend, bend, (min(options.targets, 50), n)))
-        case = Case(
+        case = IkCase(
             arm=arm,
             degrees=180,
             warm=False,

@@ -24,7 +24,7 @@ from rich.table import Table
 from controllers.ik.tracking import Passing
 from controllers.mkps import Chain, Method, Track, track
 from models.arms import published_arms as arms
-from models.arms.published_arms import Arm
+from models.arms.published_arms import PublishedArm
 from scenarios.arm_log import ArmLog
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
@@ -63,7 +63,7 @@ class Options:
     """Write run.rrd (--no-record: metrics.json and the picture alone)."""
 
 
-def lock(arm: Arm) -> Array:
+def lock(arm: PublishedArm) -> Array:
     """Joint values (7,) in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by bisection.
 
     The yaw axis passes through the shoulder (joint 2) where the link before it is across the line from there to it.
@@ -107,7 +107,7 @@ def figures(run: Track, options: Options) -> dict[str, Any]:
     }
 
 
-def write_log(file: Path, arm: Arm, runs: dict[str, Track], path: Array, view: bool) -> None:
+def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array, view: bool) -> None:
     import rerun.blueprint as rrb
 
     names = list(runs)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from models.arms.published_arms import Arm
+from models.arms.published_arms import PublishedArm
 from sim.interfaces.spatial import Array
 from sim.reporting.rerun_program import spawn_viewer
 
@@ -34,7 +34,9 @@ class ArmLog:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def arm(self, name: str, arm: Arm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1) -> None:
+    def arm(
+        self, name: str, arm: PublishedArm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1
+    ) -> None:
         """The arm's links and joints and the trail of its tip at joint values `q` (N, n), each `stride` rows."""
         rr = self._rr
         points = np.array([arm.frames(row)[:, :3, 3] for row in q[::stride]])

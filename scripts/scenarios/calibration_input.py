@@ -49,7 +49,7 @@ PAPER_UR10E = np.array(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Truth:
+class TrueArm:
     """The arm as it is, of which nothing but touches is known to the calibration."""
 
     arm: Arm
@@ -59,7 +59,7 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class CalibrationCase:
     """What is calibrated, and what it will be judged by."""
 
     title: str
@@ -67,14 +67,14 @@ class Case:
     touches: Touches
     distances: tuple[tuple[int, int, float, float], ...] = ()
     held_out: Touches | None = None
-    truth: Truth | None = None
+    truth: TrueArm | None = None
     session: Session | None = None  # of touching by contact
     X_BA: Array | None = None  # (4, 4) arm base on a hull that moved while it touched
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Outcome:
+class CalibrationOutcome:
     """A calibration and what it is worth."""
 
     calibration: Calibration
@@ -119,7 +119,7 @@ def from_files(
     held_out: Sequence[Path],
     units: Literal["auto", "rad", "deg"],
     distances: Sequence[tuple[str, str, float]],
-) -> Case:
+) -> CalibrationCase:
     """Touches of the user's own arm. Raises ConfigurationError for points that `distances` name and that are none."""
     how = {
         "joint_types": source.arm.joint_types,
@@ -135,7 +135,7 @@ def from_files(
             if name not in read.names:
                 raise ConfigurationError(f"--distance: no point {name!r}; there are {', '.join(read.names)}")
         pairs.append((read.names.index(first), read.names.index(second), length, LENGTH_ERROR))
-    return Case(
+    return CalibrationCase(
         title=f"Calibration of {source.path.name}",
         source=source,
         touches=read,
@@ -155,7 +155,7 @@ def simulated(
     known: bool,
     errors: int,
     rng: np.random.Generator,
-) -> Case:
+) -> CalibrationCase:
     """Touches by hand of an arm with errors: the paper's own for a UR10e, else those of a workshop, of seed `errors`.
 
     `known` tells the distance between the two points that are farthest apart.
@@ -180,7 +180,7 @@ def simulated(
     series, places = touched(
         arm, tcp, limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
     )
-    truth = Truth(arm=arm, tcp=tcp, limits=limits, hangs=hangs)
+    truth = TrueArm(arm=arm, tcp=tcp, limits=limits, hangs=hangs)
     return _simulated_case(title, source, series, places, truth, known, rng)
 
 
@@ -197,7 +197,7 @@ def by_contact(
     gust: float,
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
-) -> Case:
+) -> CalibrationCase:
     """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
@@ -222,7 +222,7 @@ def by_contact(
         watch=watch,
     )
     title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
-    truth = Truth(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)
+    truth = TrueArm(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
     if len(found) < 2:
         raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
@@ -238,10 +238,10 @@ def _simulated_case(
     source: ArmSource,
     series: Sequence[Array],
     places: Array,
-    truth: Truth,
+    truth: TrueArm,
     known: bool,
     rng: np.random.Generator,
-) -> Case:
+) -> CalibrationCase:
     distances = ()
     if known and len(places) > 1:
         i, j = farthest(places)
@@ -249,10 +249,12 @@ def _simulated_case(
         distances = ((i, j, length, LENGTH_ERROR),)
     names = tuple(f"point{k + 1}" for k in range(len(series)))
     touches = Touches(series=tuple(readonly(q) for q in series), names=names, sha256="simulated")
-    return Case(title=title, source=source, touches=touches, distances=distances, truth=truth)
+    return CalibrationCase(title=title, source=source, touches=touches, distances=distances, truth=truth)
 
 
-def solve(case: Case, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]) -> Outcome:
+def solve(
+    case: CalibrationCase, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]
+) -> CalibrationOutcome:
     """Identify and judge. Navigation's poses of a hull that moved are taken in where there are any."""
     series, arm = list(case.touches.series), case.source.arm
     options = {"prior": prior or None, "method": method, "distances": case.distances}
@@ -268,7 +270,7 @@ def solve(case: Case, *, free: Sequence[str], prior: dict[str, float], method: L
     return replace(outcome, uncorrected=_clouds(case, plain.arm, np.random.default_rng(0)))
 
 
-def _judged(case: Case, found: Calibration, arm: Arm, series: Sequence[Array]) -> Outcome:
+def _judged(case: CalibrationCase, found: Calibration, arm: Arm, series: Sequence[Array]) -> CalibrationOutcome:
     tips, tcp = None, found.tcp
     clouds: dict[str, verification.Cloud] = {}
     if case.truth is not None:
@@ -285,10 +287,12 @@ def _judged(case: Case, found: Calibration, arm: Arm, series: Sequence[Array]) -
     if case.held_out is not None:
         for name, q in zip(case.held_out.names, case.held_out.series, strict=True):
             held[name] = (_scatter(case.source.arm.tips(q, _first_tcp(case))), _scatter(found.tips(q)))
-    return Outcome(calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips)
+    return CalibrationOutcome(
+        calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips
+    )
 
 
-def _first_tcp(case: Case) -> Array:
+def _first_tcp(case: CalibrationCase) -> Array:
     """The tool point that the nominal arm is given: eq. (16) of paper 000 on the touches of the calibration."""
     from calib.touches import first_tcp
 
@@ -300,7 +304,7 @@ def _scatter(tips: Array) -> float:
     return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _clouds(case: Case, identified: Arm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
+def _clouds(case: CalibrationCase, identified: Arm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
     """The paper's comparison with a tracker: 13 flange points, the flange turned alike, by each model of the arm."""
     truth = case.truth
     assert truth is not None
@@ -313,7 +317,7 @@ def _clouds(case: Case, identified: Arm, rng: np.random.Generator) -> dict[str, 
     return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
 
 
-def _moves(case: Case, rng: np.random.Generator, count: int = 13, tries: int = 60) -> Array:
+def _moves(case: CalibrationCase, rng: np.random.Generator, count: int = 13, tries: int = 60) -> Array:
     """Joint values (count, n) of flange points in a box, the flange turned alike, as the nominal arm moves to them.
 
     Where the arm does not take the paper's box with the flange down, a box about a touched pose, in its direction.
@@ -343,7 +347,7 @@ def _moves(case: Case, rng: np.random.Generator, count: int = 13, tries: int = 6
     return np.array(best)
 
 
-def failed(outcome: Outcome, method: Literal["map", "paper"]) -> list[str]:
+def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list[str]:
     """Why the identified arm is not to be used, where that can be judged; the paper's own run never settles."""
     found, out = outcome.calibration, []
     if not found.cost < found.cost_nominal:
@@ -359,7 +363,7 @@ def failed(outcome: Outcome, method: Literal["map", "paper"]) -> list[str]:
     return out
 
 
-def figures_of_merit(case: Case, outcome: Outcome) -> list[tuple[str, str]]:
+def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list[tuple[str, str]]:
     """Names and values for the terminal and the page."""
     found, rank = outcome.calibration, outcome.calibration.rank
     touches = sum(len(each) for each in found.residuals)
@@ -400,7 +404,7 @@ def figures_of_merit(case: Case, outcome: Outcome) -> list[tuple[str, str]]:
     return out
 
 
-def _scale(case: Case, outcome: Outcome) -> str:
+def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     """What is known of the arm's size."""
     if not case.distances:
         return "not told: no distance is known"
@@ -412,7 +416,7 @@ def _scale(case: Case, outcome: Outcome) -> str:
     return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
 
 
-def metrics(case: Case, outcome: Outcome, ok: bool, seed: int) -> dict[str, Any]:
+def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
     """metrics.json: SI units, null where there is nothing to tell."""
     found, rank, clouds, session = outcome.calibration, outcome.calibration.rank, outcome.clouds, case.session
     return {

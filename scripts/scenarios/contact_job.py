@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from rich.console import Console
 
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.tasks.supervisor import SurfaceWork
-from controllers.tasks.surface_task_config import Job
+from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.objects.targets import TargetModel
 from models.site import scenes
 from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find, pose_in_body
@@ -25,9 +25,9 @@ from scenarios.contact_parts import (
     controller,
     eyes,
     hull_box,
+    passive_joints,
     scan_pose,
     tool_radius,
-    undriven,
     with_parts,
 )
 from scenarios.runner import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
@@ -117,7 +117,7 @@ class Outcome:
 
 def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
     """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
-    work = Job(
+    work = SurfaceTaskConfig(
         forces=job.forces,
         speed=job.speed,
         least_share=job.least_share,
@@ -149,7 +149,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         reaction_ticks=REACTION_TICKS if options.record else 0,
         substeps=ticks_per_period(timestep, float(model.opt.timestep), "the loop's step"),
     )
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, vehicle))
     eye, eye_model = eyes(job.sees_with, model, X_BC)
     finder = KnownObjectFinder(
         job.target,
@@ -183,7 +183,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
             hull_box=hull_box(own, vehicle),
             view_B=X_BC[:3, 2],
             floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
-            holding=Holding.of(own),
+            holding=ThrustMargin.of(own),
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
     )

@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from controllers.safety.safety_wrapper import Guarded
+from controllers.safety.safety_wrapper import SafetyWrapper
 from models.arms import dh_geometry as arm_geometry
 from models.site import scenes
 from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, Vehicle, check_parts
@@ -43,7 +43,7 @@ def believed_and_built(
     if calibrated and arm_file is not None:
         raise ConfigurationError("--calibrated and --arm: one of the two")
     drawn = believed.compile()
-    passive = undriven(drawn, with_parts(drawn))
+    passive = passive_joints(drawn, with_parts(drawn))
     arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     if arm_errors is not None:
         true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
@@ -76,7 +76,7 @@ def tool_radius(model: mujoco.MjModel) -> float:
     return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
 
-def undriven(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
+def passive_joints(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
     """Joints beside the arm's own and the hull's: springs, a pad."""
     return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
 
@@ -104,7 +104,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
         raise ConfigurationError(f"--controller {shown(name)}: {error}") from error
     except (Exception, SystemExit) as error:
         raise ConfigurationError(f"--controller {shown(name)}: cannot be made of a model; {_told(error)}") from error
-    return Guarded(made, own)
+    return SafetyWrapper(made, own)
 
 
 def _told(error: BaseException) -> str:

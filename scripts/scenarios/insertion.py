@@ -21,7 +21,7 @@ from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.variation import NOMINAL
 from scenarios.contact_options import coarse_detection
-from scenarios.contact_parts import controller, hull_box, scan_pose, undriven, with_parts
+from scenarios.contact_parts import controller, hull_box, passive_joints, scan_pose, with_parts
 from scenarios.runner import REACTION_TICKS, Judging, Ran, Ready, rehearse, run_shown, run_through
 from sim import hydrodynamics
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed, summary
@@ -42,7 +42,7 @@ BOTTOM = 0.02  # [m] of hole below the depth asked for
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class InsertionSetting:
     """What is the same in all trials."""
 
     hole: str
@@ -67,7 +67,7 @@ class Insertion:
     X_TH: Array  # (4, 4) the hole in the manifold's frame
 
 
-def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
+def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> Insertion:
     """Everything of one insertion, drawn from `seed`. Raises UuvError for what cannot be."""
     rng = np.random.default_rng(seed)
     own = with_sampler(setting.vehicle).compile()
@@ -97,7 +97,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> Insertion:
     plant = Plant(
         model, current=Current(setting.current), X_WB=X_WB @ offset, reaction_ticks=REACTION_TICKS if record else 0
     )
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, arm))
     aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*setting.error, 0.0])
     parts = Parts(
         sensors=[
@@ -148,7 +148,9 @@ def judge(insertion: Insertion, ran: Ran) -> Assessment:
     )
 
 
-def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, console: Console, started: float) -> int:
+def run_and_write(
+    setting: InsertionSetting, options: ScenarioOptions, folder: Path, console: Console, started: float
+) -> int:
     """One insertion with its log, table and report. Returns the exit code."""
     insertion = prepare(setting, options.seed, record=options.record)
     judging = Judging(
@@ -161,7 +163,12 @@ def run_and_write(setting: Setting, options: ScenarioOptions, folder: Path, cons
 
 
 def run_trials(
-    setting: Setting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
+    setting: InsertionSetting,
+    seeds: Sequence[int],
+    workers: int,
+    folder: Path,
+    made_by: dict[str, Any],
+    console: Console,
 ) -> int:
     """An insertion for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit
     code."""
@@ -171,7 +178,7 @@ def run_trials(
     return _trials.say_trials(trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}")
 
 
-def _one(setting: Setting, seed: int) -> dict[str, Any]:
+def _one(setting: InsertionSetting, seed: int) -> dict[str, Any]:
     insertion = prepare(setting, seed)
     rehearse(insertion.ready)
     ran = run_through(insertion.ready, Recorder(insertion.ready.plant.model, full=False))

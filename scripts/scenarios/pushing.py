@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
 from controllers.hull.allocation import PRIORITIES, Allocation
-from controllers.hull.station_keeping import Hover
+from controllers.hull.station_keeping import StationKeeping
 from controllers.hull.thruster_lead import RESPONSE, ThrusterLead
 from models.site import scenes
 from models.vehicle import HOME_KEY, Vehicle
@@ -34,7 +34,7 @@ PERIOD = 0.02  # [s] of the hover
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Case:
+class PushCase:
     """One vehicle in one sea, pushed in some directions one after the other."""
 
     directions_B: Array  # (k, 3) unit vectors of the force on the tip, hull axes
@@ -97,11 +97,11 @@ class Keeper:
 
     period = PERIOD
 
-    def __init__(self, case: Case, model: mujoco.MjModel, plant: PushedPlant, rng: np.random.Generator) -> None:
+    def __init__(self, case: PushCase, model: mujoco.MjModel, plant: PushedPlant, rng: np.random.Generator) -> None:
         self._case, self._plant, self._rng = case, plant, rng
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
-        self.hover = Hover(model, self._arm, water_error=case.water_error)
+        self.hover = StationKeeping(model, self._arm, water_error=case.water_error)
         self.allocation = Allocation(vehicle, priorities=case.priorities)
         self._lead = ThrusterLead(vehicle, response=min(case.response, 1e6), lag_error=case.lag_error)
         self._bias = FELT_BIAS * rng.standard_normal(3)
@@ -157,7 +157,7 @@ class Keeper:
         return state, Command(time=estimate.time, joint_torque=rest, thrusters=command, scan=False)
 
 
-class Holding:
+class StayPut:
     """Planner: stay where you are (`sim.interfaces.protocols.Planner`)."""
 
     period = PERIOD
@@ -234,7 +234,7 @@ def sphere(count: int) -> Array:
     return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
 
 
-def run(case: Case, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
+def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
     """Let a case happen."""
     spec, own = scenes.vehicle_spec(case.vehicle), scenes.vehicle_spec(case.vehicle).compile()
     model = hydrodynamics.compile(spec)
@@ -270,7 +270,7 @@ def run(case: Case, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
         sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
         estimator=Navigation(),
         finder=None,
-        planner=Holding(case.q),
+        planner=StayPut(case.q),
         controller=control,
     )
     seconds = round((case.settle + k * every) / PERIOD) * PERIOD
@@ -281,7 +281,7 @@ def run(case: Case, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
 class _Judge:
     """Moves the push, and keeps the figures, by the truth."""
 
-    def __init__(self, case: Case, plant: PushedPlant, keeper: Keeper, pushed: Pushed) -> None:
+    def __init__(self, case: PushCase, plant: PushedPlant, keeper: Keeper, pushed: Pushed) -> None:
         self._case, self._plant, self._keeper, self._pushed = case, plant, keeper, pushed
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1

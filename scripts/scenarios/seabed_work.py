@@ -26,7 +26,7 @@ from perception.navigation.strapdown_filter import Navigation
 from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
 from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.variation import NOMINAL
-from scenarios.contact_parts import controller, hull_box, undriven, with_parts
+from scenarios.contact_parts import controller, hull_box, passive_joints, with_parts
 from scenarios.runner import REACTION_TICKS, Ready, rehearse, run_through
 from sim import hydrodynamics
 from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
@@ -55,7 +55,7 @@ LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class SeabedSetting:
     """What is asked for."""
 
     kind: Kind | Literal["any"]  # any: the kinds in turn, by the seed
@@ -79,7 +79,7 @@ class SeabedRun:
     truth: TrueGround
 
 
-def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
+def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> SeabedRun:
     """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
     job, rng = setting.job, np.random.default_rng(seed)
     kind = KINDS[seed % len(KINDS)] if setting.kind == "any" else setting.kind
@@ -106,7 +106,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
         soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
     )
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, arm))
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, arm))
     parts = Parts(
         sensors=[
             sensors.Encoders(),
@@ -144,7 +144,7 @@ def prepare(setting: Setting, seed: int, *, record: bool = False) -> SeabedRun:
 
 
 def run_trials(
-    setting: Setting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
+    setting: SeabedSetting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
 ) -> int:
     """One run for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit code."""
     prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
@@ -152,7 +152,7 @@ def run_trials(
     return _trials.say_trials(trials, summary(trials), _ROWS, folder, made_by, console)
 
 
-def _one(setting: Setting, seed: int) -> dict[str, Any]:
+def _one(setting: SeabedSetting, seed: int) -> dict[str, Any]:
     work = prepare(setting, seed)
     rehearse(work.ready)
     ran = run_through(work.ready, Recorder(work.ready.plant.model, full=False))
@@ -200,7 +200,7 @@ def height_search(hull: Array, *, drag: bool) -> HeightSearch:
     return HeightSearch(jets_above=jets, rolls=1) if drag else HeightSearch(jets_above=jets)
 
 
-def _targets(setting: Setting) -> tuple[Array, Array]:
+def _targets(setting: SeabedSetting) -> tuple[Array, Array]:
     """Points B (s, 3) [m] and their direction z (3,), in hull axes where it scans."""
     drag = setting.job.drag
     if setting.targets is None:

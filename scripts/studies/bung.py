@@ -46,7 +46,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Task:
+class BungTask:
     sensor: str
     seed: int
 
@@ -56,7 +56,7 @@ def surface_of(place: int) -> ModelSurface:
     return ModelSurface.of(barrel(bung_azimuth=2.0 * np.pi * place / PLACES))
 
 
-def run(task: Task) -> dict[str, Any]:
+def run(task: BungTask) -> dict[str, Any]:
     """The turn that one look tells, and what can be seen of the bung."""
     place = int(np.random.default_rng([task.seed, 23]).integers(PLACES))
     surface = surface_of(place)
@@ -90,7 +90,7 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
     return "in part" if visible[on_it].any() else "hidden"
 
 
-def died(task: Task) -> dict[str, Any]:
+def died(task: BungTask) -> dict[str, Any]:
     raise ConfigurationError(f"the process of {task} died")
 
 
@@ -125,7 +125,7 @@ def main() -> None:
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
     folder = new_folder("study_bung", options.out, options.first_seed)
-    tasks = [Task(sensor, options.first_seed + k) for sensor in options.sensors for k in range(options.scenes)]
+    tasks = [BungTask(sensor, options.first_seed + k) for sensor in options.sensors for k in range(options.scenes)]
     rows = [row for _, row in run_all(tasks, options.workers, run, died)]
     rows.sort(key=lambda row: (row["sensor"], row["bung"], row["seed"]))
     console = Console()

@@ -20,7 +20,7 @@ from typing import Any, Literal
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from scenarios.campaigns.contact_study import KEPT, PATHS, Bounds, Ranges, Task, draw, one_run
+from scenarios.campaigns.contact_study import KEPT, PATHS, Ranges, RunTask, StudyBounds, draw, one_run
 from scenarios.campaigns.pool import run_all
 from scenarios.campaigns.row_log import Log, died, in_order
 from scenarios.campaigns.study_figures import METHODS, summary
@@ -84,7 +84,7 @@ def main() -> int:
 
 def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, console: Console) -> int:
     """Do what is left of the study, and say and write what came of all of it. Returns the exit code."""
-    bounds = Bounds()
+    bounds = StudyBounds()
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [_task(options, run) for run in range(runs)]
     tasks += [replace(task, without=method) for method in methods for task in tasks[: options.ablate_runs]]
@@ -133,9 +133,9 @@ def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, cons
     return 0 if metrics["accepted"] else NOT_ACCEPTED
 
 
-def _task(options: Options, run: int) -> Task:
+def _task(options: Options, run: int) -> RunTask:
     path = options.paths[run % len(options.paths)]
-    return Task(
+    return RunTask(
         study=options.seed, run=run, path=path, without=options.without, ranges=options.ranges, quick=options.quick
     )
 

@@ -54,7 +54,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Task:
+class DecisionTask:
     name: str
     kind: str
     sensor: str
@@ -66,7 +66,7 @@ def surface_of(name: str) -> ModelSurface:
     return ModelSurface.of(object_of(name))
 
 
-def run(task: Task) -> list[dict[str, Any]]:
+def run(task: DecisionTask) -> list[dict[str, Any]]:
     """The decision on one scene, and on the poses that are forced wrong in it."""
     drawn, surface = draw(task.name, task.kind, task.seed, task.sensor), surface_of(task.name)
     scene = drawn.scene
@@ -97,7 +97,7 @@ def run(task: Task) -> list[dict[str, Any]]:
     return rows
 
 
-def died(task: Task) -> list[dict[str, Any]]:
+def died(task: DecisionTask) -> list[dict[str, Any]]:
     raise ConfigurationError(f"the process of {task} died")
 
 
@@ -152,7 +152,7 @@ def main() -> None:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
     combined = [(kind, name, sensor) for sensor in options.sensors for name in options.objects for kind in KINDS]
     tasks = [
-        Task(name, kind, sensor, options.first_seed + i)
+        DecisionTask(name, kind, sensor, options.first_seed + i)
         for i, (kind, name, sensor) in enumerate(islice(cycle(combined), options.scenes))
     ]
     folder = new_folder("study_decisions", options.out, options.first_seed)

@@ -27,7 +27,7 @@ from scenarios.object_scenes import object_scene, target_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, transform_points
 from sim.runs.saving import write_whole
-from studies.paths import CASES, Case
+from studies.paths import CASES, PathCase
 
 BOUND = 0.8  # least overlap
 SIZES = (0.005, 0.01, 0.015)  # [m] asked for, beside the size that follows from the noise
@@ -49,7 +49,7 @@ class Options:
     """Folder of the figures."""
 
 
-def trial(case: Case, seed: int, count: int) -> dict[str, Any]:
+def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:
     """One deformed object: maps of one look and of `count`, whether the check would have let them be made."""
     rng = np.random.default_rng(seed)
     true, looks = case.seen(rng, count)

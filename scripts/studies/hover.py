@@ -17,7 +17,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import AXES, Allocation
 from models.site import scenes
 from models.vehicle import Vehicle
-from scenarios.pushing import Case, Pushed, bearable, run, sphere
+from scenarios.pushing import PushCase, Pushed, bearable, run, sphere
 from scenarios.start import parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -53,7 +53,7 @@ def flow(speed: float) -> tuple[float, float, float]:
     return (speed * float(np.cos(np.pi / 6)), speed * float(np.sin(np.pi / 6)), 0.0)
 
 
-def case_of(options: Options) -> Case:
+def case_of(options: Options) -> PushCase:
     """The case that the tables vary, with the directions that the drives bear."""
     if options.directions < 1:
         raise ConfigurationError(f"--directions: must be >= 1, got {options.directions}")
@@ -62,7 +62,7 @@ def case_of(options: Options) -> Case:
     held = bearable(Vehicle.of(own), ArmDynamics(own), q, directions, options.force)
     if not held.any():
         raise ConfigurationError(f"--force {options.force}: the arm's drives bear it in none of the directions")
-    return Case(
+    return PushCase(
         directions_B=directions[held],
         q=q,
         force=options.force,
@@ -87,14 +87,14 @@ def figures(pushed: Pushed) -> list[str]:
     ]
 
 
-def envelope(options: Options, case: Case) -> Iterable[tuple[str, Case]]:
+def envelope(options: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
     for speed in options.currents:
         for compensation in (True, False):
             name = f"{speed:.1f} m/s" if compensation else f"{speed:.1f} m/s, no compensation"
             yield name, replace(case, current_W=flow(speed), compensation=compensation)
 
 
-def ablation(_: Options, case: Case) -> Iterable[tuple[str, Case]]:
+def ablation(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
     case = replace(case, settle=8.0, push=3.0, rest=1.5)
     yield "as it is: lag 0.15 s, dead band 5 %, coefficients 15 % wrong", case
     yield "no lead", replace(case, response=1e6)
@@ -110,7 +110,7 @@ def ablation(_: Options, case: Case) -> Iterable[tuple[str, Case]]:
         yield f"coefficients {100 * error:+.0f} % wrong", replace(case, water_error=error)
 
 
-def lost(_: Options, case: Case) -> Iterable[tuple[str, Case]]:
+def lost(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
     own = Vehicle.of(scenes.vehicle_spec(case.vehicle).compile())
     once = replace(case, directions_B=case.directions_B[:1], settle=8.0, push=4.0, rest=8.0)
     for thruster, name in enumerate(own.thruster_names):

@@ -55,7 +55,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Task:
+class SceneTask:
     name: str
     sensor: str
     seed: int
@@ -67,7 +67,7 @@ def surface_of(name: str) -> ModelSurface:
     return ModelSurface.of(target_of(name))
 
 
-def run(task: Task) -> dict[str, Any]:
+def run(task: SceneTask) -> dict[str, Any]:
     """Identify the object of one scene; errors, verdict and times."""
     options = task.options
     start_error = (options.start_error[0], float(np.deg2rad(options.start_error[1])))
@@ -100,7 +100,7 @@ def run(task: Task) -> dict[str, Any]:
     }
 
 
-def died(task: Task) -> dict[str, Any]:
+def died(task: SceneTask) -> dict[str, Any]:
     raise ConfigurationError(f"the process of {task.name}, seed {task.seed}, died")
 
 
@@ -201,7 +201,7 @@ def main() -> int:
     folder = new_folder("study_identification", options.out, options.first_seed)
     console = Console(width=150)
     tasks = [
-        Task(name, sensor, options.first_seed + k, options)
+        SceneTask(name, sensor, options.first_seed + k, options)
         for name in options.objects
         for sensor in options.sensors
         for k in range(options.scenes)

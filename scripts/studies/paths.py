@@ -28,7 +28,7 @@ from models.objects.targets import ModelPath, TargetModel, barrel, longitudinal,
 from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
-from perception.registration.multi_frame import Look, on_all_looks
+from perception.registration.multi_frame import Frame, on_all_looks
 from perception.toolpath.path_deviation import deviate
 from perception.toolpath.path_planner import carry, densified, plan_path
 from scenarios.contact_options import coarse_detection
@@ -64,7 +64,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Case:
+class PathCase:
     """One object and what is done with it."""
 
     known: TargetModel
@@ -75,7 +75,7 @@ class Case:
 
     def seen(
         self, rng: np.random.Generator, count: int, noise: StereoNoise | None = NOISE
-    ) -> tuple[Deformed, list[Look]]:
+    ) -> tuple[Deformed, list[Frame]]:
         """The object as the sea left it, and `count` looks at it from about where the camera stands."""
         near = np.vstack([path.p for path in self.paths.values()])
         true = getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near)
@@ -87,14 +87,14 @@ class Case:
 _BARREL = (barrel(), {"longitudinal": longitudinal(), "transverse": transverse(2.0)}, (0.0, -0.35, 1.2))
 _PILE = (pile(), {"vertical": vertical(), "ring": ring(1.75)}, (1.8, 0.3, 0.0))
 CASES = {
-    f"{kind} {name}": Case(known, kind, height, paths, view)
+    f"{kind} {name}": PathCase(known, kind, height, paths, view)
     for name, (known, paths, view) in (("barrel", _BARREL), ("pile", _PILE))
     for kind, height in (("fouled", (0.01, 0.04)), ("dented", (0.01, 0.03)))
 }
 
 
 @dataclass(kw_only=True)
-class _Poses:
+class _PathPoses:
     """What a depth camera asks of the plant's truth."""
 
     time: float
@@ -104,19 +104,19 @@ class _Poses:
 
 def looks_at(
     target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, rng: np.random.Generator
-) -> list[Look]:
+) -> list[Frame]:
     """`count` frames of `target` from a camera that sways about `X_TC` (4, 4), which it knows; poses in T."""
     spec = mujoco.MjSpec()
     target.add_to(spec, np.eye(4), stand=False, felt=False)
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    truth = _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat)
-    looks: list[Look] = []
+    truth = _PathPoses(time=0.0, xpos=data.xpos, xmat=data.xmat)
+    looks: list[Frame] = []
     for _ in range(count):
         X = X_TC @ pose(p=_SWAY * rng.standard_normal(3))
         camera = DepthCamera(model, "world", X, noise=noise)
-        looks.append(Look(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
+        looks.append(Frame(scan=Scan.from_depth(camera.step(camera.init(rng), truth)[1]), X_WS=X))
     return looks
 
 
@@ -157,7 +157,7 @@ def angles(a: Array, b: Array) -> Array:
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
 
 
-def trial(case: Case, seed: int, options: Options) -> dict[str, Any]:
+def trial(case: PathCase, seed: int, options: Options) -> dict[str, Any]:
     """One seed: what came of identification, and of each path."""
     rng = np.random.default_rng(seed)
     true, looks = case.seen(rng, options.looks, None if options.exact else NOISE)

@@ -33,7 +33,7 @@ from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain import build_terrain
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
-from scenarios.contact_parts import hull_box, undriven
+from scenarios.contact_parts import hull_box, passive_joints
 from scenarios.seabed_work import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError, PerceptionError, ReachError
 from sim.interfaces.messages import SonarScan
@@ -152,7 +152,7 @@ def _errors(points: Array, ground: Seabed, X_WB: Array) -> Array:
 def study(options: Options, console: Console) -> dict[str, Any]:
     own = scenes.vehicle_spec(options.vehicle).compile()
     vehicle = Vehicle.of(own)
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=undriven(own, vehicle))
+    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, vehicle))
     box = hull_box(own, vehicle)
     seeds = range(options.seed, options.seed + options.terrains)
     runs = [one(seed, options, vehicle, chain, box) for seed in track(seeds, "terrains", console=console)]

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from controllers.estimation.contact_force import tip_force, tip_force_closed_form, tip_wrench
 from models.arms import published_arms as arms
-from models.arms.published_arms import Arm
+from models.arms.published_arms import PublishedArm
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
 
@@ -46,13 +46,15 @@ class Options:
     """Of the torque sensors [N m], uniform either way, where no tare takes it off."""
 
 
-def default_arm() -> Arm:
+def default_arm() -> PublishedArm:
     """The default vehicle's arm."""
     limits = np.tile([-2.0, 2.0], (6, 1))
-    return Arm(title="default", dh=uuv_puma.DH, joint_types="r" * 6, limits=limits, source="models.vehicles.uuv_puma")
+    return PublishedArm(
+        title="default", dh=uuv_puma.DH, joint_types="r" * 6, limits=limits, source="models.vehicles.uuv_puma"
+    )
 
 
-def jacobian(arm: Arm, q: Array) -> Array:
+def jacobian(arm: PublishedArm, q: Array) -> Array:
     """(6, n) of the tip in tip axes, linear over angular."""
     frames = arm.frames(q)
     R, p = frames[-1][:3, :3], frames[-1][:3, 3]
@@ -81,7 +83,7 @@ def motors(unknown: float, held: bool) -> Callable[[np.random.Generator, Array, 
 
 
 def line(
-    arm: Arm, name: str, form: str, wrong: Callable, options: Options, doubt: Callable[[Array, Array], Array]
+    arm: PublishedArm, name: str, form: str, wrong: Callable, options: Options, doubt: Callable[[Array, Array], Array]
 ) -> tuple[str, str, str]:
     """RMS error of the force [N] over all postures and over the tenth nearest to singular; mean normalised square."""
     rng = np.random.default_rng([options.seed, len(form), arm.n])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.evaluation.metrics import Assessment, Check, run_schema
+from sim.evaluation.metrics import Assessment, Requirement, run_schema
 from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
@@ -88,15 +88,15 @@ def assess_insertion(
     }
     mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
     checks = (
-        Check("hole as found, off its axis", position, None, "mm", mm),
-        Check("hole as found, tilt", angle, None, "deg", degrees),
-        Check("depth reached", depth, None, "mm", mm),
-        Check("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
-        Check("side force, peak", insertion["side_force_max_n"], bounds.side_force, "N"),
-        Check("side force, RMS in the bore", insertion["side_force_rms_n"], None, "N"),
-        Check("axial force, peak", insertion["axial_force_max_n"], bounds.axial_force, "N"),
-        Check("time at the hole", insertion["time_s"], None, "s"),
-        Check("tip at the end, below the mouth", out, 0.0, "mm", mm),
+        Requirement("hole as found, off its axis", position, None, "mm", mm),
+        Requirement("hole as found, tilt", angle, None, "deg", degrees),
+        Requirement("depth reached", depth, None, "mm", mm),
+        Requirement("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
+        Requirement("side force, peak", insertion["side_force_max_n"], bounds.side_force, "N"),
+        Requirement("side force, RMS in the bore", insertion["side_force_rms_n"], None, "N"),
+        Requirement("axial force, peak", insertion["axial_force_max_n"], bounds.axial_force, "N"),
+        Requirement("time at the hole", insertion["time_s"], None, "s"),
+        Requirement("tip at the end, below the mouth", out, 0.0, "mm", mm),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 

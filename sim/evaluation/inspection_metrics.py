@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import TargetModel
-from sim.evaluation.metrics import Assessment, Check, run_schema
+from sim.evaluation.metrics import Assessment, Requirement, run_schema
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
@@ -83,12 +83,12 @@ def assess_inspection(
         }
     mm, degrees = 1e3, float(np.degrees(1.0))
     checks = (
-        Check("distance, RMS error", figures["distance_rms_m"], bounds.distance_rms, "mm", mm),
-        Check("distance, peak error", figures["distance_max_m"], bounds.distance, "mm", mm),
-        Check("view off the object, peak", figures["view_max_rad"], bounds.view, "deg", degrees),
-        Check("ends of the way apart", figures["ends_m"], bounds.ends, "mm", mm),
-        Check("surface seen", figures["seen_share"], None, "%", 100.0),
-        Check("time on the way around", figures["flown_s"], None, "s"),
+        Requirement("distance, RMS error", figures["distance_rms_m"], bounds.distance_rms, "mm", mm),
+        Requirement("distance, peak error", figures["distance_max_m"], bounds.distance, "mm", mm),
+        Requirement("view off the object, peak", figures["view_max_rad"], bounds.view, "deg", degrees),
+        Requirement("ends of the way apart", figures["ends_m"], bounds.ends, "mm", mm),
+        Requirement("surface seen", figures["seen_share"], None, "%", 100.0),
+        Requirement("time on the way around", figures["flown_s"], None, "s"),
     )
     figures["distance_set_m"] = truth.distance
     return Assessment.of(recording, {"inspection": figures}, checks, seed=seed, wall_s=wall_s)

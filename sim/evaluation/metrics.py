@@ -60,7 +60,7 @@ class TrueObject:
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class Requirement:
     """One figure against its bound."""
 
     name: str
@@ -89,7 +89,7 @@ class Assessment:
     """The metrics of a run and the checks that decide on its acceptance."""
 
     metrics: Mapping[str, Any]  # as written to metrics.json
-    checks: tuple[Check, ...]
+    checks: tuple[Requirement, ...]
     failed: tuple[str, ...]  # one line each
 
     @classmethod
@@ -97,7 +97,7 @@ class Assessment:
         cls,
         recording: Recording,
         figures: Mapping[str, Any],
-        checks: Sequence[Check],
+        checks: Sequence[Requirement],
         *,
         seed: int,
         wall_s: float,
@@ -127,7 +127,7 @@ class Assessment:
             "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
             "identification_s": identification_s,
         }
-        checks = (*checks, Check("collision", run["collision_s"], 0.0, "s"))
+        checks = (*checks, Requirement("collision", run["collision_s"], 0.0, "s"))
         failed = [*filter(None, (check.failure for check in checks)), *others]
         if recording.interrupted:
             failed.append(f"the run was interrupted {note}")
@@ -195,26 +195,26 @@ def assess(
     mm, degrees = 1e3, float(np.degrees(1.0))
     if gap is None:
         of_tool = (
-            Check("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
-            Check("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
-            Check("contact lost", contact["lost_s"], bounds.lost, "s"),
+            Requirement("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
+            Requirement("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
+            Requirement("contact lost", contact["lost_s"], bounds.lost, "s"),
         )
     else:
         of_tool = (
-            Check("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
-            Check("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
-            Check("touched", gap["touched_s"], 0.0, "s"),
+            Requirement("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
+            Requirement("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
+            Requirement("touched", gap["touched_s"], 0.0, "s"),
         )
     checks = (
-        Check("identified position", identification["position_error_m"], position_bound, "mm", mm),
-        Check("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
+        Requirement("identified position", identification["position_error_m"], position_bound, "mm", mm),
+        Requirement("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
         *of_tool,
-        Check("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
-        Check("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
-        Check("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
-        Check("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
-        Check("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
-        Check("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        Requirement("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
+        Requirement("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
+        Requirement("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
+        Requirement("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        Requirement("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
+        Requirement("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
     )
     others = () if identification["accepted"] else ("the object was not identified",)
     return Assessment.of(

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from models.site.seabed import Seabed
-from sim.evaluation.metrics import Assessment, Check, path_error, run_schema
+from sim.evaluation.metrics import Assessment, Requirement, path_error, run_schema
 from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
@@ -72,25 +72,27 @@ def assess_seabed_work(
     if truth.push is not None:
         of_core = core or {}
         of_tool = (
-            Check("push, worst while held", of_core.get("push_error_share"), bounds.push, "%", percent),
-            Check("push, peak", of_core.get("push_max_n"), None, "N"),
-            Check("depth of the core", of_core.get("depth_m"), None, "mm", mm),
+            Requirement("push, worst while held", of_core.get("push_error_share"), bounds.push, "%", percent),
+            Requirement("push, peak", of_core.get("push_max_n"), None, "N"),
+            Requirement("depth of the core", of_core.get("depth_m"), None, "mm", mm),
         )
     else:
         of_drag = drag or {}
         of_tool = (
-            Check("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, "mm", mm),
-            Check("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, "mm", mm),
-            Check("depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), None, "mm", mm),
-            Check("force on the tool, peak", of_drag.get("force_max_n"), None, "N"),
+            Requirement("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, "mm", mm),
+            Requirement("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, "mm", mm),
+            Requirement(
+                "depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), None, "mm", mm
+            ),
+            Requirement("force on the tool, peak", of_drag.get("force_max_n"), None, "N"),
         )
     checks = (
-        Check("target's height, of what is allowed", surface["target_error_share"], 1.0, "%", percent),
-        Check("target's height, error", surface["target_error_max_m"], None, "mm", mm),
+        Requirement("target's height, of what is allowed", surface["target_error_share"], 1.0, "%", percent),
+        Requirement("target's height, error", surface["target_error_max_m"], None, "mm", mm),
         *of_tool,
-        Check("hull, rise", hull["rise_max_m"], bounds.rise, "mm", mm),
-        Check("hull, excursion", hull["excursion_max_m"], None, "mm", mm),
-        Check("hull over the true ground, least", gap, None, "mm", mm),
+        Requirement("hull, rise", hull["rise_max_m"], bounds.rise, "mm", mm),
+        Requirement("hull, excursion", hull["excursion_max_m"], None, "mm", mm),
+        Requirement("hull over the true ground, least", gap, None, "mm", mm),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 

@@ -9,7 +9,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
-from sim.plant.reaction import Reaction
+from sim.plant.reaction import ReactionWrench
 from sim.plant.readout import CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.plant.soil_contact import SoilForce
 from sim.plant.thrusters import Thrusters
@@ -153,7 +153,7 @@ class Plant:
         self._friction = np.array([dry.coulomb, dry.stiction, dry.stribeck_speed])
         self._joint_ctrl, self._thruster_ctrl = _block(vehicle.actuators), _block(vehicle.thruster_actuators)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
-        self._reaction = Reaction(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
+        self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
         self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal and (3,) in W, as the kernel adds them
         if soil is not None and self._pad_geom < 0:

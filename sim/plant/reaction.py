@@ -28,7 +28,7 @@ _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
 _NOTHING = np.zeros(3)
 
 
-class Reaction:
+class ReactionWrench:
     """Measures the wrench of one subtree on its parent; made once for a model, 10 to 20 us a measurement."""
 
     def __init__(self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None) -> None:
@@ -121,8 +121,8 @@ class Reaction:
 
 
 def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None) -> Array:
-    """`Reaction(model, body, frame).wrench(data)`: for a single measurement."""
-    return Reaction(model, body, frame).wrench(data)
+    """`ReactionWrench(model, body, frame).wrench(data)`: for a single measurement."""
+    return ReactionWrench(model, body, frame).wrench(data)
 
 
 class _Tables:

@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from sim.evaluation.metrics import Assessment, Check
+from sim.evaluation.metrics import Assessment, Requirement
 from sim.interfaces.errors import ConfigurationError
 from sim.loop.recording import Recording
 from sim.reporting.report_page import page, provenance, section, text
@@ -70,7 +70,7 @@ def _checks(assessment: Assessment) -> str:
     return f"<table>{head}{rows}</table>"
 
 
-def _verdict(check: Check) -> str:
+def _verdict(check: Requirement) -> str:
     if check.bound is None:
         return ""
     return "<span class=accepted>ok</span>" if check.ok else "<span class=not-accepted>missed</span>"

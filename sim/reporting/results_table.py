@@ -3,7 +3,7 @@
 from rich.table import Table
 from rich.text import Text
 
-from sim.evaluation.metrics import Assessment, Check
+from sim.evaluation.metrics import Assessment, Requirement
 
 
 def results_table(assessment: Assessment, title: str = "") -> Table:
@@ -19,7 +19,7 @@ def results_table(assessment: Assessment, title: str = "") -> Table:
     return table
 
 
-def figures_of(check: Check) -> tuple[str, str]:
+def figures_of(check: Requirement) -> tuple[str, str]:
     """Value and bound of `check` in its unit, as text; a dash where there is none."""
     return _number(check.value, check.scale), _number(check.bound, check.scale)
 
@@ -28,7 +28,7 @@ def _number(value: float | None, scale: float) -> str:
     return "–" if value is None else f"{value * scale:.2f}"
 
 
-def _verdict(check: Check) -> Text:
+def _verdict(check: Requirement) -> Text:
     if check.bound is None:
         return Text("")
     return Text("ok", style="green") if check.ok else Text("missed", style="bold red")

@@ -13,7 +13,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
-from sim.sensors.refraction import Calibration, FlatPort, in_water, read_depth
+from sim.sensors.refraction import FlatPort, PortCalibration, in_water, read_depth
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, site_on_body
 
@@ -49,7 +49,7 @@ class DepthCamera:
         exclude: Collection[str] = (),
         groups: Collection[int] = VISIBLE_GROUPS,
         port: FlatPort | None = None,
-        calibration: Calibration | None = None,
+        calibration: PortCalibration | None = None,
     ) -> None:
         """Mount the camera on body `hull` of `model` at `X_BC` (4, 4), OpenCV axes.
 

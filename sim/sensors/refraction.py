@@ -65,7 +65,7 @@ class FlatPort:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Calibration:
+class PortCalibration:
     """What the stereo software takes each camera to be: a pinhole with radial distortion.
 
     r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the middle of the raw picture, t the tangent of the ray
@@ -88,14 +88,14 @@ class Calibration:
         return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
 
 
-def in_air(focal: float) -> Calibration:
+def in_air(focal: float) -> PortCalibration:
     """The maker's calibration of a lens of `focal` [px]: right in air."""
-    return Calibration(focal=focal)
+    return PortCalibration(focal=focal)
 
 
 def in_water(
     port: FlatPort, focal: float, corner: float, ranges: Sequence[float] = (0.5, 1.0, 2.0), move_center: bool = True
-) -> Calibration:
+) -> PortCalibration:
     """The pinhole with distortion that fits best what is seen through `port` on boards at `ranges` [m].
 
     `focal` [px] of the lens, `corner` [px] from the middle of the picture to its corner. Boards are held anywhere, so
@@ -123,11 +123,11 @@ def in_water(
         found = optimize.minimize_scalar(lambda c: fit(c)[1], bounds=(-span, span), options={"xatol": 1e-7})
         center = float(found.x)
     (f, f_k1, f_k2), _ = fit(center)
-    return Calibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
+    return PortCalibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
 
 
 def read_depth(
-    points: np.ndarray, tangent_x: Array, port: FlatPort, calibration: Calibration, focal: float, baseline: float
+    points: np.ndarray, tangent_x: Array, port: FlatPort, calibration: PortCalibration, focal: float, baseline: float
 ) -> np.ndarray:
     """Depth (H, W) [m] that stereo reads for points (H, W, 3) [m] seen by the left camera; inf where they are.
 

@@ -58,7 +58,7 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
     known = rock()
     path = known.path("across")
     view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
-    case = study_paths.Case(known, "fouled", (0.02, 0.03), {"across": path}, view)
+    case = study_paths.PathCase(known, "fouled", (0.02, 0.03), {"across": path}, view)
     found = study_paths.trial(case, 1, study_paths.Options(looks=4, judged=False))["paths"]["across"]
     assert found["seen"] == 1.0
     assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3

@@ -347,7 +347,7 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     lag, qd_slow, w_slow_B, J_B = 0.01, qd - 0.01 * qdd, nu_B[3:] - 0.01 * a_B[3:], np.empty((6, n))
     tau_e, wrench_B, f_B, f_G, f_W = np.empty(n), np.empty(6), np.zeros(3), np.empty(3), np.empty(3)
     felt_qdd = np.empty(n)
-    normal = drive.feel(
+    normal = drive.estimate_tip_force(
         arm.layout,
         arm.numbers,
         arm.stations,
@@ -418,7 +418,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         hull[9:15] = change if moving_hull else 0.0
         hull[15:21] = 0.0 if moving_hull else change
         qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((2, n))
-        drive.aim(
+        drive.resolve_tool_motion(
             np.eye(4),
             X_WB,
             X_WG,

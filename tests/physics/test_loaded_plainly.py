@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.hull.station_keeping import Hover
+from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics as water
 from models.vehicle import Vehicle
 from sim import hydrodynamics
@@ -39,7 +39,7 @@ def test_controllers_and_reaction_feel_the_same_water(pair, within):
     for model in pair:
         assert hydrodynamics.carries_hydrodynamics(model)
         assert water.water_density(model) == 998.0
-        hover.append(Hover(model).static_wrench(TILTED))
+        hover.append(StationKeeping(model).static_wrench(TILTED))
         arm, vehicle, data = ArmDynamics(model), Vehicle.of(model), mujoco.MjData(model)
         q = vehicle.q_ready
         model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # their weights are those of the dry mass
@@ -83,7 +83,7 @@ def test_its_options_and_waters_are_checked(pair):
             refuse(plain)
     plain.body_user[1, water.LAYOUT.body_density] = 1025.0
     with pytest.raises(ConfigurationError, match=r"different density .* hull 1025, "):
-        Hover(plain)
+        StationKeeping(plain)
 
 
 def test_a_dry_model_has_no_water():

@@ -16,7 +16,7 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import Allocation
-from controllers.hull.station_keeping import Hover
+from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, unpack
 from models.vehicle import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE, Vehicle
@@ -450,7 +450,9 @@ def test_heeled_it_rights_itself(name, axis):
     """It comes back upright within one period 2 pi sqrt(I / m g h) of its water and mass, and never heels further."""
     model, data = braked(name)
     _, arm = lever(model, data)
-    inertia = 1.0 / np.linalg.inv(Hover(compiled(name)).inertia)[3 + axis, 3 + axis]  # the hull is free to give way
+    inertia = (
+        1.0 / np.linalg.inv(StationKeeping(compiled(name)).inertia)[3 + axis, 3 + axis]
+    )  # the hull is free to give way
     period = 2.0 * np.pi * np.sqrt(inertia / (9.81 * float(np.sum(model.body_mass)) * arm[2]))
     heel = np.radians(10.0)
     data.qpos[3:7] = [np.cos(heel / 2.0), *(np.sin(heel / 2.0) * np.eye(3)[axis])]
@@ -505,7 +507,7 @@ def test_it_hovers(name, within):
     X_start = pose(exp_so3([0.1, -0.1, 0.1]), [0.2, -0.2, 0.1])
     plant = Plant(model, current=Current(np.array(CURRENT)), X_WB=X_start)
     vehicle, true, none = plant.vehicle, plant.observe(), np.zeros(3)
-    hover = Hover(model)
+    hover = StationKeeping(model)
     allocation = Allocation(vehicle) if vehicle.thruster_names else None
     arm = ArmDynamics(model) if vehicle.joint_names else None
     wrench_actuators = [i for i in range(model.nu) if model.actuator(i).name.startswith("wrench_")]

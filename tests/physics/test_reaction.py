@@ -9,7 +9,7 @@ from models.hydrodynamics import BodyHydrodynamics
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import Array, exp_so3
-from sim.plant.reaction import Reaction, wrench
+from sim.plant.reaction import ReactionWrench, wrench
 from tests.physics.random_trees import random_spec, semidefinite, set_in_motion
 
 LINK = """
@@ -190,7 +190,7 @@ def test_free_vehicle_puts_nothing_on_the_world(rng, within):
 
 def test_after_a_step_it_is_the_wrench_of_that_step(rng):
     model, data = free_vehicle(rng)
-    arm = Reaction(model, "arm", frame="hull")
+    arm = ReactionWrench(model, "arm", frame="hull")
     before, qvel = arm.wrench(data), data.qvel.copy()
     mujoco.mj_step(model, data)
     ahead = data.qvel.copy()
@@ -223,7 +223,7 @@ def test_frame_is_only_another_view(rng, within):
 def test_forces_that_are_not_known_are_refused_by_name(extra, says):
     model = mujoco.MjModel.from_xml_string(FREE.replace("</mujoco>", extra + "</mujoco>"))
     with pytest.raises(HydrodynamicsError, match=says):
-        Reaction(model, "arm")
+        ReactionWrench(model, "arm")
 
 
 @pytest.mark.parametrize(
@@ -231,4 +231,4 @@ def test_forces_that_are_not_known_are_refused_by_name(extra, says):
 )
 def test_bodies_that_are_not_there(body, says):
     with pytest.raises(ConfigurationError, match=says):
-        Reaction(mujoco.MjModel.from_xml_string(FREE), body)
+        ReactionWrench(mujoco.MjModel.from_xml_string(FREE), body)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from benchmarks.peers.inverse_kinematics import Solver, Task
+from benchmarks.peers.inverse_kinematics import Solver, SolverTask
 from sim.interfaces.spatial import Array
 
 STEPS = 60  # a start
@@ -124,7 +124,7 @@ def solve_all(dh, slides, limits, tool, targets, q, tol_p, tol_r, J, A, X):
     return solved
 
 
-def baseline(task: Task) -> Solver:
+def baseline(task: SolverTask) -> Solver:
     """`damped_least_squares` behind the same kind of call as `solve`."""
     dh, slides, limits, tool, J, A, X = arguments(task)
     tol_p, tol_r = task.bar
@@ -137,7 +137,7 @@ def baseline(task: Task) -> Solver:
     return solver
 
 
-def arguments(task: Task) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+def arguments(task: SolverTask) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
     """Tables of the kernels (dh, slides, limits, tool), and their scratch (J, A, X)."""
     arm = task.arm
     slides = np.array([1.0 if kind == "p" else 0.0 for kind in arm.joint_types])

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from models.arms.published_arms import Arm
+from models.arms.published_arms import PublishedArm
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 Solver = Callable[[Array, Array], Array]  # target (4, 4), start (n,) -> joint values (n,), NaN where it failed
@@ -27,10 +27,10 @@ DAMPING = 0.1  # of these loops, times the square of the error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Task:
+class SolverTask:
     """What a solver is made for."""
 
-    arm: Arm
+    arm: PublishedArm
     limits: Array  # (n, 2) [rad] or [m]
     bar: tuple[float, float]  # accuracy: [m], [rad]
 
@@ -45,13 +45,13 @@ def present() -> dict[str, bool]:
     return {name: find_spec(module) is not None for name, (module, _) in _PEERS.items()}
 
 
-def peers(task: Task) -> dict[str, Solver]:
+def peers(task: SolverTask) -> dict[str, Solver]:
     """Those peers that are installed and take this arm."""
     made = {name: build(task) for name, (module, build) in _PEERS.items() if find_spec(module) is not None}
     return {name: solver for name, solver in made.items() if solver is not None}
 
 
-def urdf(task: Task) -> str:
+def urdf(task: SolverTask) -> str:
     """The arm as URDF, from "base" to "tip"."""
     parts = ['<robot name="arm"><link name="base"/>']
     for i, X in enumerate(task.arm.origins()):
@@ -77,7 +77,7 @@ def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     return roll, math.atan2(-R[2, 0], level), yaw
 
 
-def mjcf(task: Task) -> Any:
+def mjcf(task: SolverTask) -> Any:
     """The arm as a compiled MuJoCo model with a site "tip"."""
     mujoco = import_module("mujoco")
     spec = mujoco.MjSpec()
@@ -93,7 +93,7 @@ def mjcf(task: Task) -> Any:
     return spec.compile()
 
 
-def _eaik(task: Task) -> Solver | None:
+def _eaik(task: SolverTask) -> Solver | None:
     """Closed form, all branches; the nearest to the start that is within the limits. Six hinges of known kinds only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
@@ -113,7 +113,7 @@ def _eaik(task: Task) -> Solver | None:
     return solver
 
 
-def _ikdh(task: Task) -> Solver | None:
+def _ikdh(task: SolverTask) -> Solver | None:
     """Husty and Pfurner's algebraic method, followed from the start ("solve_from_seed"). Six hinges only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
@@ -129,7 +129,7 @@ def _ikdh(task: Task) -> Solver | None:
     return solver
 
 
-def _nearest(answers: Array, task: Task, q0: Array) -> Array:
+def _nearest(answers: Array, task: SolverTask, q0: Array) -> Array:
     """Of joint values (k, n), those within the limits that are nearest to the start."""
     if answers.size == 0:
         return np.full(task.arm.n, np.nan)
@@ -138,17 +138,17 @@ def _nearest(answers: Array, task: Task, q0: Array) -> Array:
     return q[int(np.argmin(np.abs(q - q0).max(axis=1)))] if len(q) else np.full(task.arm.n, np.nan)
 
 
-def _hinges(arm: Arm) -> np.ndarray:
+def _hinges(arm: PublishedArm) -> np.ndarray:
     return np.array([kind == "r" for kind in arm.joint_types])
 
 
-def folded(q: Array, task: Task) -> Array:
+def folded(q: Array, task: SolverTask) -> Array:
     """Hinges brought to within half a turn of the middle of their limits: within those, if any whole turn is."""
     middle = np.where(np.isfinite(task.limits).all(axis=1), 0.5 * task.limits.sum(axis=1), 0.0)
     return np.where(_hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q)
 
 
-def _trac_ik(task: Task) -> Solver:
+def _trac_ik(task: SolverTask) -> Solver:
     """TRAC-IK as it comes, "Speed", 5 ms a call; its bar is one a coordinate; it restarts by itself."""
     trac = import_module("pytracik")
     robot = trac.TRAC_IK("base", "tip", urdf(task), 0.005, task.bar[0] / math.sqrt(3.0), trac.SolveType.Speed)
@@ -162,7 +162,7 @@ def _trac_ik(task: Task) -> Solver:
     return solver
 
 
-def _optik(task: Task) -> Solver | None:
+def _optik(task: SolverTask) -> Solver | None:
     """OptIK, "speed", one thread; it restarts by itself, for 0.1 s at most. No slides."""
     if "p" in task.arm.joint_types:
         return None
@@ -183,7 +183,7 @@ def _optik(task: Task) -> Solver | None:
     return solver
 
 
-def _toolbox(task: Task) -> Solver:
+def _toolbox(task: SolverTask) -> Solver:
     """Robotics Toolbox, `ik_LM` by Chan (C++); it restarts by itself."""
     tools = import_module("roboticstoolbox")
     E, chain = tools.ET, tools.ETS()
@@ -200,7 +200,7 @@ def _toolbox(task: Task) -> Solver:
     return solver
 
 
-def _kdl(task: Task) -> Solver:
+def _kdl(task: SolverTask) -> Solver:
     """KDL's Levenberg-Marquardt, which knows no limits; restarted where it fails or ends beyond them."""
     kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
     chain = kdl.Chain()
@@ -231,7 +231,7 @@ def _kdl_frame(kdl: Any, X: Array) -> Any:
     return kdl.Frame(kdl.Rotation(*X[:3, :3].ravel().tolist()), kdl.Vector(*X[:3, 3].tolist()))
 
 
-def _pinocchio(task: Task) -> Solver:
+def _pinocchio(task: SolverTask) -> Solver:
     """Damped least squares in Python on Pinocchio's Jacobian, as its documentation has it; restarts, clamped steps."""
     pin, rng = import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
@@ -257,7 +257,7 @@ def _pinocchio(task: Task) -> Solver:
     return solver
 
 
-def _mink(task: Task) -> Solver:
+def _mink(task: SolverTask) -> Solver:
     """Differential kinematics by a QP a step (daqp), on MuJoCo; a Python loop, restarted."""
     mink, model, rng = import_module("mink"), mjcf(task), np.random.default_rng(0)
     state = mink.Configuration(model)
@@ -279,7 +279,7 @@ def _mink(task: Task) -> Solver:
     return solver
 
 
-def _pink(task: Task) -> Solver:
+def _pink(task: SolverTask) -> Solver:
     """Differential kinematics by a QP a step (daqp), on Pinocchio; a Python loop, restarted."""
     pink, pin, rng = import_module("pink"), import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
@@ -302,13 +302,13 @@ def _pink(task: Task) -> Solver:
     return solver
 
 
-def _within(twist: Array, task: Task) -> bool:
+def _within(twist: Array, task: SolverTask) -> bool:
     """Whether a (linear; angular) error is within the bar."""
     linear, angular = twist[:3], twist[3:]
     return float(linear @ linear) <= task.bar[0] ** 2 and float(angular @ angular) <= task.bar[1] ** 2
 
 
-_PEERS: dict[str, tuple[str, Callable[[Task], Solver | None]]] = {
+_PEERS: dict[str, tuple[str, Callable[[SolverTask], Solver | None]]] = {
     "EAIK": ("eaik", _eaik),
     "ikdh seed": ("ikdh", _ikdh),
     "RTB ik_LM": ("roboticstoolbox", _toolbox),

@@ -50,7 +50,7 @@ _KINDS = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bounds:
+class StudyBounds:
     """What a run must keep, after transients of the force."""
 
     force_peak: float = 8.0  # [N]
@@ -104,7 +104,7 @@ class Ranges:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class RunTask:
     """One run to be done; a value that a worker gets."""
 
     study: int  # seed of the study
@@ -119,7 +119,7 @@ class Task:
         return self.run, self.without
 
 
-def draw(task: Task) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
+def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
     """The job of a run and all that is varied around it; the same for every method that is left out."""
     ranges, rng = task.ranges, np.random.default_rng([task.study, task.run])
     between = rng.uniform
@@ -167,7 +167,7 @@ def _ticks(time: float) -> float:
     return max(1, round(time / TICK)) * TICK
 
 
-def one_run(task: Task, bounds: Bounds | None = None) -> dict[str, Any]:
+def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     """Draw, run, judge: a row for results.jsonl. Never raises but for a wrong use of the study itself."""
     options, job, stream, variation = draw(task)
     current = np.array(options.current)
@@ -199,7 +199,7 @@ def one_run(task: Task, bounds: Bounds | None = None) -> dict[str, Any]:
         row |= {"kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
     else:
         figures = figures_of(outcome)
-        row |= classify(outcome, figures, bounds or Bounds())
+        row |= classify(outcome, figures, bounds or StudyBounds())
         row["figures"] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
         }
@@ -255,7 +255,7 @@ def _unfolding(recording: Recording) -> float | None:
     return float(np.linalg.norm(off, axis=1).max())
 
 
-def classify(outcome: Outcome, figures: dict[str, float | None], bounds: Bounds) -> dict[str, Any]:
+def classify(outcome: Outcome, figures: dict[str, float | None], bounds: StudyBounds) -> dict[str, Any]:
     """Class, kind and detail of what came of a run, and the bounds that it missed."""
     recording = outcome.recording
     note = recording.final.note

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from scenarios.campaigns.contact_study import CRASHED, Task
+from scenarios.campaigns.contact_study import CRASHED, RunTask
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.provenance import versions
 from sim.runs.run_folder import alone_in
@@ -139,7 +139,7 @@ def imported_scripts(file: Path, scripts: Path) -> set[Path]:
     return found
 
 
-def died(task: Task) -> Row:
+def died(task: RunTask) -> Row:
     """The row of a run that killed its process."""
     return {
         "run": task.run,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from scenarios.campaigns.contact_study import CLASSES, DAMAGED, DIVERGED, KEPT, Bounds, within
+from scenarios.campaigns.contact_study import CLASSES, DAMAGED, DIVERGED, KEPT, StudyBounds, within
 from sim.interfaces.spatial import Array
 
 Row = Mapping[str, Any]
@@ -82,7 +82,7 @@ def values(rows: Sequence[Row], name: str) -> Array:
     return np.array([value for value in found if value is not None], dtype=np.float64)
 
 
-def bound_of(name: str, bounds: Bounds) -> float | None:
+def bound_of(name: str, bounds: StudyBounds) -> float | None:
     return {
         "force_peak_n": bounds.force_peak,
         "cross_max_m": bounds.deviation,
@@ -91,7 +91,7 @@ def bound_of(name: str, bounds: Bounds) -> float | None:
     }.get(name)
 
 
-def distributions(rows: Sequence[Row], bounds: Bounds) -> dict[str, dict[str, float | int | None]]:
+def distributions(rows: Sequence[Row], bounds: StudyBounds) -> dict[str, dict[str, float | int | None]]:
     """Of each figure: median, 95th and 99th percentile, maximum, and the share of all runs within its bound.
 
     A run that did not live to give a figure is not within its bound.
@@ -174,7 +174,7 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return table
 
 
-def summary(rows: Sequence[Row], bounds: Bounds, settings: Mapping[str, Any]) -> dict[str, Any]:
+def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]) -> dict[str, Any]:
     """Everything that goes into metrics.json, from rows without their timing."""
     main = [row for row in rows if not row["without"]]
     kept = sum(row["class"] == KEPT for row in main)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from scenarios.campaigns.contact_study import CLASSES, KEPT, Bounds
+from scenarios.campaigns.contact_study import CLASSES, KEPT, StudyBounds
 from scenarios.campaigns.study_figures import DRIVEN, DRIVERS, SHOWN, Row, bound_of
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 from sim.reporting.report_page import page, provenance, section, table, text
@@ -91,7 +91,7 @@ def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
 
 
 def write_report(
-    file: Path, rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds, *, title: str, pace: str
+    file: Path, rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds, *, title: str, pace: str
 ) -> None:
     """Write the page. `pace` says how long the runs took."""
     verdict = "accepted" if metrics["accepted"] else "not accepted"
@@ -112,7 +112,7 @@ def write_report(
     file.write_text(page(title, "\n".join(body)), encoding="utf-8")
 
 
-def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds) -> Iterator[tuple[str, str, Figure]]:
+def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds) -> Iterator[tuple[str, str, Figure]]:
     """Title, caption and figure of every picture that the runs can give."""
     if not any(row["figures"].get("force_rms_n") is not None for row in rows):
         return
@@ -137,7 +137,7 @@ def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: Bounds) -> 
             )
 
 
-def distribution_figure(rows: Sequence[Row], bounds: Bounds) -> Figure:
+def distribution_figure(rows: Sequence[Row], bounds: StudyBounds) -> Figure:
     names = ("force_rms_n", "force_peak_n", "estimate_rms_n", "cross_max_m", "along_max_m", "hull_excursion_max_m")
     paths = list(dict.fromkeys(row["path"] for row in rows))
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")

@@ -15,7 +15,7 @@ from dm_env.test_utils import EnvironmentTestMixin
 import models
 from models.vehicle import Vehicle
 from sim import environment, hydrodynamics
-from sim.environment import Hover, PlantPhysics, hover
+from sim.environment import HoverTask, PlantPhysics, hover
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -68,12 +68,12 @@ class TestContractOutsideTheBox(TestContract):
 def test_is_the_plant_bit_for_bit():
     steps, sub_steps = 40, 5
     by_environment, by_hand = new_plant(), new_plant()
-    task = Hover(np.random.default_rng(3))
+    task = HoverTask(np.random.default_rng(3))
     env = control.Environment(PlantPhysics(by_environment), task, n_sub_steps=sub_steps)
     env.reset()
     physics = PlantPhysics(by_hand)
     physics.reset()
-    Hover(np.random.default_rng(3)).initialize_episode(physics)  # the same start and current
+    HoverTask(np.random.default_rng(3)).initialize_episode(physics)  # the same start and current
 
     limits, q_home, truth = by_hand.vehicle.torque_limits, by_hand.vehicle.q_home, by_hand.truth
     stiffness = limits / PlantPhysics.HOLD_ANGLE

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm.joint_servo import lost_in_gears
+from controllers.arm.joint_servo import track_gear_friction
 from models.arms import gear_friction
 from models.arms.gear_friction import GearFriction
 from models.vehicle import Vehicle
@@ -85,7 +85,7 @@ def test_drives_learn_what_the_gears_take(plant, within):
             drive(plant, torque, plant.timestep)
             tau = sensor.step(state, plant.truth)[1].tau
             motor = np.array([torque, *np.zeros(n - 1)])
-            lost_in_gears(
+            track_gear_friction(
                 motor,
                 tau,
                 plant.truth.qd,
@@ -97,7 +97,7 @@ def test_drives_learn_what_the_gears_take(plant, within):
                 friction,
             )
         within("friction [N m]", friction + plant.truth.tau_friction, 0.1)
-    lost_in_gears(
+    track_gear_friction(
         np.full(n, 1e3),
         np.zeros(n),
         np.zeros(n),

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import models
-from controllers.estimation.disturbance_observer import HullObserver
-from controllers.hull.station_keeping import Hover
+from controllers.estimation.disturbance_observer import DisturbanceObserver
+from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics as coefficients
 from sim import hydrodynamics
 from sim.interfaces.messages import StateEstimate
@@ -27,7 +27,7 @@ class Basin:
         self.model = hydrodynamics.compile(models.load(NAME))
         hydrodynamics.install()
         self.data, self.current = mujoco.MjData(self.model), current
-        self.hover = Hover(self.model, water_error=water_error)
+        self.hover = StationKeeping(self.model, water_error=water_error)
         self.state, self.hull = self.hover.init(), self.model.body("hull").id
         self.rng, self.noise, self.flow = np.random.default_rng(5), noise, np.zeros(3)
         self.slot = coefficients.world_row(self.model)[coefficients.LAYOUT.current_acceleration :][:3]
@@ -132,7 +132,11 @@ def test_a_hull_that_tumbles_freely_is_pushed_by_no_moment():
     """Euler's equations with three different inertias: what turns it over is its own spin, and no moment is told."""
     turning = np.diag([20.0, 60.0, 90.0])
     inertia = np.block([[150.0 * np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), turning]])
-    observer, w, nothing = HullObserver(inertia, np.zeros(6), np.zeros(6)), np.array([0.5, 0.4, 0.3]), np.zeros(6)
+    observer, w, nothing = (
+        DisturbanceObserver(inertia, np.zeros(6), np.zeros(6)),
+        np.array([0.5, 0.4, 0.3]),
+        np.zeros(6),
+    )
     state, told, spun = observer.init(), [], []
     for _ in range(500):
         observer.step(state, np.eye(3), NONE, w, nothing, nothing, nothing, DT)

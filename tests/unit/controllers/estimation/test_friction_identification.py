@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.estimation.friction_identification import FrictionMotion, identify
+from controllers.estimation.friction_identification import FrictionMotion, identify_friction
 from controllers.work_controller import WorkController
 from models.vehicle import Vehicle
 from perception.navigation.strapdown_filter import Navigation
@@ -37,7 +37,7 @@ def numbers(result) -> Array:
 
 
 def test_without_noise_it_is_found(within):
-    result = identify(*motion(np.random.default_rng(1), 0.0), ARMATURE)
+    result = identify_friction(*motion(np.random.default_rng(1), 0.0), ARMATURE)
     within("share", numbers(result) / TRUE - 1.0, 1e-2)  # measured 7e-4: how fine the speed is searched
     assert result.residual[0] < 1e-3
 
@@ -46,7 +46,7 @@ def test_it_is_as_sure_as_it_says():
     """Normalised squared error of 30 repeats, 5 each: its mean is 5 with a deviation of 0.58."""
     squared = []
     for seed in range(30):
-        result = identify(*motion(np.random.default_rng([2, seed]), 0.5), ARMATURE)
+        result = identify_friction(*motion(np.random.default_rng([2, seed]), 0.5), ARMATURE)
         error = numbers(result) - TRUE
         squared.append(float(error @ np.linalg.solve(result.covariance[0], error)))
     assert 2.4 < np.mean(squared) < 7.6  # 4.5 deviations
@@ -85,7 +85,7 @@ def test_gears_of_the_hovering_vehicle_are_identified():
     rollout(plant, parts, duration=end, rng=np.random.default_rng(3), observers=[record])
     rows = [row for row in record.rows if row[0] > begin]
     qd, gear, motor = (np.array([row[i] for row in rows]) for i in (1, 2, 3))
-    result = identify(qd, np.gradient(qd, plant.timestep, axis=0), motor, gear, vehicle.armature)
+    result = identify_friction(qd, np.gradient(qd, plant.timestep, axis=0), motor, gear, vehicle.armature)
     true = vehicle.dry_friction
     print("coulomb", result.dry.coulomb / true.coulomb, "stiction", result.dry.stiction / true.stiction)
     print("viscous", result.viscous / vehicle.joint_damping, "speed", result.dry.stribeck_speed)
@@ -98,7 +98,7 @@ def test_a_joint_that_hardly_moves_is_named():
     qd = np.full((1000, 2), 0.1) * np.sign(np.sin(np.arange(1000.0)))[:, None]
     qd[:, 1] = 1e-4
     with pytest.raises(ConfigurationError, match="friction of joint 2: 0 samples"):
-        identify(qd, 0.0 * qd, qd, qd, np.ones(2))
+        identify_friction(qd, 0.0 * qd, qd, qd, np.ones(2))
 
 
 @pytest.mark.parametrize(
@@ -113,4 +113,4 @@ def test_arrays_that_do_not_fit(at, value, said):
     given = [np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.zeros((5, 2)), np.ones(2)]
     given[at] = value
     with pytest.raises(ConfigurationError, match=said):
-        identify(*given)
+        identify_friction(*given)

@@ -6,7 +6,7 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
-from controllers.estimation.payload_identification import Weighing
+from controllers.estimation.payload_identification import PayloadIdentification
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array
 
@@ -51,7 +51,7 @@ def weighed(rng: np.random.Generator, spread: float, bias: float, water: float) 
     """Largest wrong torque around the work, tared there, believing what was and what was weighed; and the excesses."""
     true = ArmDynamics(heavier(rng, spread))
     model = models.load("uuv_puma").compile()
-    arm, vehicle, weighing = ArmDynamics(model), Vehicle.of(model), Weighing(ArmDynamics(model))
+    arm, vehicle, weighing = ArmDynamics(model), Vehicle.of(model), PayloadIdentification(ArmDynamics(model))
     state, b = weighing.init(), rng.uniform(-bias, bias, arm.n)
     for share in np.concatenate([np.zeros(50), np.linspace(0.0, 1.0, 300)]):
         q, qd, qdd = way(arm, vehicle, float(share))
@@ -87,7 +87,7 @@ def test_water_that_drags_more_does_not_pass_for_weight(rng, within):
 
 
 def test_before_anything_was_seen_nothing_is_heavier():
-    weighing = Weighing(ArmDynamics(models.load("uuv_puma").compile()))
+    weighing = PayloadIdentification(ArmDynamics(models.load("uuv_puma").compile()))
     assert not weighing.excess(weighing.init()).any()
 
 
@@ -99,5 +99,5 @@ def test_weighed_numbers_are_those_of_that_arm(share, within):
     for body in range(hull + 1, model.nbody):
         model.body_mass[body] *= 1.0 + share
         model.body_inertia[body] *= 1.0 + share
-    numbers = Weighing(believed).weighed(np.full(believed.layout.shape[1], share))
+    numbers = PayloadIdentification(believed).weighed(np.full(believed.layout.shape[1], share))
     within("numbers", numbers - ArmDynamics(model).numbers, 1e-15)  # measured up to 2e-16

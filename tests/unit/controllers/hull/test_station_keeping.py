@@ -7,7 +7,7 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import Allocation
-from controllers.hull.station_keeping import Hover
+from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics as coefficients
 from models.vehicle import Vehicle
 from sim import hydrodynamics
@@ -20,10 +20,10 @@ NONE = np.zeros(6)
 
 
 @pytest.fixture(scope="module")
-def parts() -> tuple[Hover, Allocation, Array]:
+def parts() -> tuple[StationKeeping, Allocation, Array]:
     model = models.load("uuv_puma").compile()
     vehicle = Vehicle.of(model)
-    return Hover(model, ArmDynamics(model)), Allocation(vehicle), vehicle.thruster_wrench
+    return StationKeeping(model, ArmDynamics(model)), Allocation(vehicle), vehicle.thruster_wrench
 
 
 def estimate(X_WB: Array, nu_B: Array) -> StateEstimate:
@@ -32,7 +32,7 @@ def estimate(X_WB: Array, nu_B: Array) -> StateEstimate:
     )
 
 
-def run(parts: tuple[Hover, Allocation, Array], start: Array, seconds: float, *, told: bool) -> Array:
+def run(parts: tuple[StationKeeping, Allocation, Array], start: Array, seconds: float, *, told: bool) -> Array:
     """Errors (steps, 6) of position in W and attitude, from `start`, on a body of the loop's own inertia."""
     hover, allocation, B = parts
     state, X, nu, errors = hover.init(), start.copy(), np.zeros(6), []
@@ -92,7 +92,7 @@ def test_the_hull_weighs_and_floats_at_its_centres(name, rng, within):
     water, up = coefficients.unpack(model.body_user[hull]), R_WB.T @ [0.0, 0.0, -model.opt.gravity[2]]
     floats, weighs = coefficients.water_density(model) * water.volume * up, -model.body_mass[hull] * up
     moment = np.cross(water.center_of_buoyancy, floats) + np.cross(model.body_ipos[hull], weighs)
-    within("wrench [N, N m]", Hover(model).static_wrench(R_WB) - [*(floats + weighs), *moment], 1e-10)
+    within("wrench [N, N m]", StationKeeping(model).static_wrench(R_WB) - [*(floats + weighs), *moment], 1e-10)
 
 
 def test_nothing_changes_while_the_thrusters_suffice(parts, within):
@@ -108,7 +108,7 @@ def test_the_force_that_is_held_tells_the_current(current_W, within):
     model = hydrodynamics.compile(spec)
     hydrodynamics.install()
     model.opt.wind = current_W
-    data, hover, hull = mujoco.MjData(model), Hover(model), model.body("hull").id
+    data, hover, hull = mujoco.MjData(model), StationKeeping(model), model.body("hull").id
     wanted_W = pose(exp_so3([0.0, 0.0, 0.7]))
     data.qpos[3:7] = quat_wxyz_from_rotation(wanted_W[:3, :3])
     state, seen = hover.init(), estimate(wanted_W, NONE)
@@ -127,4 +127,4 @@ def test_the_force_that_is_held_tells_the_current(current_W, within):
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, "1"])
 def test_figures_that_cannot_be(name, value):
     with pytest.raises(ConfigurationError, match=f"hover {name}: "):
-        Hover(models.load("bluerov2_heavy").compile(), **{name: value})
+        StationKeeping(models.load("bluerov2_heavy").compile(), **{name: value})

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, REVERSE
@@ -38,7 +38,7 @@ def needed(model: mujoco.MjModel, q: Array, f_tip_G: Array) -> Array:
 @pytest.mark.parametrize("name", ["uuv_puma", "uuv_puma_side"])
 def test_share_of_the_strongest_used_thruster(name, rng, within):
     model = models.load(name).compile()
-    vehicle, holding = Vehicle.of(model), Holding.of(model)
+    vehicle, holding = Vehicle.of(model), ThrustMargin.of(model)
     table = vehicle.thruster_table
     for _ in range(20):
         q = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1])
@@ -51,4 +51,4 @@ def test_share_of_the_strongest_used_thruster(name, rng, within):
 @pytest.mark.parametrize("drag", [-0.1, np.nan])
 def test_a_friction_that_cannot_be(drag):
     with pytest.raises(ConfigurationError, match="drag"):
-        Holding.of(models.load("uuv_puma").compile(), drag=drag)
+        ThrustMargin.of(models.load("uuv_puma").compile(), drag=drag)

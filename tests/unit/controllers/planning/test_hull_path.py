@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.mkps import Chain
-from controllers.planning.hull_path import CLEARANCE, Passing
+from controllers.planning.hull_path import CLEARANCE, HullPath
 from models.objects.targets import pile
 from models.site import scenes
 from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle
@@ -20,10 +20,10 @@ NEAREST = CLEARANCE - 0.08  # [m] of any geom: the tool is a ball of 6 cm; on 24
 
 
 @pytest.fixture(scope="module")
-def passing() -> Passing:
+def passing() -> HullPath:
     own = models.load("uuv_puma_side").compile()
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-    return Passing(Vehicle.of(own), chain, HULL_BOX, transform_points(X_WT, pile().vertices))
+    return HullPath(Vehicle.of(own), chain, HULL_BOX, transform_points(X_WT, pile().vertices))
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
@@ -42,7 +42,7 @@ def found(
     X_WT: Array = X_WT,
     floor: float = -np.inf,
     travel: float = 0.0,
-    holding: Holding | None = None,
+    holding: ThrustMargin | None = None,
 ) -> tuple[Chain, Placement]:
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
     placement = place(
@@ -143,7 +143,7 @@ def test_whole_path_is_worked_from_the_placement(vehicle_name, target, name, X_W
         assert np.all(np.abs(J[:, vehicle.dof].T @ (90.0 * X_WG[:3, 2])) < vehicle.torque_limits)
 
 
-def most_used(vehicle_name: str, path: ToolPath, placement: Placement, holding: Holding) -> float:
+def most_used(vehicle_name: str, path: ToolPath, placement: Placement, holding: ThrustMargin) -> float:
     """Largest share of a thruster along the path, pressed with 90 N and dragged back by friction."""
     own = models.load(vehicle_name).compile()
     vehicle, chain = Vehicle.of(own), Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
@@ -161,7 +161,7 @@ def test_hull_stands_where_its_thrusters_can_bear_the_push():
     """On the pile the arm alone would have the hull stand where one thruster gives 0.9 of what it can."""
     name = "uuv_puma_side"
     own, target = models.load(name).compile(), pile()
-    path, holding = tool_path(target, "vertical", X_WP), Holding.of(own)
+    path, holding = tool_path(target, "vertical", X_WP), ThrustMargin.of(own)
     free = found(own, target, path, X_WT=X_WP)[1]
     kept = found(own, target, path, X_WT=X_WP, holding=holding)[1]
     of_free, of_kept = (most_used(name, path, placement, holding) for placement in (free, kept))
@@ -171,7 +171,7 @@ def test_hull_stands_where_its_thrusters_can_bear_the_push():
 
 def test_a_push_that_no_place_lets_the_thrusters_bear(own):
     target = barrel(line_length=0.2)
-    holding = Holding.of(own, drag=20.0)
+    holding = ThrustMargin.of(own, drag=20.0)
     with pytest.raises(ReachError, match="out of reach"):
         found(own, target, tool_path(target, "longitudinal"), holding=holding)
 

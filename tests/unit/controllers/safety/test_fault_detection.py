@@ -10,7 +10,7 @@ import pytest
 
 import models
 from controllers.hull.station_keeping import hull_inertia
-from controllers.safety.fault_detection import Health, Limits
+from controllers.safety.fault_detection import FaultDetection, Limits
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import curves
@@ -37,7 +37,7 @@ class Rig:
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
     def run(self, duration: float) -> tuple[Fault, ...]:
-        health, rng = Health(MODEL, period=DT, limits=self.limits), np.random.default_rng(self.seed)
+        health, rng = FaultDetection(MODEL, period=DT, limits=self.limits), np.random.default_rng(self.seed)
         state: Any = None
         thrust = np.array([thrust_at(c, u) for c, u in zip(curves(VEHICLE.thruster_table), self.command, strict=True)])
         faults: tuple[Fault, ...] = ()
@@ -186,7 +186,7 @@ def test_a_push_on_the_hull_is_no_lost_thruster(axis: int):
 
 
 def test_old_vision_is_a_fault_until_it_is_new_again():
-    health = Health(MODEL, period=DT)
+    health = FaultDetection(MODEL, period=DT)
     zero, six = np.zeros(3), np.zeros(N)
     command = Command(time=0.0, joint_torque=six, thrusters=np.zeros(M), scan=False)
 

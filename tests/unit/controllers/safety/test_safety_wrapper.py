@@ -9,7 +9,7 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.safety.fault_detection import Limits
-from controllers.safety.safety_wrapper import Guarded
+from controllers.safety.safety_wrapper import SafetyWrapper
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
 
@@ -72,7 +72,7 @@ def estimate(i: int, **changed: Any) -> StateEstimate:
 
 
 def run(estimates: list[StateEstimate], inner: Inner | None = None) -> list[Command]:
-    guarded = Guarded(inner or Inner(), MODEL)
+    guarded = SafetyWrapper(inner or Inner(), MODEL)
     state = guarded.init(estimates[0])
     commands = []
     for one in estimates:
@@ -125,7 +125,7 @@ def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
         stuck = np.arange(N) == joint
         return replace(now, q=np.where(stuck, then.q, now.q), qd=np.where(stuck, then.qd, now.qd))
 
-    guarded, commands = Guarded(Inner(), MODEL, limits=limits), []
+    guarded, commands = SafetyWrapper(Inner(), MODEL, limits=limits), []
     state = guarded.init(estimate(0))
     for i in range(150):
         state, command = guarded.step(state, frozen(i), REFERENCE)
@@ -192,7 +192,7 @@ def test_a_torque_that_is_no_number_is_its_sensors_fault_alone():
 
 def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     inner = Inner()
-    guarded = Guarded(inner, MODEL)
+    guarded = SafetyWrapper(inner, MODEL)
     state = guarded.init(estimate(0))
     state, command = guarded.step(state, estimate(0), REFERENCE)
     tau = estimate(0).tau

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.tasks.pose_fusion import mean_find
+from controllers.tasks.pose_fusion import fuse_poses
 from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 
@@ -27,7 +27,7 @@ def off(rng: np.random.Generator, move: float, turn: float) -> Array:
 
 
 def test_mean_of_one_is_that_one(within):
-    one = mean_find([found(TRUE)])
+    one = fuse_poses([found(TRUE)])
     within("pose", one.X_WT - TRUE, 1e-13)
     assert one.path is not None
     within("path [m]", one.path.p - transform_points(TRUE, PATH_T), 1e-13)
@@ -37,7 +37,7 @@ def test_errors_shrink_by_the_root_of_the_number(rng, within):
     """Of 16 finds a quarter is left, in place and in turn, over 200 means (chi-square: 3 % of deviation)."""
     moves, turns = [], []
     for _ in range(200):
-        mean = mean_find([found(off(rng, 2e-3, 3e-3)) for _ in range(16)])
+        mean = fuse_poses([found(off(rng, 2e-3, 3e-3)) for _ in range(16)])
         assert mean.path is not None
         # About the middle of the path, 0.3 m from the object's origin, the turn moves too.
         moves.append(mean.X_WT[:3, 3] - TRUE[:3, 3])
@@ -47,7 +47,7 @@ def test_errors_shrink_by_the_root_of_the_number(rng, within):
 
 
 def test_path_goes_with_the_pose(rng, within):
-    mean = mean_find([found(off(rng, 2e-3, 3e-3)) for _ in range(4)])
+    mean = fuse_poses([found(off(rng, 2e-3, 3e-3)) for _ in range(4)])
     assert mean.path is not None
     within("points [m]", mean.path.p - transform_points(mean.X_WT, PATH_T), 1e-12)
     within("axes", mean.path.z + mean.X_WT[:3, 2], 1e-12)
@@ -62,10 +62,10 @@ def test_path_goes_with_the_pose(rng, within):
     ],
 )
 def test_what_does_not_agree_with_the_last_is_left_out(other, within):
-    within("pose", mean_find([found(other), found(TRUE), found(TRUE)]).X_WT - TRUE, 1e-13)
+    within("pose", fuse_poses([found(other), found(TRUE), found(TRUE)]).X_WT - TRUE, 1e-13)
 
 
 def test_without_a_path(rng):
-    mean = mean_find([replace(found(off(rng, 1e-3, 1e-3), path=False)) for _ in range(3)])
+    mean = fuse_poses([replace(found(off(rng, 1e-3, 1e-3), path=False)) for _ in range(3)])
     assert mean.path is None
     assert np.linalg.norm(mean.X_WT[:3, 3] - TRUE[:3, 3]) < 5e-3

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.tasks.reactions import Reaction, judge
-from controllers.tasks.surface_task_config import Job
+from controllers.tasks.reactions import Reaction, choose_reaction
+from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from sim.interfaces.messages import WorkState
 
 STEP = 0.02  # [s]
-JOB = Job(forces=(60.0,))
+JOB = SurfaceTaskConfig(forces=(60.0,))
 
 
 def broken_off(work_state: WorkState, felt: float, seconds: float) -> tuple[float, str] | None:
@@ -29,7 +29,7 @@ def broken_off(work_state: WorkState, felt: float, seconds: float) -> tuple[floa
     )
     for tick in range(round(seconds / STEP)):
         estimate: Any = SimpleNamespace(time=tick * STEP, X_WB=np.eye(4))
-        verdict = judge(JOB, state, estimate, felt, ())
+        verdict = choose_reaction(JOB, state, estimate, felt, ())
         if verdict.reaction is not Reaction.GO_ON:
             return tick * STEP, verdict.reason
     return None

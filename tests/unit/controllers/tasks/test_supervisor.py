@@ -9,12 +9,12 @@ import pytest
 from tests.unit.told import Told
 
 import models
-from controllers.hull.thrust_margin import Holding
+from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
 from controllers.tasks import supervisor
 from controllers.tasks.supervisor import SurfaceWork, off_and_up
-from controllers.tasks.surface_task_config import Job
+from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.objects.targets import barrel
 from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -80,11 +80,11 @@ def obedient(reference: Reference) -> float:
 class Script(Told):
     """Drives a supervisor; every reference that it gives is kept."""
 
-    job: Job = field(default_factory=lambda: Job(forces=(60.0, 90.0, 60.0)))
+    job: SurfaceTaskConfig = field(default_factory=lambda: SurfaceTaskConfig(forces=(60.0, 90.0, 60.0)))
     felt: Callable[[Reference], float] = obedient  # [N] from the last reference
     looks: Sequence[bool] = (True,) * 6  # whether each look finds the object
     finds: Sequence[float] = (0.0,) * 6  # [m] where along x it finds it
-    holding: Holding | None = None
+    holding: ThrustMargin | None = None
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
     dead: int | None = None  # thruster that is found dead half-way along the path
@@ -313,7 +313,7 @@ def test_force_must_be_held_before_the_work_begins():
 
 
 def test_without_force_control_the_work_begins_all_the_same():
-    job = Job(forces=(60.0,), force_control=False)
+    job = SurfaceTaskConfig(forces=(60.0,), force_control=False)
     script = Script(job=job, felt=lambda r: 20.0 if r.state in IN_CONTACT[1:] else obedient(r)).run()
     assert script.states == [*JOURNEY, WorkState.DONE]
 
@@ -395,14 +395,14 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
     asked: list[float] = []
     arm_alone = supervisor.place
 
-    def place(*args: Any, holding: Holding, **options: Any) -> Placement:
+    def place(*args: Any, holding: ThrustMargin, **options: Any) -> Placement:
         asked.append(holding.drag)
         if holding.drag or not bears:
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
 
     monkeypatch.setattr(supervisor, "place", place)
-    script = Script(holding=Holding.of(models.load("uuv_puma").compile())).run()
+    script = Script(holding=ThrustMargin.of(models.load("uuv_puma").compile())).run()
     assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
     assert asked[0] == 0.6
     assert asked[-1] == 0.0
@@ -412,7 +412,7 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
 @pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"find_interval": -1.0}, {"find_interval": np.nan}])
 def test_looks_that_cannot_be(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):
-        Job(forces=(60.0,), **wrong)
+        SurfaceTaskConfig(forces=(60.0,), **wrong)
 
 
 def test_giving_up_after_as_many_views_as_allowed():
@@ -434,7 +434,7 @@ WITHOUT_CONTACT = [state for state in JOURNEY if state is not WorkState.PRESS]
 
 
 def test_work_without_contact_keeps_its_distance():
-    script = Script(job=Job(forces=(60.0,), contactless=0.03), felt=lambda _: 0.0).run()
+    script = Script(job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=lambda _: 0.0).run()
     assert script.states == [*WITHOUT_CONTACT, WorkState.DONE]
     work = script.of(WorkState.WORK)
     assert {round(float(tip(r)[2]), 9) for r in work} == {0.03}
@@ -449,7 +449,7 @@ def test_a_touch_on_the_way_ends_work_without_contact():
     def felt(reference: Reference) -> float:  # something 50 mm before the surface
         return STIFFNESS * max(0.0, 0.05 - float(tip(reference)[2])) if reference.state is WorkState.APPROACH else 0.0
 
-    script = Script(job=Job(forces=(60.0,), contactless=0.03), felt=felt).run()
+    script = Script(job=SurfaceTaskConfig(forces=(60.0,), contactless=0.03), felt=felt).run()
     assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
     assert "touched something" in script.end.note
 
@@ -524,7 +524,7 @@ def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
         return reached(vehicle, chain, path, **options)
 
     monkeypatch.setattr(supervisor, "place", place)
-    script = Script(job=Job(forces=(60.0,), least_share=0.8)).run()
+    script = Script(job=SurfaceTaskConfig(forces=(60.0,), least_share=0.8)).run()
     assert script.end.state is WorkState.DONE
     assert 0.095 < script.end.path_s < 0.105
     assert "of the path" in script.end.note
@@ -564,4 +564,4 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
 )
 def test_jobs_that_cannot_be(options, said):
     with pytest.raises(ConfigurationError, match=said):
-        Job(**options)
+        SurfaceTaskConfig(**options)

@@ -10,7 +10,7 @@ from models.objects.targets import barrel
 from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
-from perception.registration.multi_frame import Look, fused, on_all_looks
+from perception.registration.multi_frame import Frame, fused, on_all_looks
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
 
@@ -18,13 +18,13 @@ BARREL = barrel()
 VIEW = seen_from(np.array([0.2, -0.75, 0.85]))
 
 
-def plane_from(X_WS: np.ndarray, noise: float, rng: np.random.Generator) -> Look:
+def plane_from(X_WS: np.ndarray, noise: float, rng: np.random.Generator) -> Frame:
     """The plane z_W = 1 m, seen from `X_WS` by 120 x 90 pixels."""
     tangent_x, tangent_y = np.linspace(-0.4, 0.4, 120), np.linspace(-0.3, 0.3, 90)
     rays = np.stack([*np.meshgrid(tangent_x, tangent_y), np.ones((90, 120))], axis=-1)
     depth = (1.0 - X_WS[2, 3]) / (rays @ X_WS[2, :3]) + noise * rng.standard_normal((90, 120))
     scan = Scan(points=readonly(rays * depth[..., None]), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
-    return Look(scan=scan, X_WS=X_WS)
+    return Frame(scan=scan, X_WS=X_WS)
 
 
 def test_median_of_looks_from_several_places(within):
@@ -57,7 +57,7 @@ def test_what_few_looks_saw_is_left_out():
 
 def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     rng = np.random.default_rng(0)
-    looks = [Look(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
+    looks = [Frame(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
     found = identify(looks[-1].scan, ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
     of_all = on_all_looks(found, looks)
     assert found.evidence is not None

@@ -11,7 +11,7 @@ from models.objects.targets import Solid, barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
 from perception.registration.identification import segment
-from perception.registration.pose_ambiguity import look_alikes
+from perception.registration.pose_ambiguity import ambiguous_poses
 from perception.registration.pose_check import Decision, check
 from perception.registration.projection import paper_q
 from sim.interfaces.errors import ConfigurationError
@@ -108,8 +108,8 @@ def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(clear: Evidence, su
 
 def test_declared_symmetry_is_no_look_alike(surface: ModelSurface):
     """The barrel turned about its axis or end to end is declared the same; undeclared, its turns look alike."""
-    assert not look_alikes(surface)
+    assert not ambiguous_poses(surface)
     undeclared = ModelSurface.of(replace(BARREL, symmetry=type(BARREL.symmetry)()))
-    for G in look_alikes(undeclared):
+    for G in ambiguous_poses(undeclared):
         assert BARREL.symmetry.error(G, np.eye(4))[1] < np.deg2rad(2.0)
-    assert len(look_alikes(undeclared)) > 3
+    assert len(ambiguous_poses(undeclared)) > 3

@@ -10,7 +10,7 @@ from models.objects.barrel import barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface
 from perception.registration.identification import identify
-from perception.registration.symmetry_resolution import parts_that_stand_out, told_turn
+from perception.registration.symmetry_resolution import asymmetric_parts, resolve_symmetry
 from sim.interfaces.spatial import exp_so3
 
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))
@@ -46,14 +46,14 @@ def test_two_thirds_of_a_bung_are_none():
     for image in (whole, replace(whole, depth=depth)):
         scan = Scan.from_depth(image)
         mask = np.isfinite(image.depth)
-        told.append(told_turn(Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW))
+        told.append(resolve_symmetry(Evidence.of(scan, mask, 0.8 * surface.spacing, SensorModel()), surface, VIEW))
     assert told[0] is not None
     assert told[1] is None
 
 
 def test_a_bung_stands_out_and_a_whole_barrel_has_nothing_that_does():
-    assert not len(parts_that_stand_out(ModelSurface.of(barrel())))
-    parts = parts_that_stand_out(ModelSurface.of(barrel(bung_azimuth=0.5 * np.pi)))
+    assert not len(asymmetric_parts(ModelSurface.of(barrel())))
+    parts = asymmetric_parts(ModelSurface.of(barrel(bung_azimuth=0.5 * np.pi)))
     assert len(parts) > 50
     assert np.all(parts[:, 1] < -0.29)
     assert np.all(np.hypot(parts[:, 0] - 0.15, parts[:, 2]) < 0.036)

@@ -10,7 +10,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array
 from sim.sensors.depth_camera import DepthCamera
-from sim.sensors.refraction import Calibration, FlatPort, in_air, in_water
+from sim.sensors.refraction import FlatPort, PortCalibration, in_air, in_water
 
 FOCAL = 554.0
 THIN = FlatPort(distance=0.0, thickness=0.0)
@@ -127,8 +127,8 @@ def test_impossible_ports_are_refused():
         (lambda: FlatPort(thickness=np.nan), "thickness"),
         (lambda: FlatPort(n_water=0.9), "n_water"),
         (lambda: FlatPort().tangent(0.1, 0.01), "beyond the port"),
-        (lambda: Calibration(focal=-1.0), "focal"),
-        (lambda: Calibration(focal=1.0, k1=np.nan), "finite"),
+        (lambda: PortCalibration(focal=-1.0), "focal"),
+        (lambda: PortCalibration(focal=1.0, k1=np.nan), "finite"),
         (lambda: in_water(FlatPort(), FOCAL, 400.0, ranges=()), "ranges"),
         (lambda: in_water(FlatPort(), FOCAL, 400.0, ranges=(0.01,)), "in the water"),
         (lambda: DepthCamera(spec.compile(), "world", np.eye(4), calibration=in_air(FOCAL)), "port"),

@@ -32,7 +32,7 @@ from scenarios.campaigns.pool import run_all
 from scenarios.contact_job import Built, ContactJob, build, judge
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
-from scenarios.insertion import InsertionSetting as InsertionSetting
+from scenarios.insertion import InsertionSetting
 from scenarios.insertion import judge as judge_insertion
 from scenarios.insertion import prepare as prepare_insertion
 from scenarios.object_scenes import object_scene
@@ -40,7 +40,7 @@ from scenarios.pushing import PushCase as Push
 from scenarios.pushing import run as push
 from scenarios.pushing import sphere
 from scenarios.runner import Ran, Ready, run_through
-from scenarios.seabed_work import InsertionSetting as SeabedSetting
+from scenarios.seabed_work import SeabedSetting
 from scenarios.seabed_work import prepare as prepare_seabed
 from sim.evaluation.inspection_metrics import assess_inspection
 from sim.evaluation.metrics import Assessment

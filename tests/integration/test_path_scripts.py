@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.surface_distance import signed_distance
 
 import clean_barrel
 import clean_object
@@ -13,6 +12,7 @@ from models.meshes.ply_files import write_ply
 from models.objects.targets import TargetModel, barrel, rock
 from sim.interfaces.errors import ConfigurationError
 from studies import paths as study_paths
+from surface_distance import signed_distance
 
 
 def test_true_surface_of_a_ball(within):

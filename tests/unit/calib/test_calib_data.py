@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from tests.unit.test_calib_fit import OFF_AXIS, PAPER, UR10E
+from test_calib_fit import OFF_AXIS, PAPER, UR10E
 
 from calib import Arm, identify
 from calib.simulation import touch

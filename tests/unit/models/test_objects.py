@@ -3,7 +3,6 @@
 import mujoco
 import numpy as np
 import pytest
-from tests.unit.surface_distance import signed_distance
 
 from models.meshes import convex_parts
 from models.meshes.closed_shells import box, open_edges, revolve, sphere, split, volume, welded
@@ -14,6 +13,7 @@ from models.objects.rock import rock
 from models.objects.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, transform_points
+from surface_distance import signed_distance
 
 OBJECTS = {name: targets.named(name) for name in targets.available()} | {"another rock": rock(5)}
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.unit.told import Told
 
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
@@ -21,6 +20,7 @@ from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[-1.0, 0.2, 0.5]), pose(p=[-0.6, 0.0, 0.3])

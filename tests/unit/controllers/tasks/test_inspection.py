@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
-from tests.unit.told import Told
 
 from controllers.mkps import Chain
 from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, around, orbit
@@ -16,6 +15,7 @@ from models.vehicles import uuv_puma
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from told import Told
 
 OWN = uuv_puma.build().compile()
 VEHICLE, CHAIN = Vehicle.of(OWN), Chain.from_mjcf(OWN, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])

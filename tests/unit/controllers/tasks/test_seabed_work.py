@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-from tests.unit.told import Told
 
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
@@ -20,6 +19,7 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, pose, readonly
 from sim.plant.soil_contact import SoilForce
+from told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE, WORK_POSE = pose(p=[0.0, 0.0, 2.5]), pose(p=[0.1, 0.0, 1.6])

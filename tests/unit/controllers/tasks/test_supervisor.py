@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.unit.told import Told
 
 import models
 from controllers.hull.thrust_margin import ThrustMargin
@@ -20,6 +19,7 @@ from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
+from told import Told
 
 PERIOD = 0.01  # [s]
 SCAN_POSE = pose(p=[-1.0, 0.2, 0.5])

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import look, seen_from
-from tests.unit.test_point_files import pcd
+from test_point_files import pcd
 
+from depth_scenes import look, seen_from
 from models.meshes.mesh_files import read_mesh
 from models.meshes.ply_files import read_ply, write_ply
 from models.objects import targets

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import look, seen_from
 
+from depth_scenes import look, seen_from
 from models.meshes.ply_files import write_ply
 from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.cloud_files import load_cloud

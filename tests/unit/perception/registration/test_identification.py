@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
-from tests.unit.depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
 
 import perception
+from depth_scenes import DEFAULT_NOISE, add_floor, coarse, look, random_view, seen_from, shoot, standing
 from models.meshes.closed_shells import box, joined, revolve
 from models.objects.targets import Symmetry, TargetModel, barrel
 from perception.clouds.scan import Scan, SensorModel, background, facing_normals

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import look, seen_from
 
+from depth_scenes import look, seen_from
 from models.objects import targets
 from models.objects.target_model import TargetModel
 from perception.clouds.scan import Scan, SensorModel

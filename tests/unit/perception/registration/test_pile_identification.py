@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import coarse, look, seen_from
 
+from depth_scenes import coarse, look, seen_from
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import PILE_DIAMETER, PILE_LENGTH, ModelPath, helix, pile, ring, vertical
 from perception.clouds.scan import Scan

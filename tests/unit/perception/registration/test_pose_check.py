@@ -5,8 +5,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import dented_barrel, look, seen_from
 
+from depth_scenes import dented_barrel, look, seen_from
 from models.objects.targets import Solid, barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit

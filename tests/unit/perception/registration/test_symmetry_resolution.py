@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import look, seen_from
 
+from depth_scenes import look, seen_from
 from models.objects.barrel import barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import dented_barrel, look, seen_from
 
+from depth_scenes import dented_barrel, look, seen_from
 from models.meshes.nearest_surface import NearestSurface
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import ModelPath, barrel, longitudinal, transverse

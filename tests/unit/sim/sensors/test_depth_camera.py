@@ -3,8 +3,8 @@
 import mujoco
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import Poses, seen_from, shoot
 
+from depth_scenes import Poses, seen_from, shoot
 from models.objects.targets import barrel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage

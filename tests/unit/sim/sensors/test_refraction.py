@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 from scipy import optimize
-from tests.unit.depth_scenes import Poses
 
+from depth_scenes import Poses
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array

@@ -6,8 +6,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 import pytest
-from tests.unit.depth_scenes import Poses, seen_from, standing
 
+from depth_scenes import Poses, seen_from, standing
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import TargetModel, barrel
 from perception.clouds.sonar_cloud import sonar_model, without_lone_echoes

@@ -22,7 +22,7 @@ def pushing() -> Any:
 @pytest.fixture
 def down(pushing) -> Any:
     """Up at the tip, 1.5 m ahead of the hull's middle: heave and much pitch."""
-    return pushing.Case(
+    return pushing.PushCase(
         directions_B=np.array([[0.0, 0.0, 1.0]]), q=AHEAD, current_W=(0.2, 0.1, 0.0), settle=8.0, push=3.0, rest=1.0
     )
 

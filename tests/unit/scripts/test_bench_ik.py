@@ -39,7 +39,7 @@ def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
     targets[3, :3, :3] = exp_so3([0.0, 1.1e-3, 0.0]) @ targets[3, :3, :3]
     q[4, 0] += 2.0 * np.pi  # the pose, but beyond the limits
     q[5] = np.nan
-    moved = bench.Case(
+    moved = bench.IkCase(
         arm=case.arm, degrees=180, warm=False, bar="A", limits=case.limits, targets=targets, starts=case.starts
     )
     assert bench.reached(moved, q).tolist() == [True, True, False, False, False, False]
@@ -50,7 +50,7 @@ def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
     """The URDF and the MuJoCo model that peers get, by MuJoCo's kinematics."""
     arm = arms.load(name)
     limits = np.where(np.isfinite(arm.limits), arm.limits, [-3.0, 3.0])
-    task = fellows.Task(arm=arm, limits=limits, bar=(1e-4, 1e-3))
+    task = fellows.SolverTask(arm=arm, limits=limits, bar=(1e-4, 1e-3))
     q = np.random.default_rng(2).uniform(*limits.T)
     tip = arm.frames(q)[-1]
     model = fellows.mjcf(task)
@@ -93,7 +93,7 @@ def test_cases_are_the_same_under_a_seed(bench: ModuleType) -> None:
 def test_angles_of_peers_are_turned_into_uneven_limits(fellows: ModuleType, limits: tuple[float, float]) -> None:
     """Whatever whole turn a peer answers with, an angle that the joint can have is one within its limits."""
     arm = arms.load("puma560")
-    task = fellows.Task(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
+    task = fellows.SolverTask(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
     q = np.random.default_rng(3).uniform(*task.limits.T, size=(200, 6))
     turned = q + 2.0 * np.pi * np.random.default_rng(4).integers(-2, 3, q.shape)
     found = fellows.folded(turned, task)

@@ -57,7 +57,7 @@ def log() -> Any:
 
 
 def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
-    return study.Task(**{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other})
+    return study.RunTask(**{"study": seed, "run": run, "path": "longitudinal", "ranges": study.Ranges(), **other})
 
 
 def test_a_run_depends_on_its_number_and_the_seed_alone(study):
@@ -201,7 +201,7 @@ WORKED = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WOR
 )
 def test_what_came_of_a_run_has_a_class_and_a_kind(study, states, note, figures, expected):
     outcome = SimpleNamespace(recording=recording(states, note=note))
-    found = study.classify(outcome, {**GOOD, **figures}, study.Bounds())
+    found = study.classify(outcome, {**GOOD, **figures}, study.StudyBounds())
     assert (found["class"], found["kind"]) == expected
     assert found["class"] in study.CLASSES
     assert found["detail"] == note
@@ -435,7 +435,7 @@ def row(run: int, without: str = "", **figures: Any) -> dict[str, Any]:
 def test_distributions_count_a_run_without_a_figure_as_not_within(told, study):
     rows = [row(i, force_peak_n=float(i)) for i in range(10)]
     rows.append(row(10, force_peak_n=None))
-    found = told.distributions(rows, study.Bounds())["force_peak_n"]
+    found = told.distributions(rows, study.StudyBounds())["force_peak_n"]
     assert (found["count"], found["median"], found["max"], found["bound"]) == (10, 4.5, 9.0, 8.0)
     assert found["share_within"] == pytest.approx(9 / 11)
 
@@ -465,14 +465,14 @@ def test_metrics_keep_their_schema_and_the_report_is_one_page(told, study, tmp_p
     rows[4] |= {"class": "broken off", "kind": "contact lost"}
     rows[5] |= {"class": "refused", "kind": "out of reach", "figures": {}}
     rows.append(row(0, "fusion", force_rms_n=3.0))
-    metrics = told.summary(rows, study.Bounds(), {"seed": 0})
+    metrics = told.summary(rows, study.StudyBounds(), {"seed": 0})
     jsonschema.validate(metrics, SCHEMA)
     assert metrics["kept"] == 10
     assert not metrics["accepted"]
     assert [group["class"] for group in metrics["outcomes"]] == ["kept", "broken off", "refused"]
     file = tmp_path / "report.html"
     import_module("scenarios.campaigns.study_report").write_report(
-        file, rows, metrics, study.Bounds(), title="T & T", pace=""
+        file, rows, metrics, study.StudyBounds(), title="T & T", pace=""
     )
     page = file.read_text()
     assert page.count("<img") == 5
@@ -482,11 +482,11 @@ def test_metrics_keep_their_schema_and_the_report_is_one_page(told, study, tmp_p
 
 def test_no_runs_that_worked_give_a_page_without_pictures(told, study, tmp_path):
     rows = [{**row(i), "class": "refused", "kind": "out of reach", "figures": {}} for i in range(3)]
-    metrics = told.summary(rows, study.Bounds(), {})
+    metrics = told.summary(rows, study.StudyBounds(), {})
     jsonschema.validate(metrics, SCHEMA)
     file = tmp_path / "report.html"
     import_module("scenarios.campaigns.study_report").write_report(
-        file, rows, metrics, study.Bounds(), title="T", pace=""
+        file, rows, metrics, study.StudyBounds(), title="T", pace=""
     )
     assert "<img" not in file.read_text()
 

@@ -22,7 +22,7 @@ from calib.arm import Arm
 from calib.kernels import ROW
 from models.arms import dh_geometry as arm_geometry
 from models.mjcf_files import read_mjcf
-from models.vehicle import ARM_BASE_BODY, TIP_SITE
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of
 from sim.interfaces.spatial import (

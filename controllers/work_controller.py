@@ -37,7 +37,8 @@ from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
 from models.arms.gear_friction import DryFriction
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate
 from sim.interfaces.spatial import Array, inverse, skew
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from models import hydrodynamics
-from models.vehicle import HULL_BODY
+from models.naming import HULL_BODY
 from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, uuv_puma
 from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError

@@ -1,72 +1,15 @@
-"""Where things are in a compiled model of a vehicle: the one place that looks names up.
+"""A vehicle in a compiled model: indices, limits, keyframes and thrusters, looked up once by `models.naming`."""
 
-A vehicle is any MJCF with a free body `hull`, thruster actuators with a table of `models.water.thrusters`, and, if it
-has an arm, a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and
-a site `tip` (z out of the tool). Jobs want a site `camera` (OpenCV axes), and optionally a sliding joint `pad` behind
-the face of the pad.
-"""
-
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from models.arms import gear_friction
+from models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, READY_KEY, TIP_SITE, find
 from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, readonly
-
-HULL_BODY = "hull"
-ARM_BASE_BODY = "arm_base"
-TIP_SITE = "tip"
-CAMERA_SITE = "camera"
-HOME_KEY = "home"
-READY_KEY = "ready"
-TOOL_GEOM = "pad"
-# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them fit into one message.
-_PARTS = (
-    (mujoco.mjtObj.mjOBJ_BODY, "body", HULL_BODY, "free"),
-    (mujoco.mjtObj.mjOBJ_BODY, "body", ARM_BASE_BODY, "carries the arm"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "of the tool, z out"),
-    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "sees the object"),
-    (mujoco.mjtObj.mjOBJ_GEOM, "geom", TOOL_GEOM, "may touch"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded"),
-    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, IK starts there"),
-)
-
-
-def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
-    """Index of the named object; ConfigurationError that lists what there is otherwise."""
-    index = mujoco.mj_name2id(model, kind, name)
-    if index < 0:
-        word = kind.name.removeprefix("mjOBJ_").lower()
-        count = {
-            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
-            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
-            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
-            mujoco.mjtObj.mjOBJ_KEY: model.nkey,
-            mujoco.mjtObj.mjOBJ_GEOM: model.ngeom,
-        }[kind]
-        names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
-        raise ConfigurationError(f"the model has no {word} named {name!r}; it has {[n for n in names if n]}")
-    return index
-
-
-def check_parts(model: mujoco.MjModel, but: Collection[str] = ()) -> None:
-    """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
-
-    `but` names parts that this job does without.
-    """
-    lacking = [
-        f"{word} {name!r} ({use})"
-        for kind, word, name, use in _PARTS
-        if name not in but and mujoco.mj_name2id(model, kind, name) < 0
-    ]
-    if not any(thrusters.carries(row) for row in np.asarray(model.actuator_user)):
-        lacking.insert(0, "thrusters")
-    if lacking:
-        raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -17,9 +17,10 @@ from rich.console import Console
 
 from controllers.mkps import Chain
 from controllers.tasks.inspection import Inspection, InspectionJob
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
 from models.objects import targets
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find, pose_in_body
+from models.vehicle import pose_in_body
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns.variation import NOMINAL

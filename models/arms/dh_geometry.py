@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.vehicle import find
+from models.naming import find
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, exp_so3, inverse, pose, quat_wxyz_from_rotation, readonly
 

@@ -7,9 +7,9 @@ import mujoco
 import models
 from models import hydrodynamics
 from models.mjcf_files import read_mjcf
+from models.naming import TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.site.seabed import Seabed
-from models.vehicle import TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, shown, transform_points
 

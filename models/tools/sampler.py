@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics, cylinder
-from models.vehicle import TIP_SITE
+from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -47,7 +47,6 @@ GIVE = 0.02  # [m] that the mount can be pushed in, and
 SIDE_GIVE = 0.005  # [m] aside
 FRICTION = 0.3  # of the tool on what it touches
 _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
-_TOOL = "pad"  # the plant tells contacts of the geom of this name from collisions
 
 
 def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
@@ -56,10 +55,12 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
     The tool stands on the pad's body, along its slide; the tip site moves to its end, and the keyframes
     gain the mount's joints, at rest. Raises ConfigurationError if `spec` has no pad that slides, or no tip.
     """
-    pad = next((body for body in spec.bodies if body.name == _TOOL), None)
+    pad = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)
     if pad is None or tip is None or len(pad.joints) != 1 or pad.joints[0].type != mujoco.mjtJoint.mjJNT_SLIDE:
-        raise ConfigurationError(f"a sampler takes the place of a body {_TOOL!r} on one slide, at a site {TIP_SITE!r}")
+        raise ConfigurationError(
+            f"a sampler takes the place of a body {PAD_BODY!r} on one slide, at a site {TIP_SITE!r}"
+        )
     nq = spec.copy().compile().nq
     at_keys = {key.name: np.array(key.qpos) for key in spec.keys}  # deleting a joint empties them
     link, place, turn = pad.parent, np.array(pad.pos), np.array(pad.quat)
@@ -78,15 +79,15 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
             parent.pos, parent.quat = place, turn
         _slide(parent, name, axis, (-SIDE_GIVE, SIDE_GIVE))
     held = parent.add_body(
-        name=_TOOL,
+        name=PAD_BODY,
         mass=tool.mass,
         ipos=0.5 * tool.length * along,
         inertia=[tool.mass * tool.length**2 / 12.0] * 3,
         explicitinertial=True,
     )
-    _slide(held, _TOOL, along, (-GIVE, 0.25 * GIVE))
+    _slide(held, PAD_JOINT, along, (-GIVE, 0.25 * GIVE))
     geom = held.add_geom(
-        name=_TOOL,
+        name=TOOL_GEOM,
         mass=0.0,
         contype=1,
         conaffinity=2,
@@ -110,7 +111,7 @@ def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrod
     for key in spec.keys:
         if len(at_keys[key.name]) == nq:
             key.qpos = np.concatenate([at_keys[key.name][: nq - 1], np.zeros(3)])
-    return {_TOOL: water}
+    return {PAD_BODY: water}
 
 
 def _slide(body: mujoco.MjsBody, name: str, axis: np.ndarray, limits: tuple[float, float]) -> None:

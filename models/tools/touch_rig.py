@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.vehicle import HULL_BODY, TIP_SITE
+from models.naming import HULL_BODY, TIP_SITE, TOOL_GEOM
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rotation_from_z
 
@@ -18,7 +18,6 @@ SEAT = 0.040  # [m] radius of each of a nest's balls
 # which is the middle between two of the three; the three just clear each other.
 _SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)
 _DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)
-PIN = "pad"  # the plant tells contacts of the geom of this name from collisions
 
 
 def add_pin(spec: mujoco.MjSpec) -> None:
@@ -33,10 +32,10 @@ def add_pin(spec: mujoco.MjSpec) -> None:
     for body in (link, *link.bodies):
         for geom in body.geoms:
             geom.contype = geom.conaffinity = 0
-            if geom.name == PIN:
-                geom.name = f"{PIN}_idle"
+            if geom.name == TOOL_GEOM:
+                geom.name = f"{TOOL_GEOM}_idle"
     link.add_geom(
-        name=PIN,
+        name=TOOL_GEOM,
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         size=[BALL, 0, 0],
         pos=site.pos,

@@ -21,6 +21,7 @@ import math
 import mujoco
 import numpy as np
 
+from models.naming import CAMERA_SITE
 from models.vehicles import published_hulls as published
 from models.vehicles import reach_alpha_5
 from models.vehicles.published_hulls import PublishedHull
@@ -134,7 +135,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
     # OpenCV axes, level: z forward, x to starboard.
-    hull.add_site(name="camera", pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
+    hull.add_site(name=CAMERA_SITE, pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
     names = [
         published.add_thruster(spec, hull, str(i), published.from_ned(p), published.from_ned(direction))
         for i, (p, direction) in enumerate(places, start=1)

@@ -22,7 +22,7 @@ import numpy as np
 
 from models import hydrodynamics
 from models.hydrodynamics import BodyHydrodynamics, StripDrag, moved_added_mass
-from models.vehicle import ARM_BASE_BODY, TIP_SITE
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.vehicles import published_hulls as published
 from models.vehicles.published_hulls import PublishedHull
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z

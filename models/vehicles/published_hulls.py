@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from models import hydrodynamics
 from models.hydrodynamics import SEA_WATER, BodyHydrodynamics
-from models.vehicle import HOME_KEY, HULL_BODY, READY_KEY
+from models.naming import HOME_KEY, HULL_BODY, READY_KEY
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from models import hydrodynamics
 from models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, cylinder
-from models.vehicle import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
+from models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
 from models.vehicles import published_hulls as published
 from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 

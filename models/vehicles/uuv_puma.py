@@ -24,8 +24,8 @@ from models import hydrodynamics
 from models.arms import gear_friction
 from models.arms.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics, cylinder
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, HOME_KEY, HULL_BODY, PAD_BODY
 from models.tools import sampler
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE
 from models.water import thrusters
 from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation, rotation_from_z
 
@@ -94,15 +94,15 @@ def build(
         behind = pose(p=[0.0, 0.0, -0.07])  # the housing's axis is the camera's, its window just behind the camera
         _move(spec.geom("camera_housing"), _SIDE_X_BC @ behind)
     bodies = {
-        "hull": _hull(),
-        "arm_base": cylinder(0.1, (0, 0, -0.03), (0, 0, 0.03)),
+        HULL_BODY: _hull(),
+        ARM_BASE_BODY: cylinder(0.1, (0, 0, -0.03), (0, 0, 0.03)),
         "link1": cylinder(0.08, (0, 0, 0.03), (0, 0, 0.27)),
         "link2": cylinder(0.06, (0, 0, 0), (0.6, 0, 0)),
         "link3": cylinder(0.05, (0, 0, 0), (0.5, 0, 0)),
         "link4": cylinder(0.045, (-0.05, 0, 0), (0.05, 0, 0)),
         "link5": cylinder(0.04, (0, 0, 0), (0.08, 0, 0)),
         "link6": cylinder(0.03, (0.08, 0, 0), (0.17, 0, 0)),
-        "pad": cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
+        PAD_BODY: cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
     if tool != "pad":
         bodies |= sampler.fit(spec, _TOOLS[tool])
@@ -113,8 +113,8 @@ def build(
     }
     gear_friction.attach(spec, gears)
     thrusters.attach(spec, {a.name: _THRUSTER for a in spec.actuators if a.name.startswith("thruster_")})
-    home = next(key for key in spec.keys if key.name == "home")
-    hydrodynamics.trim(spec, "hull", metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
+    home = next(key for key in spec.keys if key.name == HOME_KEY)
+    hydrodynamics.trim(spec, HULL_BODY, metacentric_height=METACENTRIC_HEIGHT, qpos=home.qpos)
     return spec
 
 

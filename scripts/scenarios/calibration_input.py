@@ -19,8 +19,8 @@ from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry as arm_geometry
 from models.arms import published_arms as arms
 from models.arms.dh_geometry import ArmGeometry
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from scenarios.contact_parts import with_parts
 from scenarios.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
 from scenarios.touching import Session, touch

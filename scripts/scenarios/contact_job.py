@@ -12,9 +12,10 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find
 from models.objects.targets import TargetModel
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find, pose_in_body
+from models.vehicle import pose_in_body
 from perception.navigation.raw_navigation import RawNavigation
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import FinderState, KnownObjectFinder

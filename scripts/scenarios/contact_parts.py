@@ -12,8 +12,9 @@ import numpy as np
 
 from controllers.safety.safety_wrapper import SafetyWrapper
 from models.arms import dh_geometry as arm_geometry
+from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, check_parts
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, Vehicle, check_parts
+from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder

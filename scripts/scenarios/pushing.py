@@ -14,8 +14,9 @@ from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
 from controllers.hull.allocation import PRIORITIES, Allocation
 from controllers.hull.station_keeping import StationKeeping
 from controllers.hull.thruster_lead import RESPONSE, ThrusterLead
+from models.naming import HOME_KEY
 from models.site import scenes
-from models.vehicle import HOME_KEY, Vehicle
+from models.vehicle import Vehicle
 from models.water.thrusters import DEAD_BAND, TIME_CONSTANT
 from perception.navigation.strapdown_filter import Navigation
 from sim import hydrodynamics

@@ -14,11 +14,11 @@ from controllers.mkps import Chain
 from controllers.planning.ground_approach import GroundApproach
 from controllers.planning.seabed_height import HeightSearch
 from controllers.tasks.seabed_work import SeabedJob, SeabedWork
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
 from models.site import scenes
 from models.site.seabed import KINDS, Kind, seabed
 from models.site.soil import SOILS, SoilTool, box, core_tube
 from models.tools import sampler
-from models.vehicle import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
 from models.vehicles import uuv_puma
 from perception.clouds.point_files import read_cloud, read_targets
 from perception.navigation.ground_plane import GroundBelow

@@ -8,8 +8,9 @@ import numpy as np
 
 from controllers.mkps import Chain
 from controllers.tasks.touching import CompliantTouch, Nest, Touch, TouchSequence, draw_touches
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.tools import touch_rig
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from perception.navigation.strapdown_filter import Navigation
 from sim import hydrodynamics
 from sim.interfaces.errors import ReachError

@@ -27,9 +27,10 @@ from controllers.planning.hull_placement import tool_poses
 from controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
 from models.meshes import open3d_loader
 from models.meshes.ray_casting import RayScene
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site import scenes
 from models.site.seabed import KINDS, Seabed, seabed
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain import build_terrain
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work

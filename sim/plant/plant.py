@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 
 from models.hydrodynamics import LAYOUT, world_row
-from models.vehicle import HOME_KEY, TOOL_GEOM, Vehicle
+from models.naming import HOME_KEY, TOOL_GEOM
+from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command

@@ -19,7 +19,8 @@ from controllers.hull.allocation import Allocation
 from controllers.hull.station_keeping import StationKeeping
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, unpack
-from models.vehicle import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE, Vehicle
+from models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE
+from models.vehicle import Vehicle
 from models.vehicles import published_hulls as published
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError

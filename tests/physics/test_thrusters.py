@@ -9,7 +9,8 @@ from scipy.interpolate import PchipInterpolator
 
 import models
 from models.hydrodynamics import LAYOUT, unpack
-from models.vehicle import HOME_KEY, Vehicle
+from models.naming import HOME_KEY
+from models.vehicle import Vehicle
 from models.water import thrusters
 from models.water.thruster_curves import command_for, thrust_at
 from models.water.thrusters import Thruster

@@ -14,12 +14,11 @@ from models import hydrodynamics
 from models.arms import gear_friction
 from models.arms.gear_friction import GearFriction
 from models.hydrodynamics import BodyHydrodynamics
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TOOL_GEOM
+from models.naming import ARM_BASE_BODY, HULL_BODY, PAD_BODY, PAD_JOINT, TOOL_GEOM
 from models.water import thrusters
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-PAD_BODY = PAD_JOINT = "pad"
 TARGET_BODY = "target"
 STEPS_PER_SOLREF = 3.0  # of the contact's time constant; two are MuJoCo's least
 RESTLESS = 0.2  # square of the pad's phase in a step; from 0.26 on it may bounce for ever, whoever presses it

@@ -9,7 +9,8 @@ import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.mkps import Chain
 from controllers.work_controller import WorkController
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.vehicle import Vehicle
 from sim.interfaces.messages import Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 

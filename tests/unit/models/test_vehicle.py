@@ -6,7 +6,8 @@ import mujoco
 import pytest
 
 import models
-from models.vehicle import Vehicle, body_in_body, find, pose_in_body
+from models.naming import find
+from models.vehicle import Vehicle, body_in_body, pose_in_body
 from sim.interfaces.errors import ConfigurationError
 
 

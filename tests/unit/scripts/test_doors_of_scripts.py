@@ -12,7 +12,7 @@ import models
 from calib.touch_files import read_touches
 from controllers.tasks.touching import TouchTuning
 from controllers.work_controller import Tuning
-from models.vehicle import check_parts
+from models.naming import check_parts
 from sim.interfaces.errors import LONGEST, ConfigurationError
 
 

@@ -6,7 +6,7 @@ import pytest
 
 import models
 from controllers.estimation.contact_force import Tare, force_covariance, tip_force, tip_force_closed_form, tip_wrench
-from models.vehicle import TIP_SITE
+from models.naming import TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 

@@ -9,9 +9,10 @@ import pytest
 import models
 from controllers.mkps import Chain
 from controllers.planning.hull_path import CLEARANCE, HullPath
+from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.objects.targets import pile
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, HULL_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array, exp_so3, pose, quat_wxyz_from_rotation, transform_points
 
 X_WT = pose(p=[0.2, -0.1, 0.1])

@@ -8,9 +8,10 @@ import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
 from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, transform_points

@@ -7,8 +7,9 @@ import models
 from controllers.mkps import Chain, solve
 from controllers.planning.hull_placement import tool_pose
 from controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site.seabed import seabed
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from perception.seabed.terrain_path import core_path
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath

@@ -13,8 +13,9 @@ from controllers.planning.hull_placement import Placement
 from controllers.tasks import supervisor
 from controllers.tasks.axial_work import felt_by_tool
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.manifold import manifold
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError

@@ -8,9 +8,10 @@ from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
 from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, around, orbit
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects import targets
 from models.objects.targets import TargetModel
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate, Target, WorkState

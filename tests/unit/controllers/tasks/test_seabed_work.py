@@ -10,9 +10,10 @@ from controllers.planning.hull_placement import Placement
 from controllers.planning.seabed_height import WorkHeight
 from controllers.tasks import seabed_work
 from controllers.tasks.seabed_work import SeabedJob, SeabedWork
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site.seabed import Seabed
 from models.site.soil import core_tube, depth_for, mud, sand
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from perception.seabed.terrain_path import core_path
 from sim.interfaces.errors import ConfigurationError, ReachError

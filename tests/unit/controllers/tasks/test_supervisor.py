@@ -14,8 +14,9 @@ from controllers.planning.hull_placement import Placement
 from controllers.tasks import supervisor
 from controllers.tasks.supervisor import SurfaceWork, off_and_up
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel
-from models.vehicle import ARM_BASE_BODY, TIP_SITE, Vehicle
+from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose

@@ -1,0 +1,66 @@
+"""The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and their look-up.
+
+A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `models.water.thrusters`. If it has
+an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and a
+site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a sliding joint `pad`
+behind the face of the pad.
+"""
+
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+
+from models.water import thrusters
+from sim.interfaces.errors import ConfigurationError
+
+HULL_BODY = "hull"  # free; also the name of its joint
+ARM_BASE_BODY = "arm_base"  # fixed to the hull, carries the arm
+TIP_SITE = "tip"  # of the tool, z out
+CAMERA_SITE = "camera"  # OpenCV axes
+HOME_KEY = "home"  # arm folded; the vehicle is trimmed so
+READY_KEY = "ready"  # arm bent; inverse kinematics starts there
+TOOL_GEOM = PAD_BODY = PAD_JOINT = "pad"  # contacts of this geom are work, all others collisions
+# What a job of the arm asks of a vehicle beside its thrusters, and what each part is. All of them fit into one message.
+_PARTS = (
+    (mujoco.mjtObj.mjOBJ_BODY, "body", HULL_BODY, "free"),
+    (mujoco.mjtObj.mjOBJ_BODY, "body", ARM_BASE_BODY, "carries the arm"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", TIP_SITE, "of the tool, z out"),
+    (mujoco.mjtObj.mjOBJ_SITE, "site", CAMERA_SITE, "sees the object"),
+    (mujoco.mjtObj.mjOBJ_GEOM, "geom", TOOL_GEOM, "may touch"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", HOME_KEY, "arm folded"),
+    (mujoco.mjtObj.mjOBJ_KEY, "keyframe", READY_KEY, "arm bent, IK starts there"),
+)
+
+
+def find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
+    """Index of the named object; ConfigurationError that lists what there is otherwise."""
+    index = mujoco.mj_name2id(model, kind, name)
+    if index < 0:
+        word = kind.name.removeprefix("mjOBJ_").lower()
+        count = {
+            mujoco.mjtObj.mjOBJ_BODY: model.nbody,
+            mujoco.mjtObj.mjOBJ_SITE: model.nsite,
+            mujoco.mjtObj.mjOBJ_JOINT: model.njnt,
+            mujoco.mjtObj.mjOBJ_KEY: model.nkey,
+            mujoco.mjtObj.mjOBJ_GEOM: model.ngeom,
+        }[kind]
+        names = [mujoco.mj_id2name(model, kind, i) for i in range(count)]
+        raise ConfigurationError(f"the model has no {word} named {name!r}; it has {[n for n in names if n]}")
+    return index
+
+
+def check_parts(model: mujoco.MjModel, but: Collection[str] = ()) -> None:
+    """Raise ConfigurationError that names every part which a job of the arm needs and `model` lacks, with its use.
+
+    `but` names parts that this job does without.
+    """
+    lacking = [
+        f"{word} {name!r} ({use})"
+        for kind, word, name, use in _PARTS
+        if name not in but and mujoco.mj_name2id(model, kind, name) < 0
+    ]
+    if not any(thrusters.carries(row) for row in np.asarray(model.actuator_user)):
+        lacking.insert(0, "thrusters")
+    if lacking:
+        raise ConfigurationError(f"the vehicle lacks what this work needs: {', '.join(lacking)}")

@@ -15,7 +15,6 @@ import importlib
 import io
 import re
 import signal
-import sys
 import tempfile
 import time
 import warnings
@@ -29,31 +28,30 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "scripts"), str(ROOT)]
+import models
+from calib import identify as calibrate
+from calib.arm import Arm
+from calib.arm_files import read_arm
+from calib.touch_files import read_touches
+from controllers.mkps import Chain, Tracker, solve, solve_many
+from models.arms import published_arms as arms
+from models.objects import deformed, targets
+from models.objects.target_model import ModelPath, Symmetry, TargetModel
+from models.site import scenes
+from models.vehicle import Vehicle
+from models.water import thrusters
+from perception import identify
+from perception.clouds.cloud_files import load_cloud
+from perception.clouds.point_files import read_targets
+from perception.clouds.scan import Scan, SensorModel
+from perception.seabed.terrain_path import plan_seabed_work
+from perception.toolpath.path_shapes import circle, laid_on, line, raster
+from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
+from sim.interfaces.errors import UuvError
+from sim.runs import startup
+from sim.water.current import Current
 
-import models  # noqa: E402
-from calib import identify as calibrate  # noqa: E402
-from calib.arm import Arm  # noqa: E402
-from calib.arm_files import read_arm  # noqa: E402
-from calib.touch_files import read_touches  # noqa: E402
-from controllers.mkps import Chain, Tracker, solve, solve_many  # noqa: E402
-from models.arms import published_arms as arms  # noqa: E402
-from models.objects import deformed, targets  # noqa: E402
-from models.objects.target_model import ModelPath, Symmetry, TargetModel  # noqa: E402
-from models.site import scenes  # noqa: E402
-from models.vehicle import Vehicle  # noqa: E402
-from models.water import thrusters  # noqa: E402
-from perception import identify  # noqa: E402
-from perception.clouds.cloud_files import load_cloud  # noqa: E402
-from perception.clouds.point_files import read_targets  # noqa: E402
-from perception.clouds.scan import Scan, SensorModel  # noqa: E402
-from perception.seabed.terrain_path import plan_seabed_work  # noqa: E402
-from perception.toolpath.path_shapes import circle, laid_on, line, raster  # noqa: E402
-from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE  # noqa: E402
-from sim.interfaces.errors import UuvError  # noqa: E402
-from sim.runs import startup  # noqa: E402
-from sim.water.current import Current  # noqa: E402
+ROOT = Path(__file__).resolve().parents[2]
 
 _WARMED: set[str] = set()
 LONGEST = 10.0  # [s] for one input

@@ -27,6 +27,7 @@ from models.objects import targets
 from models.objects.targets import TargetModel
 from perception.toolpath.path_shapes import line, raster
 from sim.interfaces.errors import LONGEST, ConfigurationError, UuvError
+from untyped import untyped
 
 INPUTS = int(os.environ.get("UUV_FUZZ", "12"))
 _ASKED = os.environ.get("UUV_FUZZ_SEED", "0")
@@ -86,29 +87,29 @@ def test_files_that_were_met_badly_are_refused_by_name(file: Path) -> None:
 
 
 PAST: list[tuple[Callable[[], Any], str]] = [
-    (lambda: Chain.from_mjcf(PUMA, None, "tip"), "base_body: expected a name, got None"),  # type: ignore[arg-type]
-    (lambda: Chain.from_dh(DH, joint_types=7), "joint_types: expected 3 letters"),  # type: ignore[arg-type]
+    (lambda: Chain.from_mjcf(PUMA, untyped(None), "tip"), "base_body: expected a name, got None"),
+    (lambda: Chain.from_dh(DH, joint_types=untyped(7)), "joint_types: expected 3 letters"),
     (lambda: Chain.from_dh([[1e308, 0, 0, 0]]), "dh: numbers must lie within 1e"),
     (lambda: Chain.from_dh([[10**400, 0, 0, 0]]), "dh: expected .* numbers"),
-    (lambda: Chain.from_urdf(np.zeros(2), "a", "b"), "base_link|urdf: expected"),  # type: ignore[arg-type]
-    (lambda: Arm.from_dh(DH, joint_types=7), "joint_types: 3 letters"),  # type: ignore[arg-type]
+    (lambda: Chain.from_urdf(untyped(np.zeros(2)), "a", "b"), "base_link|urdf: expected"),
+    (lambda: Arm.from_dh(DH, joint_types=untyped(7)), "joint_types: 3 letters"),
     (lambda: Arm.from_dh([["a"] * 4]), "nominal: expected"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), max_restarts=10**400), "max_restarts: must be a whole number"),
     (lambda: solve(CHAIN, np.eye(4), []), "q0: expected shape"),
-    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=np.zeros(3)), "method: allowed"),  # type: ignore[arg-type]
-    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance="x"), "position_tolerance"),  # type: ignore[arg-type]
-    (lambda: calibrate(TOUCHES, DH, noise="x"), "noise .m.: expected a number, got 'x'"),  # type: ignore[arg-type]
+    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=untyped(np.zeros(3))), "method: allowed"),
+    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance=untyped("x")), "position_tolerance"),
+    (lambda: calibrate(TOUCHES, DH, noise=untyped("x")), "noise .m.: expected a number, got 'x'"),
     (lambda: calibrate(TOUCHES, DH, noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
     (lambda: calibrate(TOUCHES, DH, noise=10**400), "noise .m.: expected a number"),
-    (lambda: calibrate(TOUCHES, DH, robust=np.zeros(2)), "robust: must be True or False"),  # type: ignore[arg-type]
-    (lambda: calibrate(TOUCHES, DH, distances=[(0, 1)]), "distances: expected"),  # type: ignore[list-item]
-    (lambda: TargetModel.from_file(__file__, scale="1"), "scale: expected a number, got '1'"),  # type: ignore[arg-type]
+    (lambda: calibrate(TOUCHES, DH, robust=untyped(np.zeros(2))), "robust: must be True or False"),
+    (lambda: calibrate(TOUCHES, DH, distances=untyped([(0, 1)])), "distances: expected"),
+    (lambda: TargetModel.from_file(__file__, scale=untyped("1")), "scale: expected a number, got '1'"),
     (lambda: TargetModel.from_file("n" * 300 + ".stl"), "file name too long"),
-    (lambda: TargetModel.from_file(10**400), "expected the name of a file"),  # type: ignore[arg-type]
-    (lambda: targets.of(1j), "object: expected a name or a mesh file"),  # type: ignore[arg-type]
-    (lambda: targets.of(Hostile()), "object: expected .*Hostile"),  # type: ignore[arg-type]
+    (lambda: TargetModel.from_file(untyped(10**400)), "expected the name of a file"),
+    (lambda: targets.of(untyped(1j)), "object: expected a name or a mesh file"),
+    (lambda: targets.of(untyped(Hostile())), "object: expected .*Hostile"),
     (lambda: line([0, 0, 0], [1e300, 0, 0]), "line: end: must lie within"),
-    (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], "x"), "pitch .m.: expected a number"),  # type: ignore[arg-type]
+    (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], untyped("x")), "pitch .m.: expected a number"),
     (lambda: raster([0, 0, 0], [1, 0, 0], [0, 1, 0], 1e-9), "at most 10000 lines"),
 ]
 

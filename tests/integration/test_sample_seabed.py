@@ -11,6 +11,7 @@ from perception.seabed.seabed_finder import SeabedFinder
 from sim import hydrodynamics
 from sim.evaluation.seabed_metrics import SeabedBounds, schema
 from sim.interfaces.messages import GroundPlane, SonarScan, StateEstimate
+from untyped import untyped
 
 BOUNDS = SeabedBounds()
 
@@ -141,7 +142,7 @@ def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     )
     recorder = SimpleNamespace(add_cloud=lambda *_: None)
     moment = SimpleNamespace(frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0))
-    Story(recorder, log).observe(moment)  # pyright: ignore[reportArgumentType]
+    Story(untyped(recorder), untyped(log)).observe(untyped(moment))
     assert shown.keys() == {"scan", "coarse_plane", "seabed", "targets", "profile_a", "profile_n"}
     assert len(shown["profile_a"]) == len(shown["profile_n"]) > 2
     assert np.allclose(np.einsum("ij,ij->i", shown["profile_a"], shown["profile_n"]), 0.0)

@@ -21,6 +21,7 @@ import tempfile
 import time
 import tomllib
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,16 @@ LISTED = Path(__file__).with_name("listed.toml")
 LEFT_OUT = (".venv", ".git", ".uv", "runs", ".pytest_cache", ".ruff_cache")
 PATIENCE = 8.0  # times the budget, in seconds of the clock: hung
 MEMORY = 6 * 2**30  # [bytes] that a mutant may ask for
+LOADED_ONCE = (
+    "matplotlib.pyplot",
+    "mujoco",
+    "numba",
+    "pytest",
+    "scipy.interpolate",
+    "scipy.optimize",
+    "scipy.spatial",
+    "scipy.stats",
+)  # by nearly all tests: not anew for every mutant
 MOST_FILES = 12  # of tests for a drawn mutant, the nearest first
 
 
@@ -229,14 +240,8 @@ def main() -> None:
         known = {tuple(result["key"]): result for result in kept}
     rows: list[dict[str, Any]] = []
 
-    import matplotlib.pyplot  # noqa: F401  what nearly all tests load: once, not for every mutant
-    import mujoco  # noqa: F401
-    import numba  # noqa: F401
-    import pytest  # noqa: F401
-    import scipy.interpolate
-    import scipy.optimize
-    import scipy.spatial
-    import scipy.stats  # noqa: F401
+    for name in LOADED_ONCE:
+        import_module(name)
 
     context = multiprocessing.get_context("fork")
     tasks, results = context.SimpleQueue(), context.SimpleQueue()

@@ -11,6 +11,7 @@ from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from untyped import untyped
 
 NAN = float("nan")
 LINE = {"start": np.zeros(3), "end": np.array([1.0, 0.0, 0.0]), "normal": 1.0}
@@ -98,7 +99,7 @@ def test_attach_names_what_is_wrong():
     with pytest.raises(ConfigurationError, match=r"water_density .* must be positive, got 0"):
         water.attach(spec, {"ball": body}, 0.0)
     with pytest.raises(ConfigurationError, match="ball: expected BodyHydrodynamics, got float"):
-        water.attach(spec, {"ball": 1.0})  # pyright: ignore[reportArgumentType]
+        water.attach(spec, {"ball": untyped(1.0)})
     spec.body("ball").userdata = [1.0, 2.0]
     with pytest.raises(ConfigurationError, match="ball: its user data is taken"):
         water.attach(spec, {"ball": body})

@@ -10,6 +10,7 @@ from calib import Arm, identify
 from calib.simulation import touch
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
+from untyped import untyped
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ REFUSED: dict[str, tuple[Callable[[list[Array]], object], str]] = {
 def test_refused_in_one_line(case: str, series: list[Array]):
     spoil, words = REFUSED[case]
     with pytest.raises(ConfigurationError, match=words):
-        identify(spoil(series), UR10E)  # pyright: ignore[reportArgumentType]
+        identify(untyped(spoil(series)), UR10E)
 
 
 @pytest.mark.parametrize(

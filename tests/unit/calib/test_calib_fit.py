@@ -10,6 +10,7 @@ from calib.simulation import touch, wrong_arm
 from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
+from untyped import untyped
 
 H, DEG = np.pi / 2, np.pi / 180
 # UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that paper 000 identified.
@@ -257,7 +258,7 @@ def test_compliance_in_water_from_two_loads():
         return Loads(
             link_masses=masses,
             link_volumes=masses / 4000.0,
-            payload_mass=payload,  # pyright: ignore[reportArgumentType]
+            payload_mass=untyped(payload),
             payload_center=(0.0, 0.0, 0.1),
             payload_volume=5e-4,
             water_density=1025.0,

@@ -14,6 +14,7 @@ from sim.interfaces.messages import Command
 from sim.interfaces.spatial import pose
 from sim.plant.plant import Plant
 from sim.water.current import Current
+from untyped import untyped
 
 STILL = Current((0.0, 0.0, 0.0))
 GUSTS = Current((0.0, 0.0, 0.0), gust=0.01, timestep=0.002, rng=np.random.default_rng(0))
@@ -123,7 +124,7 @@ def test_commands_that_are_no_plain_arrays_act_as_those():
     for thrusters in (np.full(6, 1.0), [1] * 6, np.full(6, 1)):
         plant = Plant(hydrodynamics.compile(models.load("uuv_puma")), current=STILL)
         plant.observe()
-        plant.step(replace(REST, thrusters=thrusters))  # pyright: ignore[reportArgumentType]
+        plant.step(replace(REST, thrusters=untyped(thrusters)))
         speeds.append(plant.truth.propeller_speed.copy())
     assert np.all(speeds[0] > 0.0)
     assert np.array_equal(speeds[0], speeds[1])

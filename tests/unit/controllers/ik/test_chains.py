@@ -14,6 +14,7 @@ from controllers.ik import sweeps as mkps_sweeps
 from controllers.mkps import Chain, Method, solve, solve_many
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
+from untyped import untyped
 
 H = np.pi / 2
 PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
@@ -265,9 +266,9 @@ def test_arguments_of_other_types_are_taken() -> None:
             assert solve(chain, X, q0).q.tobytes() == expected.tobytes()
     assert solve(chain, target, np.zeros(6, dtype=int), 1, 1, max_iterations=50).converged
     with pytest.raises(ConfigurationError, match="X_base_tip: expected numbers"):
-        solve(chain, [["a"] * 4] * 4, HOME)  # pyright: ignore[reportArgumentType]
+        solve(chain, untyped([["a"] * 4] * 4), HOME)
     with pytest.raises(ConfigurationError, match="max_iterations"):
-        solve(chain, target, HOME, max_iterations="many")  # pyright: ignore[reportArgumentType]
+        solve(chain, target, HOME, max_iterations=untyped("many"))
 
 
 def test_unreachable_directions_give_the_nearest_pose() -> None:

@@ -10,6 +10,7 @@ from controllers.mkps import Branch, Chain, Method, solve, solve_many
 from models.arms import published_arms as arms
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
+from untyped import untyped
 
 H = np.pi / 2
 ARMS = {name: arms.load(name) for name in arms.available()}
@@ -427,7 +428,7 @@ def test_long_chains_are_solved() -> None:
 def test_bad_chains_are_refused(change: dict[str, object], names: str) -> None:
     arguments: dict[str, object] = {"dh": np.ones((3, 4))} | change
     with pytest.raises(ConfigurationError, match=names):
-        Chain.from_dh(**arguments)  # pyright: ignore[reportArgumentType]
+        Chain.from_dh(**untyped(arguments))
 
 
 @pytest.mark.parametrize(
@@ -443,7 +444,7 @@ def test_bad_chains_are_refused(change: dict[str, object], names: str) -> None:
 )
 def test_bad_vectors_are_refused(M: object, e: object, p: object, L: object, names: str) -> None:
     with pytest.raises(ConfigurationError, match=names):
-        Chain.from_vectors(M, e, p, L)  # pyright: ignore[reportArgumentType]
+        Chain.from_vectors(*untyped((M, e, p, L)))
 
 
 @pytest.mark.parametrize(
@@ -484,7 +485,7 @@ def test_bad_models_are_refused(body: str, site: str, exclude: tuple[str, ...], 
 def test_bad_calls_are_refused(change: dict[str, object], names: str) -> None:
     arguments: dict[str, object] = {"X_base_tip": np.eye(4), "q0": np.zeros(6)} | change
     with pytest.raises(ConfigurationError, match=names):
-        solve(Chain.from_dh(ARMS["puma560"].dh), **arguments)  # pyright: ignore[reportArgumentType]
+        solve(Chain.from_dh(ARMS["puma560"].dh), **untyped(arguments))
 
 
 def test_forward_refuses_bad_joint_values() -> None:

@@ -13,6 +13,7 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
+from untyped import untyped
 
 P_BD = np.array([-0.7, 0.1, -0.4])
 X_WB = pose(exp_so3([0.03, -0.05, 0.8]), [0.2, -0.1, -6.1])
@@ -63,7 +64,7 @@ class Still:
 
 def estimate(ground: Seabed, beams: DvlBeams, count: int = 10, seed: int = 0) -> StateEstimate:
     """After `count` pings over `ground`."""
-    below = GroundBelow(Still())  # pyright: ignore[reportArgumentType]
+    below = GroundBelow(untyped(Still()))
     state, told = below.init([]), ESTIMATE
     for ping in pings(ground, beams, count, seed):
         state, told = below.step(state, [ping])

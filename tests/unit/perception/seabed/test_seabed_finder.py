@@ -11,6 +11,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import ImuMeasurement, SonarScan, StateEstimate, Target
 from sim.interfaces.spatial import exp_so3, pose, transform_points
 from sim.sensors.sonar import Sonar, SonarBeams
+from untyped import untyped
 
 X_WB = pose(exp_so3([0.0, 0.0, 0.7]), [1.0, -2.0, -17.5])
 X_BS = pose(np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]), [0.7, 0.0, -0.4])
@@ -34,12 +35,12 @@ def ping(ground: Seabed, seed: int, **sonar: object) -> SonarScan:
     model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    points = Sonar(model, "world", X_WB @ X_BS, beams=BEAMS, **sonar).ping(data, np.random.default_rng(seed))  # pyright: ignore[reportArgumentType]
+    points = Sonar(model, "world", X_WB @ X_BS, beams=BEAMS, **untyped(sonar)).ping(data, np.random.default_rng(seed))
     return SonarScan(time=3.0, points=points, X_BS=X_BS)
 
 
 def ground(kind: str = "ripples", seed: int = 1) -> Seabed:
-    return seabed(kind, np.random.default_rng(seed), center_W=(1.0, -2.0, -20.0), half=2.5)  # pyright: ignore[reportArgumentType]
+    return seabed(untyped(kind), np.random.default_rng(seed), center_W=(1.0, -2.0, -20.0), half=2.5)
 
 
 def find(finder: SeabedFinder, scan: SonarScan) -> Target:

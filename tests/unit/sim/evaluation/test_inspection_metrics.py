@@ -7,6 +7,7 @@ from models.objects.targets import TargetModel
 from sim.evaluation.inspection_metrics import TrueInspection, off_and_view, seen_share
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose, transform_points
+from untyped import untyped
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 SIDES = np.array(
@@ -31,7 +32,7 @@ X_WT = pose(p=[1.0, 2.0, -5.0])
 
 def truth(**changed: object) -> TrueInspection:
     given = {"X_WT": X_WT, "X_BC": np.eye(4), "half_view": (1.0, 1.0), "far": 10.0, "distance": 1.5}
-    return TrueInspection(target=CUBE, **{**given, **changed})  # pyright: ignore[reportArgumentType]
+    return TrueInspection(target=CUBE, **untyped({**given, **changed}))
 
 
 def looking(at_T: Array, axis: Array) -> Array:

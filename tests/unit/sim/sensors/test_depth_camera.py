@@ -11,6 +11,7 @@ from sim.interfaces.messages import DepthImage
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.sensors.depth_camera import DepthCamera, StereoNoise, add_noise
+from untyped import untyped
 
 SCENE = """
 <mujoco>
@@ -273,7 +274,7 @@ def test_impossible_cameras_are_refused(scene: mujoco.MjModel):
         (lambda: DepthCamera(scene, "hull", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BC: expected a pose"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), focal=-1.0), "focal"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), focal=np.inf), "focal"),
-        (lambda: DepthCamera(scene, "hull", np.eye(4), width=64.5), "64.5"),  # pyright: ignore[reportArgumentType]
+        (lambda: DepthCamera(scene, "hull", np.eye(4), width=untyped(64.5)), "64.5"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), delay=-1.0), "delay"),
         (lambda: StereoNoise(baseline=0.0), "baseline"),

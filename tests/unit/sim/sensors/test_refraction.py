@@ -11,6 +11,7 @@ from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.refraction import FlatPort, PortCalibration, in_air, in_water
+from untyped import untyped
 
 FOCAL = 554.0
 THIN = FlatPort(distance=0.0, thickness=0.0)
@@ -22,7 +23,7 @@ def wall(z: float, **options: object) -> DepthImage:
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, z], quat=[0, 1, 0, 0])
     model = spec.compile()
-    camera = DepthCamera(model, "world", np.eye(4), noise=None, **options)  # pyright: ignore[reportArgumentType]
+    camera = DepthCamera(model, "world", np.eye(4), noise=None, **untyped(options))
     return camera.step(camera.init(np.random.default_rng(0)), Poses.of(model))[1]
 
 

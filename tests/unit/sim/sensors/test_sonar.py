@@ -20,6 +20,7 @@ from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transf
 from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from sim.sensors.tessellation import tessellate
 from sim.sensors.visible_world import Rays, VisibleWorld
+from untyped import untyped
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W
 PENCIL = SonarBeams(rows=1, columns=1, width=0.0)
@@ -266,11 +267,11 @@ def test_impossible_sonars_are_refused():
         (lambda: Sonar(model, "world", np.eye(4)).step(SonarState(seed=0, ping=0), mujoco.MjData(model)), "kinematics"),
         (lambda: Sonar(model, "world", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: Sonar(model, "world", np.eye(4), delay=-1.0), "delay"),
-        (lambda: Sonar(model, "world", np.eye(4), echo="last"), "echo"),  # pyright: ignore[reportArgumentType]
+        (lambda: Sonar(model, "world", np.eye(4), echo=untyped("last")), "echo"),
         (lambda: Sonar(model, "world", np.eye(4), exclude=["leg"]), "leg"),
         (lambda: Sonar(model, "world", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BS: expected a pose"),
         (lambda: SonarBeams(rows=0), "beam"),
-        (lambda: SonarBeams(columns=1.5), "1.5"),  # pyright: ignore[reportArgumentType]
+        (lambda: SonarBeams(columns=untyped(1.5)), "1.5"),
         (lambda: SonarBeams(azimuth=4.0), "azimuth"),
         (lambda: SonarBeams(width=np.nan), "width"),
         (lambda: without_lone_echoes(np.zeros((5, 3))), "organised|H, W"),

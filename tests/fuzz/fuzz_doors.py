@@ -780,11 +780,11 @@ SCRIPTS = (
     "calibrate_arm",
     "plan_seabed",
     "identify_object",
-    "step_response",
-    "study_contact",
-    "bench_ik",
-    "study_seabed",
-    "study_tip_force",
+    "studies.step_response",
+    "studies.contact",
+    "benchmarks.ik",
+    "studies.seabed",
+    "studies.tip_force",
 )
 VALUES = (
     "nan",

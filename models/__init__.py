@@ -8,10 +8,9 @@ import numpy as np
 
 from models import hydrodynamics
 from models.naming import HULL_BODY
+from models.registry import Registry
 from models.vehicles import bluerov2_heavy, phoenix_smart3s, reach_alpha_5, uuv_puma
 from models.water import thrusters
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +44,11 @@ _MODELS = {
         build=reach_alpha_5.build, source="Kolano et al., arXiv 2209.13577; friction: floating-KinDyn"
     ),
 }
-_ALIASES = {"bluerov2_heavy": "bluerov2_heavy_benzon2022"}  # the later set, and better attested
+VEHICLES = Registry(
+    "vehicle",
+    {name: entry.build for name, entry in _MODELS.items()},
+    {"bluerov2_heavy": "bluerov2_heavy_benzon2022"},  # the later set, and better attested
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,13 +67,13 @@ class Description:
 
 
 def available() -> tuple[str, ...]:
-    """Names that `load` knows, `bluerov2_heavy` for `bluerov2_heavy_benzon2022` among them."""
-    return tuple(sorted([*_MODELS, *_ALIASES]))
+    """Names that `load` knows: built-in models, their aliases, and those of other packages."""
+    return VEHICLES.names()
 
 
 def load(name: str) -> mujoco.MjSpec:
     """A named model, coefficients already attached. Raises ConfigurationError, with the names there are, for others."""
-    return _entry(name).build()
+    return VEHICLES.load(name)
 
 
 def describe(name: str) -> Description:
@@ -82,8 +85,8 @@ def describe(name: str) -> Description:
     floating = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY) >= 0
     driven = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
     return Description(
-        name=_ALIASES.get(name, name),
-        source=_entry(name).source,
+        name=VEHICLES.resolve(name),
+        source=_source(VEHICLES.resolve(name)),
         floating=floating,
         dof=model.nv,
         joints=tuple(model.joint(int(j)).name for j in np.asarray(model.actuator_trnid)[driven, 0]),
@@ -94,7 +97,5 @@ def describe(name: str) -> Description:
     )
 
 
-def _entry(name: str) -> _Entry:
-    if not isinstance(name, str) or name not in available():
-        raise ConfigurationError(f"unknown model {shown(name)}; there are {', '.join(available())}")
-    return _MODELS[_ALIASES.get(name, name)]
+def _source(name: str) -> str:
+    return _MODELS[name].source if name in _MODELS else "another package"

@@ -10,12 +10,13 @@ Craig's convention are carried over; the tip is then turned about its own axis, 
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked_place, exp_so3, pose, readonly, shown
+from models.registry import Registry
+from sim.interfaces.spatial import Array, checked_place, exp_so3, pose, readonly
 
 H = math.pi / 2
 _Rows = list[tuple[float, float, float, float]]
@@ -71,14 +72,12 @@ class VectorArm:
 
 def available() -> tuple[str, ...]:
     """The names that `load` knows."""
-    return tuple(_ARMS)
+    return ARMS.names()
 
 
 def load(name: str) -> PublishedArm:
     """The arm of that name. Raises ConfigurationError, with the names there are, for another."""
-    if not isinstance(name, str) or name not in _ARMS:
-        raise ConfigurationError(f"arm: allowed {', '.join(_ARMS)}, got {shown(name)}")
-    return _ARMS[name]
+    return ARMS.load(name)
 
 
 def _arm(
@@ -326,3 +325,5 @@ SERVO_ARM = VectorArm(
     source="a stand-in for the arm of paper 003, fig. 8, whose dimensions are not public: hangs straight down (y up) at"
     " zero, 0.53 m long, for the poses of the paper's table 1 to be within reach; links, axes and limits made up",
 )
+
+ARMS: Registry[PublishedArm] = Registry("arm", {name: partial(_ARMS.__getitem__, name) for name in _ARMS})

@@ -126,7 +126,7 @@ def rigid(model: mujoco.MjModel, body: int) -> tuple[float, Array, Array]:
 def test_the_names_that_others_rely_on():
     assert {"uuv_puma", "bluerov2_heavy", "phoenix_smart3s", "reach_alpha_5"} <= set(models.available())
     assert models.describe("bluerov2_heavy").name == "bluerov2_heavy_benzon2022"
-    with pytest.raises(ConfigurationError, match=r"unknown model 'bluerov3'; there are .*bluerov2_heavy_wu2018"):
+    with pytest.raises(ConfigurationError, match=r"unknown vehicle 'bluerov3'; there are .*bluerov2_heavy_wu2018"):
         models.describe("bluerov3")
 
 

@@ -85,7 +85,7 @@ def test_missing_camera_is_named():
 
 
 def test_unknown_model_lists_those_there_are():
-    with pytest.raises(ConfigurationError, match=r"unknown model 'nautilus'; there are .*uuv_puma"):
+    with pytest.raises(ConfigurationError, match=r"unknown vehicle 'nautilus'; there are .*uuv_puma"):
         models.load("nautilus")
 
 

@@ -1,0 +1,105 @@
+"""Registry: things that are made by name, ours and those of other packages (entry points).
+
+    VEHICLES = Registry("vehicle", {"uuv_puma": uuv_puma.build})
+    spec = VEHICLES.load("uuv_puma")
+
+A package adds its own in its pyproject.toml; the group is the registry's kind, the object a callable that makes it:
+
+    [project.entry-points."uuv_arm.object"]
+    wellhead = "my_package.objects:wellhead"
+"""
+
+import inspect
+from collections.abc import Callable, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Generic, TypeVar
+
+from sim.interfaces.errors import ConfigurationError, UuvError
+from sim.interfaces.spatial import shown
+
+T = TypeVar("T")
+GROUP = "uuv_arm"  # of entry points, with the kind behind a dot
+
+
+class Registry(Generic[T]):
+    """Makers by name for one kind of thing: "vehicle", "arm", "object", "tool", "soil", "sensor", "controller"."""
+
+    def __init__(
+        self, kind: str, built_in: Mapping[str, Callable[..., T]], aliases: Mapping[str, str] | None = None
+    ) -> None:
+        """Take the kind, its built-in makers by name, and other names for some of them.
+
+        Args:
+            kind: word that messages use, and the last part of the entry points' group.
+            built_in: makers by name; they take precedence over other packages' of the same name.
+            aliases: built-in names by alias.
+        """
+        self.kind = kind
+        self._built_in = dict(built_in)
+        self._aliases = dict(aliases or {})
+        self._found: dict[str, EntryPoint] | None = None
+
+    def names(self) -> tuple[str, ...]:
+        """All names that `load` knows, sorted."""
+        return tuple(sorted({*self._built_in, *self._aliases, *self._of_packages()}))
+
+    def __contains__(self, name: object) -> bool:
+        """Whether `load` knows `name`."""
+        return isinstance(name, str) and (
+            name in self._built_in or name in self._aliases or name in self._of_packages()
+        )
+
+    def resolve(self, name: str) -> str:
+        """The name that an alias stands for; another name as it is. Raises ConfigurationError for an unknown one."""
+        if name not in self:
+            raise ConfigurationError(f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}")
+        return self._aliases.get(name, name)
+
+    def load(self, name: str, **options: Any) -> T:
+        """Make the thing of that name.
+
+        Args:
+            name: one of `names()`.
+            options: keyword arguments of its maker.
+
+        Returns:
+            What the maker returns.
+
+        Raises:
+            ConfigurationError: for an unknown name or option, with those there are, and for whatever another package's
+                maker raises while it is imported or called.
+        """
+        name = self.resolve(name)
+        own = name in self._built_in
+        make = self._built_in[name] if own else self._imported(self._of_packages()[name])
+        if options:
+            allowed = inspect.signature(make).parameters
+            if not set(options) <= set(allowed):
+                unknown = sorted(set(options) - set(allowed))
+                raise ConfigurationError(f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}")
+        if own:
+            return make(**options)
+        try:
+            return make(**options)
+        except UuvError:
+            raise
+        except Exception as error:
+            raise ConfigurationError(f"{self.kind} {name!r}: {type(error).__name__}: {error}") from error
+
+    def _of_packages(self) -> dict[str, EntryPoint]:
+        if self._found is None:
+            points = entry_points(group=f"{GROUP}.{self.kind}")
+            self._found = {point.name: point for point in points if point.name not in self._built_in}
+        return self._found
+
+    def _imported(self, point: EntryPoint) -> Callable[..., T]:
+        package = point.dist.name if point.dist else "an unknown package"
+        try:
+            make = point.load()
+        except Exception as error:
+            raise ConfigurationError(
+                f"{self.kind} {point.name!r} of {package}: cannot import {point.value}; {type(error).__name__}: {error}"
+            ) from error
+        if not callable(make):
+            raise ConfigurationError(f"{self.kind} {point.name!r} of {package}: {point.value} must be callable")
+        return make

@@ -1,0 +1,64 @@
+"""Names of things: ours, aliases, and what other packages add by entry points."""
+
+from pathlib import Path
+
+import pytest
+
+from models.registry import Registry
+from sim.interfaces.errors import ConfigurationError
+
+BOXES = Registry("box", {"small": lambda size=1: size, "large": lambda: 10}, {"big": "large"})
+
+
+@pytest.fixture
+def boxes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Registry[int]:
+    """BOXES, in an environment with a package that adds some of its own."""
+    (tmp_path / "far_away.py").write_text(
+        "huge = lambda size=100: size\nnumber = 3\n\ndef broken():\n    raise OSError('no disk')\n"
+    )
+    about = tmp_path / "far_away-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: far-away\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text(
+        "[uuv_arm.box]\nhuge = far_away:huge\nsmall = far_away:huge\nbroken = far_away:broken\n"
+        "number = far_away:number\nlost = far_away:nothing\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return Registry("box", {"small": lambda size=1: size, "large": lambda: 10}, {"big": "large"})
+
+
+def test_ours_by_name_and_alias():
+    assert BOXES.names() == ("big", "large", "small")
+    assert (BOXES.load("small", size=3), BOXES.load("big"), BOXES.resolve("big")) == (3, 10, "large")
+    assert "small" in BOXES
+    assert 3 not in BOXES
+
+
+def test_another_packages(boxes):
+    assert boxes.names() == ("big", "broken", "huge", "large", "lost", "number", "small")
+    assert (boxes.load("huge"), boxes.load("huge", size=7)) == (100, 7)
+    assert boxes.load("small") == 1  # ours comes first
+
+
+@pytest.mark.parametrize("name", ["tiny", 3, None, "x" * 1000])
+def test_a_name_that_is_none(name):
+    with pytest.raises(ConfigurationError, match="unknown box .* there are big, large, small"):
+        BOXES.load(name)
+
+
+def test_an_option_that_is_none():
+    with pytest.raises(ConfigurationError, match=r"box 'small' has no \['colour'\]; it has \['size'\]"):
+        BOXES.load("small", colour="red")
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("broken", "box 'broken': OSError: no disk"),
+        ("lost", "box 'lost' of far-away: cannot import far_away:nothing; AttributeError"),
+        ("number", "box 'number' of far-away: far_away:number must be callable"),
+    ],
+)
+def test_what_goes_wrong_in_another_package_is_told_with_its_name(boxes, name, said):
+    with pytest.raises(ConfigurationError, match=said):
+        boxes.load(name)

@@ -12,7 +12,7 @@ A package adds its own in its pyproject.toml; the group is the registry's kind, 
 import inspect
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.interfaces.spatial import shown
@@ -95,11 +95,11 @@ class Registry(Generic[T]):
     def _imported(self, point: EntryPoint) -> Callable[..., T]:
         package = point.dist.name if point.dist else "an unknown package"
         try:
-            make = point.load()
+            make: Any = point.load()
         except Exception as error:
             raise ConfigurationError(
                 f"{self.kind} {point.name!r} of {package}: cannot import {point.value}; {type(error).__name__}: {error}"
             ) from error
         if not callable(make):
             raise ConfigurationError(f"{self.kind} {point.name!r} of {package}: {point.value} must be callable")
-        return make
+        return cast(Callable[..., T], make)

@@ -42,7 +42,7 @@ def test_another_packages(boxes):
 
 @pytest.mark.parametrize("name", ["tiny", 3, None, "x" * 1000])
 def test_a_name_that_is_none(name):
-    with pytest.raises(ConfigurationError, match="unknown box .* there are big, large, small"):
+    with pytest.raises(ConfigurationError, match=r"unknown box .* there are big, large, small"):
         BOXES.load(name)
 
 

@@ -78,7 +78,7 @@ def test_the_servo_arm_hangs_straight_down() -> None:
 
 
 def test_an_unknown_arm_is_refused_by_name() -> None:
-    with pytest.raises(ConfigurationError, match=r"puma560.*era.*'puma'"):
+    with pytest.raises(ConfigurationError, match=r"unknown arm 'puma'; there are .*era.*puma560"):
         arms.load("puma")
     with pytest.raises(ConfigurationError, match="q: expected shape"):
         arms.load("panda").frames(np.zeros(6))

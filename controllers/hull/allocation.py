@@ -211,7 +211,10 @@ class Allocation:
         return _commands(self._curves, fitting(thrust, self._least.shape, "thrusts wanted [N]"))
 
     def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """Part (6,) [N, N m] of `wrench_B` (6,) that its allocation `thrust` (m,) [N] lacks by saturation, else zero."""
+        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from its allocation `thrust` (m,) [N].
+
+        Zero while no thruster is saturated.
+        """
         missing = wrench_B - self._B @ thrust
         full = (thrust <= self._low * (1.0 - 1e-9)) | (thrust >= self._high * (1.0 - 1e-9))
         if not np.any(full):

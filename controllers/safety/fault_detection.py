@@ -40,7 +40,7 @@ class Limits:
     """Thresholds of fault detection."""
 
     vision_age: float = 1.0  # [s] largest age of the newest picture
-    warm_up: float = 4.0  # [s] initial time of learning without detection, except frozen vision
+    warm_up: float = 4.0  # [s] initial learning, without detection except for the age of pictures
     frozen_time: float = 0.05  # [s] for which a torque sensor may be frozen
     frozen_encoder_time: float = 0.02  # [s] for which an encoder may be frozen; its drive is servoed on it meanwhile
     frozen_factor: float = 5.0  # [-] and times its longest frozen run while sound

@@ -1,4 +1,4 @@
-"""Safety wrapper for any controller: rejects invalid estimates, substitutes failed torque sensors, guarantees finite commands.
+"""Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands finite numbers.
 
 Wraps any `sim.interfaces.protocols.Controller`:
 
@@ -7,9 +7,10 @@ Wraps any `sim.interfaces.protocols.Controller`:
   friction, plus the sensor's offset while it was sound.
 - A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to contact, and the
   friction of its gear holds it.
-- An estimate with numbers that are not finite, or with a time that stands still, never reaches the controller. The last
-  command is repeated for `patience`; after that the arm is braked and the thrusters are stopped for good. The same
-  holds for a controller with commands that are not finite.
+- An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
+  with a time that stands still reaches it for `patience` only.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked and the thrusters
+  are stopped for good. The same holds for a controller with commands that are not finite.
 """
 
 import math
@@ -40,7 +41,7 @@ class SafetyWrapperState:
     inner: Any  # state of the wrapped controller
     health: FaultDetectionState | None  # from the first sound estimate on
     time: float  # [s] of the last estimate
-    sound: StateEstimate  # the last one that was
+    sound: StateEstimate  # the last sound one
     command: Command  # the last finite one
     blind_for: float = 0.0  # [s] without a sound estimate, or command
     stopped: Fault | None = None  # the reason for a stop; None: not stopped

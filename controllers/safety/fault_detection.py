@@ -43,7 +43,7 @@ class Limits:
     warm_up: float = 4.0  # [s] initial learning, without detection except for the age of pictures
     frozen_time: float = 0.05  # [s] for which a torque sensor may be frozen
     frozen_encoder_time: float = 0.02  # [s] for which an encoder may be frozen; its drive is servoed on it meanwhile
-    frozen_factor: float = 5.0  # [-] and times its longest frozen run while sound
+    frozen_factor: float = 5.0  # [-] and at least this times its longest frozen run while sound
     torque_time: float = 0.1  # [s] filter of the difference of sensor and motor
     torque_share: float = 0.08  # [-] torque bound: share of the reading
     torque_floor: float = 0.05  # [-] plus this share of the drive's torque limit

@@ -1,3 +1,3 @@
-"""Estimates and references to commands."""
+"""Controllers: state estimates and references to commands."""
 
-import sim.interfaces  # noqa: F401  decides where compiled loops are kept
+import sim.interfaces  # noqa: F401  sets the folder in which compiled loops are cached

@@ -1,1 +1,1 @@
-"""Control of the arm: inverse dynamics, joint servo, force loop, compliance."""
+"""Arm control: inverse dynamics, joint servo, force control, compliance."""

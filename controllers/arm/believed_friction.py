@@ -1,4 +1,4 @@
-"""Dry friction in the gears as the controller believes it, for drives without torque sensors."""
+"""Believed dry friction of the gears, for drives without torque sensors."""
 
 import numba
 import numpy as np
@@ -9,9 +9,15 @@ from sim.interfaces.kernels import keyed_by_imports
 @numba.njit(cache=True)
 @keyed_by_imports
 def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
-    """Torque `friction` (n,) [N m] that the drives must overcome at the speeds `qd` (n,): Stribeck's curve.
+    """Stribeck friction torque of every gear, with the step at rest smoothed.
 
-    Its step at rest is drawn out over `width` [rad/s], so that no noise of the speed makes it chatter.
+    Args:
+        coulomb: (n,) [N m] Coulomb friction.
+        stiction: (n,) [N m] friction at rest.
+        stribeck_speed: (n,) [rad/s] speed over which stiction falls to Coulomb friction.
+        width: [rad/s] width of the smoothed step, so that noise of the speed causes no chatter.
+        qd: (n,) [rad/s] joint speeds.
+        friction: (n,) [N m] output: torque that the drives must overcome.
     """
     for j in range(qd.shape[0]):
         share = np.exp(-((qd[j] / stribeck_speed[j]) ** 2))
@@ -21,7 +27,16 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
 @numba.njit(cache=True)
 @keyed_by_imports
 def doubt(coulomb, stiction, width, known, qd, sigma):
-    """Standard deviation `sigma` (n,) [N m] of that torque: at rest anything up to stiction, else 1 - `known` of it."""
+    """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown share of Coulomb's.
+
+    Args:
+        coulomb: (n,) [N m] Coulomb friction.
+        stiction: (n,) [N m] friction at rest; the torque at rest lies anywhere below it.
+        width: [rad/s] width of the smoothed step at rest.
+        known: [-] share of the friction in motion that is known.
+        qd: (n,) [rad/s] joint speeds.
+        sigma: (n,) [N m] output: standard deviation.
+    """
     for j in range(qd.shape[0]):
         held = 1.0 - np.tanh(qd[j] / width) ** 2
         sigma[j] = np.sqrt((0.6 * stiction[j] * held) ** 2 + ((1.0 - known) * coulomb[j]) ** 2)

@@ -1,18 +1,18 @@
-"""Lateral compliance: the tool gives way to what pushes it aside, and so finds the middle of what it goes into.
+"""Lateral compliance: an admittance that lets the tool yield to lateral forces and centre itself in a hole.
 
-An admittance law beside the displacement k of paper 002: where the displacement brings the force along the tool axis to
-its set value, this one brings the force across the axis to zero. The tool's reference moves at
+It acts beside the displacement k of [Konoplin 2022]. The displacement controls the force along the tool axis to its set
+value; the admittance controls the force across the axis to zero. The tool's reference moves at
 
-    d/dt o = A (1 - min(1, b / |f|)) f,    f = F - (F . z) z
+    d/dt o = A (1 - min(1, b / |f|)) f,    f = F - (F . z) z.
 
-with F the felt force of the world on the tip, z the tool axis, A the admittance and b a dead band, so that a bias of
-the felt force within the band moves nothing while the tool is free.
+F is the measured force of the world on the tip, z the tool axis, A the admittance and b a dead band. A bias of the
+measured force within the band moves nothing while the tool is free.
 
-Against a wall of stiffness K the loop is an integrator of crossover K A [rad/s] behind the filter of the felt force
-(12 ms), the joint servo (critically damped, 60 rad/s: 33 ms) and half a task period (2 ms): a phase of
-90 deg - K A 47 ms. The default and K = 3e4 N/m of the tool's mount give 12 rad/s and 58 deg; the loop would be at the
-edge of stability at K = 8e4 N/m, which the mount's spring in series excludes. The offset is the integral itself and is
-limited as such, so nothing winds up.
+Against a wall of stiffness K the loop is an integrator of crossover K A [rad/s] in series with three lags. These are
+the filter of the measured force (12 ms), the joint servo (critically damped, 60 rad/s: 33 ms) and half a task period (2
+ms). The phase margin is 90 deg - K A 47 ms. The default and K = 3e4 N/m of the tool's mount give 12 rad/s and 58 deg.
+The stability limit is K = 8e4 N/m, which the mount's spring in series excludes. The offset is the integral itself and
+is limited as such, so there is no windup.
 """
 
 from dataclasses import dataclass, field
@@ -25,20 +25,20 @@ from sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class ComplianceState:
-    """By how much the tool has given way."""
+    """Present lateral offset of the tool."""
 
     offset_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LateralCompliance:
-    """Admittance from the felt force across the tool axis to the tool's place."""
+    """Admittance from the lateral contact force to the tool's position."""
 
-    admittance: float = 4e-4  # [m]/[N s]
-    dead_band: float = 1.5  # [N]
+    admittance: float = 4e-4  # [m/(N s)] speed of the offset per lateral force
+    dead_band: float = 1.5  # [N] force that moves nothing
     limit: float = 0.012  # [m] largest offset
     speed: float = 0.02  # [m/s] largest speed of the offset
-    release_speed: float = 0.01  # [m/s] at which it goes back
+    release_speed: float = 0.01  # [m/s] at which the offset returns to zero
 
     def __post_init__(self) -> None:
         for name in ("admittance", "limit", "speed", "release_speed"):
@@ -48,9 +48,16 @@ class LateralCompliance:
             raise ConfigurationError(f"compliance dead_band: must be >= 0 N, got {self.dead_band}")
 
     def step(self, state: ComplianceState, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
-        """Offset (3,) [m] of the tool, world axes, for the felt force of the world on the tip `f_tip_W` (3,) [N].
+        """Offset of the tool for the measured contact force.
 
-        `z_WG` (3,) is the unit tool axis; `dt` [s] has passed since the last step.
+        Args:
+            state: the present offset; changed in place.
+            f_tip_W: (3,) [N] force of the world on the tip, W.
+            z_WG: (3,) unit tool axis, W.
+            dt: [s] since the last step.
+
+        Returns:
+            The offset (3,) [m], W.
         """
         side = f_tip_W - (f_tip_W @ z_WG) * z_WG
         size = float(np.linalg.norm(side))
@@ -62,7 +69,7 @@ class LateralCompliance:
         return state.offset_W
 
     def release(self, state: ComplianceState, dt: float) -> Array:
-        """Let the offset (3,) [m] go back to zero at the limited speed, with the loop open."""
+        """Return the offset (3,) [m] to zero at `release_speed`, with the loop open; `dt` [s] since the last step."""
         length = float(np.linalg.norm(state.offset_W))
         if length > 0.0:
             state.offset_W = state.offset_W * max(0.0, 1.0 - self.release_speed * dt / length)

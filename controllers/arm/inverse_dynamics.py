@@ -1,14 +1,14 @@
 """Inverse dynamics of an underwater arm on a moving hull: recursive Newton-Euler with added mass, drag, buoyancy.
 
-Independent of MuJoCo's dynamics: only names, sizes and coefficients are read from a compiled model, possibly a model
-with deliberately wrong ones. Per body, in body axes at the body's origin, six-vectors (linear; angular):
+Independent of MuJoCo's dynamics. Only names, sizes and coefficients are read from a compiled model, possibly one with
+deliberately wrong coefficients. Per body, in body axes at the body's origin, six-vectors (linear; angular):
 
     rigid body    f = M nudot + (w x momentum terms) - weight
     water         f = A nudot_r + (w x p_l; w x p_a + v_r x p_l) + D nu_r + Dq |nu_r| nu_r + strips - buoyancy,
-                  p = A nu_r, nu_r = nu - (R^T v_c; 0)                        (Fossen 2011, ch. 6 and 8)
+                  p = A nu_r, nu_r = nu - (R^T v_c; 0)                        [Fossen 2011, ch. 6 and 8]
 
-The sum is what the body's joint must supply; it is handed down from tip to base (paper 002: the inverse dynamics
-that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull).
+The sum is the load of the body's joint; it is passed down from tip to base. In [Konoplin 2022] these are the inverse
+dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3
 
-_FIXED, _HINGE, _SLIDE = 0, 1, 2
+_FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
 _OF_BODIES = {
     "axis": 3,
     "R0": 9,
@@ -36,7 +36,7 @@ _OF_BODIES = {
     "buoyancy": 1,
     "cob": 3,
     "origin": 3,
-}  # how many numbers of each kind a body has, in the order in which the kernels take them apart
+}  # count of each parameter per body, in the order of the packed block that the kernels read
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +47,7 @@ class _Tree:
     kind: np.ndarray  # (nb,) _FIXED, _HINGE or _SLIDE
     column: np.ndarray  # (nb,) index into q, or -1
     axis: Array  # (nb, 3) joint axis in body axes
-    R0: Array  # (nb, 3, 3) body in parent at q = 0; a joint that is held stands at its qpos0
+    R0: Array  # (nb, 3, 3) body in parent at q = 0; joints that are no coordinates stay at their qpos0
     p0: Array  # (nb, 3) joint frame in the parent's joint frame, likewise [m]
     mass: Array  # (nb,) [kg]
     com: Array  # (nb, 3) [m]
@@ -61,7 +61,7 @@ class _Tree:
     stations: Array  # (ns, 9): row of the body, position (3), unit axis (3), normal and tangential drag [N/(m/s)^2]
 
     def packed(self, gravity: Array, R_tip: Array, p_tip: Array) -> Array:
-        """All numbers in one block: those of the bodies, then these three."""
+        """Pack all parameters into one block: those of the bodies, then gravity, tip position and tip rotation."""
         blocks = [*(getattr(self, name) for name in _OF_BODIES), gravity, p_tip, R_tip]
         return np.concatenate([np.ravel(block) for block in blocks])
 
@@ -87,9 +87,24 @@ def _rotate_back(R, a, out):
 
 @numba.njit(cache=True)
 def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, tau, wrench_B):
-    """Forward pass for motion, backward pass for forces; results in `tau` (n,) and `wrench_B` (6,).
+    """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
-    The tree comes as one block of numbers (`_Tree.packed`): a call with thirty arrays costs more than the sums.
+    The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more than the
+    computation.
+
+    Args:
+        layout: (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body.
+        numbers: packed parameters of the bodies, gravity and tip.
+        stations: (ns, 9) drag stations: row of the body, position, axis, normal and tangential drag.
+        q: (n,) [rad, m] joint coordinates.
+        qd: (n,) joint speeds.
+        qdd: (n,) joint accelerations.
+        hull: (24,) attitude R_WB (9), velocity nu_B (6) and the time derivative of its components (6), current
+            v_current_W (3).
+        wrench_tip: (6,) [N, N m] of the world on the tip, tool axes.
+        work: (39 nb + 27,) working memory; keeps rotations, positions and velocities for further kernels.
+        tau: (n,) [N m] output: torques at the gear outputs.
+        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull at its origin, hull axes.
     """
     nb = layout.shape[1]
     parent, kind, column = layout[0], layout[1], layout[2]
@@ -124,7 +139,7 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
     )
     for b in range(nb):
         up = parent[b]
-        # Joint: rotation and place of this body in its parent (Rodrigues about a fixed axis, or a slide).
+        # Joint: rotation and position of this body in its parent (Rodrigues about a fixed axis, or a slide).
         k, u = kind[b], axis[b]
         angle = q[column[b]] if column[b] >= 0 else 0.0
         rate = qd[column[b]] if column[b] >= 0 else 0.0
@@ -164,7 +179,7 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
         for i in range(3):
             t1[i] += nu_up[i]
             t2[i] += acc_up[i]
-        if k == _SLIDE:  # the arm p(q) grows at rate R u qd
+        if k == _SLIDE:  # the lever p(q) changes at rate R u qd
             _rotate(Rb, u, t3)
             x, y, z = t3[0] * rate, t3[1] * rate, t3[2] * rate
             t2[0] += nu_up[4] * z - nu_up[5] * y
@@ -191,7 +206,7 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
         _rotate_back(R_W[b], gravity, t3)
         _cross(w, v[:3], t1)
         for i in range(3):
-            t1[i] += a[i] - t3[i]  # acceleration of the joint frame, gravity taken off
+            t1[i] += a[i] - t3[i]  # acceleration of the joint frame less gravity
         _cross(a[3:], c_b, t2)
         for i in range(3):
             f[i] = t1[i] + t2[i]
@@ -214,7 +229,7 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
             v_r[i] = v[i] + t1[i] - t3[i]
             v_r[3 + i] = w[i]
             a_r[3 + i] = a[3 + i]
-        _cross(w, t3, t1)  # a steady current turns in body axes
+        _cross(w, t3, t1)  # a steady current rotates in body axes
         for i in range(3):
             a_r[i] = a[i] + t2[i] + t1[i]
         for i in range(6):
@@ -264,7 +279,7 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
         for i in range(3):
             force[b, i] += t2[i]
             force[b, 3 + i] += t3[i]
-    # What the world does to the tip, the joints need not supply.
+    # The contact wrench on the tip reduces the load of the joints.
     _rotate(R_tip, wrench_tip[:3], t1)
     _rotate(R_tip, wrench_tip[3:], t2)
     _cross(p_tip, t1, t3)
@@ -294,9 +309,14 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
 
 @numba.njit(cache=True)
 def tip_kinematics(layout, numbers, work, X_BG, J_B):
-    """Tip pose in the hull's frame (4, 4) and its Jacobian (6, n), linear over angular, hull axes.
+    """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in `work`.
 
-    Reads the joint rotations and places that `newton_euler` left in `work`.
+    Args:
+        layout: (4, nb) tree of the arm.
+        numbers: packed parameters of the arm.
+        work: working memory of `newton_euler`, with the joint rotations and positions.
+        X_BG: (4, 4) output: tip pose in the hull's frame.
+        J_B: (6, n) output: Jacobian of the tip, linear over angular, hull axes.
     """
     nb = layout.shape[1]
     R = work[: 9 * nb].reshape(nb, 3, 3)
@@ -305,7 +325,7 @@ def tip_kinematics(layout, numbers, work, X_BG, J_B):
     p_tip = numbers[113 * nb + 3 : 113 * nb + 6]
     R_tip = numbers[113 * nb + 6 : 113 * nb + 15].reshape(3, 3)
     J_B[:, :] = 0.0
-    # From the tip inward: the tip seen from each body, and every joint's columns turned along.
+    # From the tip inward: tip pose relative to each body, and the columns of all joints rotated along.
     X_BG[:3, :3] = R_tip
     X_BG[:3, 3] = p_tip
     X_BG[3, :3] = 0.0
@@ -337,20 +357,24 @@ def tip_kinematics(layout, numbers, work, X_BG, J_B):
 
 
 class ArmDynamics:
-    """Joint torques of the arm and its wrench on the hull, for a given motion of both.
+    """Inverse dynamics of a vehicle's arm: joint torques and the arm's wrench on the hull for a given motion of both.
 
-    `layout`, `numbers`, `stations` and `work` are what the kernels of this module take.
+    `layout`, `numbers`, `stations` and `work` are the arguments of the kernels of this module.
     """
 
     def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
         """Read the arm of the vehicle in `model` (`models.vehicle.Vehicle`).
 
-        With `passive`, joints without actuator (the sliding pad) are coordinates too, in the order of the model; by
-        default they are held at their qpos0, as a controller sees them. `water_error` scales every hydrodynamic
-        coefficient by (1 + water_error), to work with a deliberately wrong model; volumes stay.
+        Args:
+            model: compiled model of the vehicle.
+            passive: True makes joints without actuator (the sliding pad) coordinates too, in the order of the model. By
+                default they are held at their qpos0, as a controller sees them.
+            water_error: [-] scales every hydrodynamic coefficient by 1 + water_error, for a deliberately wrong model;
+                volumes stay.
 
-        Raises ConfigurationError if the arm has joints other than hinges and slides, or a body with several joints, or
-        if the hull carries no other body.
+        Raises:
+            ConfigurationError: the arm has joints other than hinges and slides, or a body with several joints, or the
+                hull carries no other body.
         """
         vehicle = Vehicle.of(model)
         self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, 1.0 + water_error)
@@ -359,7 +383,7 @@ class ArmDynamics:
         if not rows:
             raise ConfigurationError("the hull carries no other body: there is no arm")
         tip_row, R_tip, p_tip = 0, np.eye(3).ravel(), np.zeros(3)
-        if vehicle.tip >= 0:  # else all that it carries is fixed to the hull, and no tip is touched
+        if vehicle.tip >= 0:  # otherwise all bodies are fixed to the hull, and there is no tip
             tip_row = rows[int(model.site_bodyid[vehicle.tip])]
             mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
             p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
@@ -370,11 +394,17 @@ class ArmDynamics:
         self.work = np.zeros(39 * nb + 27)
 
     def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
-        """Views (nb, k) into `numbers`, a block like that of the arm, to change what the kernels believe of each body.
+        """Views (nb, k) of parameters of each body in a packed block `numbers`, for changes to the believed arm.
 
-        `names`: "mass" [kg] (k = 1), "com" [m] (3), "inertia" about the joint frame's origin [kg m^2] (9), "added" and
-        "linear" (6 x 6, 36) and "quadratic" (6) of the water in SI, "buoyancy", the displaced mass [kg] (1), "cob" [m]
-        (3), and of the kinematics "axis" (3), "R0" (9), "p0" and "origin" [m] (3). Raises KeyError for others.
+        Names and widths k:
+
+        - "mass" [kg] (1), "com" [m] (3), "inertia" about the joint frame's origin [kg m^2] (9).
+        - Water, in SI: "added" and "linear" (6 x 6, 36), "quadratic" (6).
+        - "buoyancy", the displaced mass [kg] (1), and "cob" [m] (3).
+        - Kinematics: "axis" (3), "R0" (9), "p0" and "origin" [m] (3).
+
+        Raises:
+            KeyError: another name.
         """
         nb, views, first = len(self._tree.parent), {}, 0
         for name, width in _OF_BODIES.items():
@@ -383,7 +413,7 @@ class ArmDynamics:
         return tuple(views[name] for name in names)
 
     def weightless(self, numbers: Array) -> None:
-        """Take gravity out of `numbers`, a block like that of the arm; what buoyancy lifts goes with it."""
+        """Set gravity to zero in a packed block `numbers`, which also removes buoyancy."""
         first = len(self._tree.parent) * sum(_OF_BODIES.values())
         numbers[first : first + 3] = 0.0
 
@@ -402,21 +432,23 @@ class ArmDynamics:
         """Torques at the gear outputs and the arm's wrench on the hull.
 
         Args:
-            q, qd, qdd: joint motion (n,) [rad, rad/s, rad/s^2].
-            R_WB: hull attitude (3, 3).
-            nu_B: hull velocity (6,), (linear; angular), hull axes [m/s, rad/s].
-            a_B: acceleration of the hull's origin and its angular acceleration (6,), hull axes [m/s^2, rad/s^2].
-            v_current_W: steady current (3,) [m/s].
-            wrench_tip_G: what the world does to the tip (6,), tool axes [N, N m].
+            q: (n,) [rad] joint angles.
+            qd: (n,) [rad/s] joint speeds.
+            qdd: (n,) [rad/s^2] joint accelerations.
+            R_WB: (3, 3) attitude of the hull.
+            nu_B: (6,) [m/s, rad/s] velocity of the hull, (linear; angular), hull axes.
+            a_B: (6,) [m/s^2, rad/s^2] acceleration of the hull's origin and its angular acceleration, hull axes.
+            v_current_W: (3,) [m/s] steady current.
+            wrench_tip_G: (6,) [N, N m] wrench of the world on the tip, tool axes.
 
         Returns:
-            tau (n,) [N m] that the gear outputs must give (rotor inertia and gear friction are not in it), and the
-            wrench (6,) of the arm on the hull at the hull's origin, hull axes [N, N m].
+            tau (n,) [N m] at the gear outputs, without rotor inertia and gear friction, and the wrench (6,) [N, N m] of
+            the arm on the hull at the hull's origin, hull axes.
         """
         hull = self._hull
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
-        hull[15:21] = a_B  # turned into the rate of nu_B's components: a - w x v
+        hull[15:21] = a_B  # converted to the time derivative of the components of nu_B: a - w x v
         v0, v1, v2, w0, w1, w2 = nu_B
         hull[15] -= w1 * v2 - w2 * v1
         hull[16] -= w2 * v0 - w0 * v2
@@ -427,7 +459,7 @@ class ArmDynamics:
         return tau, wrench_B
 
     def inertia(self, q: Array) -> Array:
-        """Inertia (n, n) of the joints at `q` (n,), added masses included, rotors not; the hull held."""
+        """Joint-space inertia (n, n) at `q` (n,) with the hull held; includes added mass, not the rotors."""
         rest, none = np.zeros(self.n), np.zeros(6)
 
         def torque(qdd: Array) -> Array:
@@ -441,7 +473,7 @@ class ArmDynamics:
 def _read_tree(
     model: mujoco.MjModel, vehicle: Vehicle, passive: bool, water_scale: float
 ) -> tuple[_Tree, tuple[str, ...], dict[int, int]]:
-    """The bodies carried by the hull, as arrays; the joints that are coordinates; row of each MuJoCo body."""
+    """Bodies carried by the hull as arrays, names of the joints that are coordinates, row of each MuJoCo body."""
     bodies = [b for b in range(vehicle.hull + 1, model.nbody) if _carried(model, b, vehicle.hull)]
     rows = {body: row for row, body in enumerate(bodies)}
     nb = len(bodies)
@@ -481,7 +513,7 @@ def _read_tree(
                 tree.column[row] = len(names)
                 tree.axis[row] = model.jnt_axis[joint]
                 names.append(model.joint(joint).name)
-        # The joint frame stands at the joint's anchor, along the body's axes.
+        # The joint frame lies at the joint's anchor, parallel to the body's axes.
         tree.origin[row] = -anchor
         parent = int(model.body_parentid[body])
         mujoco.mju_quat2Mat(R, model.body_quat[body])
@@ -490,7 +522,7 @@ def _read_tree(
         if parent != vehicle.hull:
             tree.parent[row] = rows[parent]
             tree.p0[row] += tree.origin[rows[parent]]
-        if tree.column[row] >= 0:  # MuJoCo's pose of a body is that at qpos0 (`ref`)
+        if tree.column[row] >= 0:  # MuJoCo states the pose of a body at qpos0 (`ref`)
             at_rest = model.qpos0[model.jnt_qposadr[model.body_jntadr[body]]] * tree.axis[row]
             if tree.kind[row] == _HINGE:
                 tree.R0[row] = tree.R0[row] @ exp_so3(-at_rest)
@@ -515,7 +547,7 @@ def _read_tree(
 
 
 def _carried(model: mujoco.MjModel, body: int, hull: int) -> bool:
-    """Whether `hull` is an ancestor of `body`."""
+    """True if `hull` is an ancestor of `body`."""
     while body > hull:
         body = int(model.body_parentid[body])
     return body == hull

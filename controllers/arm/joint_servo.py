@@ -1,7 +1,7 @@
-"""One step of the arm's drives in one kernel: feel the contact, then bear it and follow the wanted joint motion.
+"""Joint servo with contact force estimation: one compiled step at the rate of the drives.
 
-Compiled as a whole because it runs at the rate of the drives; the parts are those of `controllers.arm.inverse_dynamics`
-and `controllers.estimation.contact_force`, whose plain forms the tests hold against it.
+Compiled as a whole, since it runs at the rate of the drives. Its parts are those of `controllers.arm.inverse_dynamics`
+and `controllers.estimation.contact_force`; the tests compare it with their plain forms.
 """
 
 import numba
@@ -43,14 +43,42 @@ def estimate_tip_force(
     f_tip_G,
     f_tip_W,
 ):
-    """Force of the world on the tip from what the torque sensors show beyond the model; returns the normal one [N].
+    """Filtered force of the world on the tip from torque sensors less the arm model; returns the normal force [N].
 
-    `bias` (n,) [N m] is not the contact's; `noise`, a share of the reading, and `floor` (n,) [N m] say how far each
-    torque is trusted. Writes the hull's motion to `hull` for `newton_euler`. Updates the filtered rates of the joints
-    `qd_slow` (n,) and of the hull `w_slow_B` (3,), whose lags give the accelerations `qdd` (n,) and the hull's angular
-    one, and the filtered force `f_tip_B` (3,) [N]; `filters` holds the time constants of rates and force [s]. Leaves
-    the external torques `tau_e` (n,) before `bias` is taken off, the arm's wrench on the hull without contact
-    `wrench_B` (6,), the tip's pose and Jacobian in the hull's frame, and the force in tool axes and in world axes.
+    Joint and hull angular accelerations come from the lag of filtered rates.
+
+    Args:
+        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
+        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
+        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
+        work: working memory of `newton_euler`.
+        hull: (24,) output: motion of the hull for `newton_euler`.
+        X_WB: (4, 4) hull pose.
+        v_B: (3,) [m/s] velocity of the hull, hull axes.
+        w_B: (3,) [rad/s] angular velocity of the hull, hull axes.
+        a_B: (3,) [m/s^2] acceleration of the hull's origin, hull axes.
+        current_W: (3,) [m/s] steady current.
+        q: (n,) [rad] joint angles.
+        qd: (n,) [rad/s] joint speeds.
+        tau_measured: (n,) [N m] torques at the gear outputs.
+        bias: (n,) [N m] tare, not due to contact.
+        noise: [-] error of a torque as a share of its reading.
+        floor: (n,) [N m] constant error of a torque.
+        dt: [s] since the last step.
+        filters: time constants of rates and force [s].
+        qd_slow: (n,) [rad/s] filtered joint speeds; updated.
+        w_slow_B: (3,) [rad/s] filtered angular velocity of the hull; updated.
+        qdd: (n,) [rad/s^2] output: joint accelerations.
+        tau_e: (n,) [N m] output: external torques before `bias` is subtracted.
+        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull without contact, hull axes.
+        X_BG: (4, 4) output: tip pose in the hull's frame.
+        J_B: (6, n) output: Jacobian of the tip, hull axes.
+        f_tip_B: (3,) [N] filtered force, hull axes; updated.
+        f_tip_G: (3,) [N] output: the same in tool axes.
+        f_tip_W: (3,) [N] output: the same in W.
+
+    Returns:
+        The normal force [N], positive when the tool presses.
     """
     lag = min(1.0, dt / filters[0])
     for i in range(3):
@@ -58,7 +86,7 @@ def estimate_tip_force(
             hull[3 * i + j] = X_WB[i, j]
         hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
-        hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # rate of the components of v_B
+        hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # time derivative of the components of v_B
         hull[18 + i] = (w_B[i] - w_slow_B[i]) / filters[0]
         w_slow_B[i] += lag * (w_B[i] - w_slow_B[i])
     for j in range(q.shape[0]):
@@ -76,9 +104,23 @@ def estimate_tip_force(
 @numba.njit(cache=True)
 @keyed_by_imports
 def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
-    """As `estimate_tip_force`, from external torques `tau_e` (n,) of an observer; no further filter.
+    """Force of the world on the tip from external torques of a load observer, unfiltered; returns the normal force [N].
 
-    `tau_measured` (n,) says how much to trust each.
+    Args:
+        X_WB: (4, 4) hull pose.
+        X_BG: (4, 4) tip pose in the hull's frame.
+        J_B: (6, n) Jacobian of the tip, hull axes.
+        tau_e: (n,) [N m] external torques.
+        bias: (n,) [N m] tare, not due to contact.
+        tau_measured: (n,) [N m] torques that scale the error of each joint.
+        noise: [-] error of a torque as a share of `tau_measured`.
+        floor: (n,) [N m] constant error of a torque.
+        f_tip_B: (3,) [N] output: force, hull axes.
+        f_tip_G: (3,) [N] output: the same in tool axes.
+        f_tip_W: (3,) [N] output: the same in W.
+
+    Returns:
+        The normal force [N], positive when the tool presses.
     """
     f_B = _least_squares(J_B, tau_e, bias, tau_measured, noise, floor)
     for i in range(3):
@@ -89,7 +131,7 @@ def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f
 @numba.njit(cache=True)
 @keyed_by_imports
 def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
-    """The force in tool axes and in world axes; returns the normal one."""
+    """Force in tool axes and in W; returns the normal force."""
     for i in range(3):
         f_tip_G[i] = X_BG[0, i] * f_tip_B[0] + X_BG[1, i] * f_tip_B[1] + X_BG[2, i] * f_tip_B[2]
         f_tip_W[i] = X_WB[i, 0] * f_tip_B[0] + X_WB[i, 1] * f_tip_B[1] + X_WB[i, 2] * f_tip_B[2]
@@ -101,7 +143,29 @@ def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
 def tip_force(
     layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
 ):
-    """Unfiltered force of the world on the tip (3,) [N], hull axes; leaves behind what `estimate_tip_force` does."""
+    """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the arm model.
+
+    Args:
+        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
+        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
+        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
+        work: working memory of `newton_euler`.
+        hull: (24,) motion of the hull as in `newton_euler`.
+        q: (n,) [rad] joint angles.
+        qd: (n,) [rad/s] joint speeds.
+        qdd: (n,) [rad/s^2] joint accelerations.
+        tau_measured: (n,) [N m] torques at the gear outputs.
+        bias: (n,) [N m] tare, not due to contact.
+        noise: [-] error of a torque as a share of its reading.
+        floor: (n,) [N m] constant error of a torque.
+        tau_e: (n,) [N m] output: external torques before `bias` is subtracted.
+        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull without contact, hull axes.
+        X_BG: (4, 4) output: tip pose in the hull's frame.
+        J_B: (6, n) output: Jacobian of the tip, hull axes.
+
+    Returns:
+        The force (3,) [N].
+    """
     no_contact = np.zeros(6)
     newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
     tip_kinematics(layout, numbers, work, X_BG, J_B)
@@ -113,7 +177,7 @@ def tip_force(
 @numba.njit(cache=True)
 @keyed_by_imports
 def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
-    """Force on the tip (3,) [N], hull axes, from external torques: `force_estimate.tip_force` by Cholesky."""
+    """Force on the tip (3,) [N], hull axes: `controllers.estimation.contact_force.tip_force` by Cholesky."""
     a00, a11, a22, a01, a02, a12 = 1e-6, 1e-6, 1e-6, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
     for j in range(tau_e.shape[0]):
@@ -144,12 +208,22 @@ def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
 @numba.njit(cache=True)
 @keyed_by_imports
 def track_gear_friction(tau_motor, tau_measured, qd, qdd, armature, damping, most, share, friction):
-    """Follow the dry friction `friction` (n,) [N m] that the drives must overcome, as the torque sensors show it.
+    """Track the dry friction torque of the gears, as the torque sensors show it.
 
-    What the motors gave beyond the rotors' inertia, viscous friction, and what passed the sensors; `share` of the news
-    is taken over each time, and never more than `most` (n,) either way. Fed to the motors it makes of them sources of
-    torque at the gear output, at rest too: there friction is whatever keeps the joint, and the motors' torque grows
-    until it breaks away.
+    It is the motor torque less rotor inertia, viscous friction and the sensor's reading. Added to the motor commands,
+    it turns the drives into torque sources at the gear output, also at rest. There friction takes any value that keeps
+    the joint, and the motors' torque grows until the joint breaks away.
+
+    Args:
+        tau_motor: (n,) [N m] motor torques.
+        tau_measured: (n,) [N m] torques at the gear outputs.
+        qd: (n,) [rad/s] joint speeds.
+        qdd: (n,) [rad/s^2] joint accelerations.
+        armature: (n,) [kg m^2] rotor inertias at the joints.
+        damping: (n,) [N m s/rad] viscous friction.
+        most: (n,) [N m] largest friction in either direction.
+        share: [-] weight of the new sample in the filter.
+        friction: (n,) [N m] tracked friction; updated.
     """
     for j in range(qd.shape[0]):
         lost = tau_motor[j] - armature[j] * qdd[j] - damping[j] * qd[j] - tau_measured[j]
@@ -185,15 +259,36 @@ def servo_joints(
     tau,
     wrench_B,
 ):
-    """Drive torques `tau` (n,) [N m] for the wanted joint motion: inverse dynamics of a servoed acceleration.
+    """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a compliant tool axis.
 
-    `q_wanted` was wanted `since` [s] ago and has moved on at `qd_wanted`, whose rate should be `qdd_wanted`. `gains`:
-    stiffness [1/s^2], damping [1/s], integral [1/s^3], limit of the integral [rad s]. `friction` (n,) [N m] is lost in
-    the gears beside the viscous one of `damping`. `borne_G` (6,) is the contact that the drives bear at once. Where a
-    drive is at its torque limit its integral stands still.
+    The integral of a drive at its torque limit is frozen.
 
-    `yielding` (2, n): rows are how the joints move the tip along its axis, and how they would be moved to do only that;
-    `softness` is the share of its stiffness that the tip loses along that axis.
+    Args:
+        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
+        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
+        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
+        work: working memory of `newton_euler`.
+        hull: (24,) motion of the hull as in `newton_euler`.
+        q: (n,) [rad] joint angles.
+        qd: (n,) [rad/s] joint speeds.
+        q_wanted: (n,) [rad] angles wanted `since` ago; extrapolated at `qd_wanted`.
+        qd_wanted: (n,) [rad/s] speeds wanted.
+        qdd_wanted: (n,) [rad/s^2] accelerations wanted.
+        since: [s] age of `q_wanted`.
+        integral: (n,) [rad s] integral of the angle errors; updated.
+        dt: [s] since the last step.
+        gains: stiffness [1/s^2], damping [1/s], integral gain [1/s^3], limit of the integral [rad s].
+        armature: (n,) [kg m^2] rotor inertias at the joints.
+        damping: (n,) [N m s/rad] viscous friction of the gears.
+        friction: (n,) [N m] further friction of the gears.
+        limits: (n,) [N m] torque limits.
+        borne_G: (6,) [N, N m] contact wrench on the tip that the drives bear by feedforward, tool axes.
+        yielding: (2, n) tip motion along the tool axis per joint angle [m/rad], and the joint motion that gives only
+            that [rad/m].
+        softness: [-] share of the stiffness that the tip loses along the tool axis.
+        qdd: (n,) [rad/s^2] output: servoed accelerations.
+        tau: (n,) [N m] output: drive torques.
+        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull, hull axes.
     """
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
     n = q.shape[0]
@@ -215,7 +310,7 @@ def servo_joints(
         if abs(tau[j]) > limits[j]:
             tau[j] = np.sign(tau[j]) * limits[j]
         else:
-            # Along the tool axis the force loop is the integral.
+            # Along the tool axis the force loop provides the integral action.
             grown = integral[j] + dt * (error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0))
             integral[j] = min(max(grown, -most), most)
 
@@ -223,16 +318,31 @@ def servo_joints(
 @numba.njit(cache=True)
 @keyed_by_imports
 def resolve_tool_motion(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, qd, qdd, yielding):
-    """Re-aiming (paper 002: p*_C = R^T (p*_O - r)): the tool pose in the arm's base `X_AG`, and joint speeds `qd`.
+    """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
 
-    With `drift` the hull's own motion, as `estimate_tip_force` left it in `hull`, is taken off, so that the tool stands
-    still on the object: its velocity, and its acceleration, which makes the joint accelerations `qdd`. Without these
-    the drives would carry the arm along with a hull that the contact pushes, and what they push meanwhile goes into the
-    contact. The speeds are J^-1 of the tool's velocity against the hull, damped near singular postures. The rows of
-    `yielding` (2, n) are how joint angles move the tip along its axis, and joint angles that move it so by a metre.
+    Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. With `drift` the
+    motion of the hull is compensated: its velocity in `qd`, its acceleration in `qdd`. The tool then stands still on
+    the object. Without it the drives carry the arm along when contact pushes the hull, and their force adds to the
+    contact force.
+
+    Args:
+        X_AB: (4, 4) hull pose in the arm's base.
+        X_WB: (4, 4) hull pose.
+        X_WG: (4, 4) tool pose wanted.
+        v_WG_W: (3,) [m/s] velocity of the tool wanted, W.
+        w_WG_W: (3,) [rad/s] angular velocity of the tool wanted, W.
+        hull: (24,) motion of the hull as left by `estimate_tip_force`.
+        J_B: (6, n) Jacobian of the tip, hull axes.
+        drift: True compensates the motion of the hull.
+        speed_limit: [rad/s] of every joint.
+        X_AG: (4, 4) output: tool pose in the arm's base.
+        qd: (n,) [rad/s] output: joint speeds.
+        qdd: (n,) [rad/s^2] output: joint accelerations that cancel the hull's; zero without `drift`.
+        yielding: (2, n) output: tip motion along the tool axis per joint angle [m/rad], and the joint motion for a
+            metre [rad/m].
     """
     X_BW = np.eye(4)
-    wanted = np.zeros((3, 6))  # velocity and acceleration of the tool against the hull, and a metre along its axis
+    wanted = np.zeros((3, 6))  # tool relative to the hull: velocity, acceleration; and 1 m along its axis
     for i in range(3):
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
@@ -250,7 +360,7 @@ def resolve_tool_motion(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, spee
             wanted[1, i] = -(a[i] + w[j] * v[k] - w[k] * v[j] + b[j] * p[k] - b[k] * p[j])
             wanted[1, 3 + i] = -b[i]
     wanted[2, :3] = X_BG[:3, 2]
-    # J^T (J J^T + damping)^-1 by Cholesky in place: LAPACK's call costs more than these sums.
+    # J^T (J J^T + damping)^-1 by Cholesky in place: a call of LAPACK costs more than these sums.
     A = J_B @ J_B.T.copy()
     for i in range(6):
         A[i, i] += 1e-6

@@ -1,13 +1,13 @@
-"""Position-force control: the displacement k of the tool along the force error (paper 002, third section).
+"""Position-force control: displacement k of the tool from the force error [Konoplin 2022, section 3].
 
-The paper displaces the tool along G_f = G_F*_imp - G_F_imp by k, from a PID on its length. Friction makes the
-tangential part of that vector non-zero for as long as the tool moves, and displacing the tool against friction would
-take it off its path; so the displacement here goes along the tool axis, from the normal part of the error.
+The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp by k, from a PID on its length. Friction
+makes the tangential part of that vector non-zero while the tool moves; a displacement against friction would take the
+tool off its path. Therefore the displacement here acts along the tool axis, from the normal part of the error.
 
-One tuning for soft rubber and for steel: the gains are stated as the bandwidth of the loop, and divided by how far the
-tool must be displaced for a newton. That is the compliance of the arm's servo, which the controller knows, plus that of
-the surface under the pad, which is found as the force grows: the slope of k over the felt force. The surface's part of
-a change of the set force is displaced at once; the loop has only what is unknown left to do.
+One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by the displacement per
+newton. This is the compliance of the arm's servo, which is known, plus that of the surface under the pad. The latter is
+identified while the force grows, as the slope of k over the measured force. A change of the set force displaces the
+tool at once by the surface's share; the loop corrects only the unknown rest.
 """
 
 from dataclasses import dataclass, field
@@ -20,33 +20,33 @@ from sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class DisplacementState:
-    """Displacement of the tool, the PID's memory, and what is known of the surface."""
+    """Displacement of the tool, memory of the PID, and the identified surface compliance."""
 
     k: float = 0.0  # [m] along the tool axis, into the surface
     integral: float = 0.0  # [m]
     error: float = 0.0  # [N] of the last step
     wanted: float | None = None  # [N] set force of the last step; None: the loop was open
-    expected: float = 0.0  # [N] what the drives should have made of the set force by now
-    felt: float = 0.0  # [N] smoothed, for the slope
-    displaced: float = 0.0  # [m] smoothed alike
-    compliance: float = 0.0  # [m]/[N] of the surface, as believed
-    sums: Array = field(default_factory=lambda: np.zeros(5))  # weight, mean F, mean k, and the second moments FF, Fk
+    expected: float = 0.0  # [N] force expected by now from the response of the drives
+    felt: float = 0.0  # [N] measured normal force, smoothed, for the slope
+    displaced: float = 0.0  # [m] displacement, smoothed likewise
+    compliance: float = 0.0  # [m/N] of the surface, as identified
+    sums: Array = field(default_factory=lambda: np.zeros(5))  # weight, means of F and k, central moments FF and Fk
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Displacement:
-    """PID from normal force error to displacement, with anti-windup and a limit on its speed."""
+    """PID from the normal force error to the displacement, with anti-windup and a speed limit."""
 
-    bandwidth: float = 24.0  # [rad/s] of the closed loop on whatever surface
+    bandwidth: float = 24.0  # [rad/s] of the closed loop on any surface
     proportional_time: float = 0.0  # [s] proportional gain over integral gain
     derivative_time: float = 0.0  # [s] derivative gain over proportional gain
-    response: float = 0.08  # [s] in which the set force that the drives bear comes to be felt: no error meanwhile
-    limit: float = 0.04  # [m] largest displacement either way
+    response: float = 0.08  # [s] lag from set to measured force; gives no error meanwhile
+    limit: float = 0.04  # [m] largest displacement in either direction
     speed: float = 0.03  # [m/s] largest speed of the displacement
-    softest: float = 2e-4  # [m]/[N] of a surface that is believed, 5e3 N/m
-    smoothing: float = 0.05  # [s] of force and displacement before their slope is taken
-    memory: float = 3.0  # [s] that the slope remembers, counted while the set force changes
-    prior: float = 4.0  # [N] spread of the force that the slope must have seen to be believed by half
+    softest: float = 2e-4  # [m/N] largest surface compliance, that of 5e3 N/m
+    smoothing: float = 0.05  # [s] filter of force and displacement before the slope
+    memory: float = 3.0  # [s] memory of the slope, counted while the set force changes
+    prior: float = 4.0  # [N] spread of the force at which the slope counts by half
 
     def __post_init__(self) -> None:
         for name in ("proportional_time", "derivative_time"):
@@ -57,9 +57,17 @@ class Displacement:
                 raise ConfigurationError(f"displacement {name}: must be > 0, got {getattr(self, name)}")
 
     def step(self, state: DisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
-        """Displacement k [m] for a set and a felt normal force [N], `dt` [s] after the last step.
+        """Displacement k for a set and a measured normal force.
 
-        `servo_compliance` [m]/[N]: how far the arm's servo yields to a force along the tool axis.
+        Args:
+            state: of the loop; changed in place.
+            wanted: [N] set normal force.
+            felt: [N] measured normal force.
+            servo_compliance: [m/N] of the arm's servo along the tool axis.
+            dt: [s] since the last step.
+
+        Returns:
+            The displacement k [m] along the tool axis, positive into the surface.
         """
         if state.wanted is None:
             state.wanted, state.expected, state.error = wanted, wanted, wanted - felt
@@ -77,14 +85,15 @@ class Displacement:
         most = self.speed * dt
         k = min(max(k_wanted, state.k - most), state.k + most)
         k = min(max(k, -self.limit), self.limit)
-        state.integral += k - k_wanted  # anti-windup: the integral is what the output could follow
+        state.integral += k - k_wanted  # anti-windup: back-calculation from the limited output
         state.k = k
         return k
 
     def _learn(self, state: DisplacementState, felt: float, change: float, dt: float) -> None:
-        """Slope of k over the felt force, by least squares over the time in which the force was being changed.
+        """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
 
-        At rest k follows the surface's own shape and the drift of what is believed of the hull, which tell nothing.
+        At a constant set force k follows the surface's shape and the drift of the estimated hull pose, which are not
+        informative.
         """
         smooth = dt / self.smoothing
         state.felt += smooth * (felt - state.felt)
@@ -99,14 +108,20 @@ class Displacement:
         sums[2] += gain * dk
         sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
         sums[4] += gain * ((1.0 - gain) * dF * dk - sums[4])
-        # The prior is a rigid surface: its loop is the slowest, and stable on any.
+        # The prior is a rigid surface: its loop is the slowest, and stable on any surface.
         slope = sums[4] / (sums[3] + self.prior**2)
         state.compliance = min(max(slope, 0.0), self.softest)
 
     def release(self, state: DisplacementState, dt: float, *, inwards: bool = True) -> float:
-        """Let the displacement go back to zero at the limited speed, with the force loop open.
+        """Return the displacement to zero at the limited speed, with the force loop open.
 
-        `inwards` False: one that holds the tool off stays, for the surface is not where it was expected.
+        Args:
+            state: of the loop; changed in place.
+            dt: [s] since the last step.
+            inwards: False keeps a negative displacement: the surface is not where it was expected.
+
+        Returns:
+            The displacement k [m].
         """
         most = self.speed * dt
         state.k -= min(max(state.k, -most if inwards else 0.0), most)

@@ -1,4 +1,4 @@
-"""Small steps of the tool's motion, compiled, because they run at the rate of the tool's reference."""
+"""Tool and joint reference between the supervisor's steps: extrapolation and blending, compiled for their rate."""
 
 import numba
 import numpy as np
@@ -6,8 +6,19 @@ import numpy as np
 
 @numba.njit(cache=True)
 def moved_on(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
-    """The pose (4, 4) of a tool that was at `X_WG` `since` [s] ago, turned and carried on by its velocities [m/s,
-    rad/s], then displaced by `k` [m] along its axis, and by `offset_W` (3,) [m]."""
+    """Extrapolate a tool pose by its velocities, then displace it along its axis and by an offset.
+
+    Args:
+        X_WG: (4, 4) tool pose `since` ago.
+        v_WG_W: (3,) [m/s] velocity of its origin, W.
+        w_WG_W: (3,) [rad/s] angular velocity, W.
+        since: [s] age of `X_WG`.
+        k: [m] displacement along the tool axis.
+        offset_W: (3,) [m] further displacement, W.
+
+    Returns:
+        The pose (4, 4).
+    """
     angle = since * np.sqrt(w_WG_W[0] ** 2 + w_WG_W[1] ** 2 + w_WG_W[2] ** 2)
     s = 1.0 - angle**2 / 6.0 if angle < 1e-6 else np.sin(angle) / angle  # Rodrigues
     c = 0.5 - angle**2 / 24.0 if angle < 1e-6 else (1.0 - np.cos(angle)) / angle**2
@@ -27,9 +38,21 @@ def moved_on(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 
 @numba.njit(cache=True)
 def blended(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
-    """Joint angles and speeds (n,) wanted where the arm should be at `q` with `qd`, `offset` (n,) [rad] away from which
-    it was let in; the offset and its rate fade, critically damped, by one step `dt` [s]. No angle moves by more than
-    `most` [rad] from `q_last`. Returns those two, and the offset and its rate that are left."""
+    """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
+
+    Args:
+        q: (n,) [rad] angles of the reference.
+        qd: (n,) [rad/s] speeds of the reference.
+        q_last: (n,) [rad] angles wanted in the last step.
+        offset: (n,) [rad] remaining offset from the reference.
+        offset_rate: (n,) [rad/s] its rate.
+        blend_time: [s] time constant of the decay.
+        most: [rad] largest change of an angle in this step.
+        dt: [s] of this step.
+
+    Returns:
+        Angles and speeds wanted, remaining offset and its rate, (n,) each.
+    """
     n = q.shape[0]
     wanted, speed, left, rate = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     fade = np.exp(-dt / blend_time)

@@ -1,6 +1,6 @@
-"""The arm's wrench on the hull taken apart, so that a study can tell what each term of its compensation is worth.
+"""Terms of the arm's wrench on the hull, to study the value of compensating each one.
 
-Paper 002 feeds C_F = D_F + A f_e forward as one. Here, with the equations of `controllers.arm.inverse_dynamics`:
+[Konoplin 2022] feeds C_F = D_F + A f_e forward as one. Here, with the equations of `controllers.arm.inverse_dynamics`:
 
     wrench = weight and buoyancy + dynamic (rigid inertia) + hydrodynamic (added mass and drag) + contact
 """
@@ -12,7 +12,7 @@ from sim.interfaces.spatial import Array
 
 
 class WrenchTerms:
-    """Single terms of the wrench (6,) [N, N m] of the arm on the hull, at its origin in hull axes."""
+    """Single terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull axes."""
 
     def __init__(self, arm: ArmDynamics) -> None:
         self._arm = arm
@@ -23,12 +23,32 @@ class WrenchTerms:
         self._no_contact, self._tau = np.zeros(6), np.empty(arm.n)
 
     def hydrodynamic(self, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
-        """Of added mass and drag. `hull` (24,) as for `newton_euler`; `q`, `qd`, `qdd` (n,) [rad, rad/s, rad/s^2]."""
+        """Wrench (6,) [N, N m] of added mass and drag.
+
+        Args:
+            hull: (24,) motion of the hull as in `newton_euler`.
+            q: (n,) [rad] joint angles.
+            qd: (n,) [rad/s] joint speeds.
+            qdd: (n,) [rad/s^2] joint accelerations.
+
+        Returns:
+            The wrench on the hull, hull axes.
+        """
         arm = self._arm
         return self._wrench(arm.numbers, arm.stations, hull, q, qd, qdd) - self._without_water(hull, q, qd, qdd)
 
     def dynamic(self, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
-        """Of the inertia of the arm's bodies, in air as in water; arguments as above."""
+        """Wrench (6,) [N, N m] of the rigid-body inertia of the arm, as in air.
+
+        Args:
+            hull: (24,) motion of the hull as in `newton_euler`.
+            q: (n,) [rad] joint angles.
+            qd: (n,) [rad/s] joint speeds.
+            qdd: (n,) [rad/s^2] joint accelerations.
+
+        Returns:
+            The wrench on the hull, hull axes.
+        """
         at_rest = hull.copy()
         at_rest[9:21] = 0.0
         still = np.zeros_like(q)

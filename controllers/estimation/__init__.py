@@ -1,1 +1,1 @@
-"""Estimates that control needs: contact force, disturbance of the hull, payload, friction."""
+"""Estimation: contact force, disturbances on the hull, load, payload and friction identification."""

@@ -1,4 +1,4 @@
-"""Force on the tool from joint torques alone: what remains after the model of the arm, put through J^T.
+"""Contact force at the tool from joint torques: the residual against the arm model, mapped through J^T.
 
 Signs: `tau_e` is the torque that the contact puts on the joints, J^T f, with f the force of the world on the tip.
 """
@@ -10,17 +10,16 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-# [1/N^2] A posture that cannot feel one direction gives no answer there; a weak prior (sigma 1 kN) says zero instead.
-_PRIOR = 1e-6
+_PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
 
 
 def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
     """Least-squares force on the tip from the external torques of all joints.
 
     Args:
-        tau_e: (n,) [N m].
-        J: (3, n) linear Jacobian of the tip, in the axes in which the force is wanted [m/rad].
-        sigma: (n,) standard deviation of each torque [N m].
+        tau_e: (n,) [N m] external torques.
+        J: (3, n) [m/rad] linear Jacobian of the tip, in the axes in which the force is wanted.
+        sigma: (n,) [N m] standard deviation of each torque.
 
     Returns:
         The force (3,) [N] and its covariance (3, 3) [N^2], which grows near singular postures.
@@ -32,12 +31,15 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
 
 
 def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
-    """Covariance (3, 3) [N^2] of what `tip_force` makes of torques whose errors are other than it weighs them by.
+    """Covariance of the force of `tip_force` when the torque errors differ from the `sigma` that weight them.
 
     Args:
-        J: (3, n) linear Jacobian of the tip [m/rad].
-        sigma: (n,) the standard deviations that it weighs by [N m].
-        torque_covariance: (n, n) of the torques' true errors [N^2 m^2].
+        J: (3, n) [m/rad] linear Jacobian of the tip.
+        sigma: (n,) [N m] standard deviations used as weights by `tip_force`.
+        torque_covariance: (n, n) [N^2 m^2] covariance of the actual torque errors.
+
+    Returns:
+        The covariance (3, 3) [N^2].
     """
     A = J.T / sigma[:, None]
     stated = np.asarray(np.linalg.inv(A.T @ A + _PRIOR * np.eye(3)), dtype=np.float64)
@@ -47,12 +49,12 @@ def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WrenchEstimate:
-    """Force and moment on the tip, and how well they are seen; (force; moment)."""
+    """Estimated force and moment on the tip, (force; moment), with their observability."""
 
     wrench: Array  # (6,) [N, N m]
-    covariance: Array  # (6, 6), of the prior where nothing is seen
-    seen: Array  # (6,) share of the prior's variance that the torques took away, from 0 to 1
-    blind: Array  # (6,) unit vector, in units of the prior's deviations, along which they took away least
+    covariance: Array  # (6, 6), that of the prior in unobservable directions
+    seen: Array  # (6,) [-] share of the prior's variance that the torques removed, from 0 to 1
+    blind: Array  # (6,) least observable direction: unit vector in units of the prior's standard deviations
 
 
 def tip_wrench(
@@ -60,14 +62,19 @@ def tip_wrench(
 ) -> WrenchEstimate:
     """Force and moment on the tip from the external torques of any number of joints, with a prior of zero mean.
 
-    Six joints or more see all six numbers, but for singular postures; fewer see as many combinations as they are, and
-    the prior decides the rest: a small `moment_prior` takes what is felt for a force rather than a moment.
+    Six joints or more observe all six components outside singular postures. Fewer joints observe as many combinations
+    as there are joints, and the prior decides the rest. A small `moment_prior` explains torques by a force rather than
+    by a moment.
 
     Args:
-        tau_e: (n,) [N m].
+        tau_e: (n,) [N m] external torques.
         J: (6, n) Jacobian of the tip, linear over angular, in the axes in which the wrench is wanted.
-        sigma: (n,) standard deviation of each torque [N m].
-        force_prior, moment_prior: standard deviations [N, N m] of each component before anything is felt.
+        sigma: (n,) [N m] standard deviation of each torque.
+        force_prior: [N] prior standard deviation of each force component.
+        moment_prior: [N m] prior standard deviation of each moment component.
+
+    Returns:
+        The wrench on the tip with its covariance and observability.
     """
     scale = np.repeat([force_prior, moment_prior], 3)
     A = J.T * scale / sigma[:, None]  # the unknowns in units of the prior
@@ -83,19 +90,21 @@ def tip_wrench(
 
 
 def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, float]) -> Array:
-    """The paper's force on the tool from joints 1, 3 and 4 (paper 002, eq. 5), for show and comparison.
+    """Closed-form force on the tool from joints 1, 3 and 4 [Konoplin 2022, eq. 5], for comparison only.
 
-    Holds for a pure force on the paper's arm: yaw joint, then three parallel pitch joints, joints 5 and 6 at zero.
+    Holds for a pure force on that arm: yaw joint, then three parallel pitch joints, joints 5 and 6 at zero.
 
     Args:
-        tau_e: (n >= 4,) [N m].
-        q: (n >= 4,) [rad].
-        lengths: l2, l3 and l4, the last up to the tip [m].
+        tau_e: (n >= 4,) [N m] external torques.
+        q: (n >= 4,) [rad] joint angles.
+        lengths: [m] l2, l3 and l4, the last up to the tip.
 
     Returns:
-        (Fx, Fy, Fz) [N] in the paper's G: x along link 4, z across it in the arm's plane, y out of the plane.
+        (Fx, Fy, Fz) [N] in frame G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the
+        plane.
 
-    Raises ConfigurationError at its singularities: sin q4 = 0, and the tip over the yaw axis.
+    Raises:
+        ConfigurationError: at its singularities, sin q4 = 0 or the tip over the yaw axis.
     """
     l2, l3, l4 = lengths
     c2, c23, c234 = np.cos(q[1]), np.cos(q[1] + q[2]), np.cos(q[1] + q[2] + q[3])
@@ -110,15 +119,16 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
 
 @dataclass(slots=True, eq=False)
 class Tare:
-    """Mean of what the torque sensors show free of contact: their bias, and what the model does not know here."""
+    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in this posture."""
 
-    total: Array  # (n,) [N m]
+    total: Array  # (n,) [N m] sum of the samples
     count: int = 0
 
     def add(self, tau_e: Array) -> None:
+        """Add one sample of external torques `tau_e` (n,) [N m], free of contact."""
         self.total += tau_e
         self.count += 1
 
     def bias(self) -> Array:
-        """(n,) [N m]; zero before the first sample."""
+        """Mean (n,) [N m]; zero before the first sample."""
         return self.total / max(self.count, 1)

@@ -1,19 +1,20 @@
-"""What pushes the hull beyond what is known: the current through its drag, the thrusters' gain, a steady force.
+"""Disturbance observer of the hull: current from its drag, error of the thrusters' gain, and a steady force.
 
-The hull's momentum is known from its own inertia, what the thrusters give, and what the arm does to it. What it does
-beyond that is split by what each part looks like (per hull axis i; v the hull's velocity, c the water's):
+The hull's momentum is predicted from its inertia, the thrust, and the arm's wrench. The remaining change of momentum is
+split by the signature of each cause. Per hull axis i, with v the velocity of the hull and c that of the water:
 
     (v - c)' = (F_i (1 + g_i) + f_arm + f_static - l_i u - q_i |u| u + d_i) / M_i,    u = v - c
     c' = noise,   g_i' = small noise,   d_i' = small noise;    v is measured
 
-in one extended Kalman filter per axis of the states v, c, g, d. A body as heavy as its water is carried by an
-accelerating flow as if the water stood still, which is why the left side is (v - c)'.
+One extended Kalman filter per axis estimates the states v, c, g, d. An accelerating flow carries a neutrally buoyant
+body along as if the water stood still; therefore the left side is (v - c)'.
 
-What can be told apart: c from g, because F changes with the push and c does not, so the force on the tool, which is
-felt, makes the gain known while it grows, and the current goes on being told in contact; c from d not at all while the
-hull hovers (only the drag's curvature tells, in motion), so d is believed to be small, and what there is of it passes
-for current. Where an axis has no drag, all is d. The sum, which is what a hover must withstand, is always known.
-The moment is one disturbance, by a Luenberger observer: a uniform current gives next to none.
+Observability: c and g differ because F changes with the push of the tool while c does not. The measured contact force
+identifies the gain while it grows, and the current stays observable in contact. c and d cannot be told apart while the
+hull keeps station; only the curvature of the drag tells, in motion. Therefore d is assumed small, and a steady force
+appears as current. On an axis without drag everything is d. The sum, which station keeping must compensate, is always
+observable. The moment is a single disturbance, estimated by a Luenberger observer, since a uniform current gives next
+to none.
 """
 
 from dataclasses import dataclass
@@ -26,39 +27,45 @@ from sim.interfaces.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beliefs:
-    """Standard deviations that the observer believes in."""
+    """Standard deviations assumed by the observer."""
 
-    velocity_noise: float = 0.008  # [m/s] per step, what the navigation filter smooths over included
-    current: float = 0.3  # [m/s] at the start
-    current_walk: float = 0.03  # [m/s] per root second: gusts of 5 cm/s within 5 s
-    gain: float = 0.1  # share of the thrust, at the start
-    gain_walk: float = 0.003  # per root second
-    offset: float = 0.01  # [m/s^2] of the hull's inertia, at the start
-    offset_walk: float = 0.003  # [m/s^2] per root second
-    moment_bandwidth: float = 3.0  # [rad/s]
+    velocity_noise: float = 0.008  # [m/s] per step, including the smoothing error of the navigation filter
+    current: float = 0.3  # [m/s] initial
+    current_walk: float = 0.03  # [m/s/sqrt(s)] random walk: gusts of 5 cm/s within 5 s
+    gain: float = 0.1  # [-] share of the thrust, initial
+    gain_walk: float = 0.003  # [1/sqrt(s)] random walk
+    offset: float = 0.01  # [m/s^2] steady force over the hull's inertia, initial
+    offset_walk: float = 0.003  # [m/s^2/sqrt(s)] random walk
+    moment_bandwidth: float = 3.0  # [rad/s] of the Luenberger observer of the moment
 
 
 @dataclass(slots=True, eq=False)
 class DisturbanceObserverState:
-    """Memory of the observer; arrays change in place."""
+    """State of the observer; arrays change in place."""
 
     v_W: Array  # (3,) [m/s] of the hull
     current_W: Array  # (3,) [m/s] of the water
-    gain: Array  # (3,) share by which the thrusters give more, hull axes
-    offset_W: Array  # (3,) [N]
+    gain: Array  # (3,) [-] share by which the thrust exceeds the believed one, hull axes
+    offset_W: Array  # (3,) [N] steady force
     P: Array  # (3, 4, 4) covariance of v, c, g, d for each hull axis
     w_B: Array  # (3,) [rad/s] of the hull
-    moment_B: Array  # (3,) [N m] that is not known, hull axes
+    moment_B: Array  # (3,) [N m] disturbance moment, hull axes
     arm_B: Array  # (6,) [N, N m] of the arm on the hull, at the last step
     begun: bool = False
 
 
 class DisturbanceObserver:
-    """Observer of one hull."""
+    """Observer of current, thruster gain, steady force and moment on one hull."""
 
     def __init__(self, inertia: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None) -> None:
-        """Take the hull's inertia (6, 6), added mass included, and its linear and quadratic drag (6,), hull axes at its
-        origin."""
+        """Take inertia and drag of the hull, in hull axes at its origin.
+
+        Args:
+            inertia: (6, 6) rigid plus added inertia.
+            linear: (6,) linear drag [N/(m/s), N m/(rad/s)].
+            quadratic: (6,) quadratic drag [N/(m/s)^2, N m/(rad/s)^2].
+            beliefs: assumed standard deviations; None takes the defaults.
+        """
         self._beliefs = beliefs or Beliefs()
         self._mass = inertia[:3, :3].copy()
         self._inverse_mass = np.linalg.inv(self._mass)
@@ -70,6 +77,7 @@ class DisturbanceObserver:
         self._numbers = np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk])
 
     def init(self) -> DisturbanceObserverState:
+        """Initial state: no current and no disturbance, with the assumed initial variances."""
         b, m = self._beliefs, self._mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
@@ -89,8 +97,18 @@ class DisturbanceObserver:
         static_B: Array,
         dt: float,
     ) -> None:
-        """Take the hull's velocity now [m/s, rad/s], and what acted on it for `dt` [s] before: the thrusters' mean
-        wrench `given_B` (6,), the arm's now `arm_B` (6,), weight and buoyancy `static_B` (6,) [N, N m], hull axes."""
+        """Update the estimates with the hull's velocity now and the wrenches that acted on it during the last `dt`.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            R_WB: (3, 3) attitude of the hull.
+            v_WB_B: (3,) [m/s] measured velocity of the hull, hull axes.
+            w_WB_B: (3,) [rad/s] measured angular velocity of the hull, hull axes.
+            given_B: (6,) [N, N m] mean wrench of the thrusters during `dt`, hull axes.
+            arm_B: (6,) [N, N m] wrench of the arm on the hull now, hull axes.
+            static_B: (6,) [N, N m] weight and buoyancy of the hull, hull axes.
+            dt: [s] since the last step.
+        """
         if not state.begun:
             state.v_W[:], state.w_B[:], state.begun = R_WB @ v_WB_B, w_WB_B, True
             state.arm_B[:] = arm_B
@@ -131,9 +149,16 @@ class DisturbanceObserver:
         state.arm_B[:] = arm_B
 
     def unknown(self, state: DisturbanceObserverState, R_WB: Array, v_WB_B: Array, given_B: Array) -> Array:
-        """Wrench (6,) [N, N m] beside what thrusters, arm, weight and buoyancy should do, hull axes.
+        """Estimated disturbance wrench (6,) [N, N m] beside thrusters, arm, weight and buoyancy, hull axes.
 
-        On a hull that moves with `v_WB_B` (3,) [m/s] and does not turn, while the thrusters should give `given_B` (6,).
+        Args:
+            state: of the observer.
+            R_WB: (3, 3) attitude of the hull.
+            v_WB_B: (3,) [m/s] velocity of the hull, hull axes; its angular velocity is taken as zero.
+            given_B: (6,) [N, N m] wrench demanded of the thrusters, hull axes.
+
+        Returns:
+            The wrench (6,) [N, N m], hull axes at the hull's origin.
         """
         u = v_WB_B - R_WB.T @ state.current_W
         wrench = np.empty(6)
@@ -163,14 +188,14 @@ def _observe(
     P,
     turned,
 ):
-    """One step of the four-state filters; `turned` (3,) is the change of the angular velocity over it [rad/s]."""
+    """Step of the three four-state filters; `turned` (3,) [rad/s] is the change of the angular velocity over it."""
     R_WB = R_WB.copy()
     R_BW = R_WB.T.copy()
     u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
     known = given_B[:3] * (1.0 + gain) + other_B[:3] + offset
     for i in range(3):
         known[i] -= (linear[i] + quadratic[i] * abs(u[i])) * u[i]
-    # Momentum in world axes, so that turning needs no further terms but the lever's own share.
+    # Momentum in world axes: rotation adds no further terms, except that of the lever.
     v_W += R_WB @ (inverse_mass @ (dt * known - lever @ turned))
     error = v_B - R_BW @ v_W
     dv, dc, dd = np.empty(3), np.empty(3), np.empty(3)
@@ -202,7 +227,7 @@ def _observe(
 
 @numba.njit(cache=True)
 def _observe_turning(turning, inverse_turning, linear, quadratic, w_WB_B, given_B, other_B, dt, pace, w_B, moment_B):
-    """One step of the observer of the moments: `w_B` follows the rate measured, `moment_B` is what that takes."""
+    """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance that this takes."""
     spin, net, error = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]

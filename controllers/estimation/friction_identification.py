@@ -1,16 +1,16 @@
-"""Friction of the arm's gears, identified in the water from motions of free joints.
+"""Friction identification of the arm's gears, in water, from motions of the joints free of contact.
 
-    motion = FrictionMotion(vehicle, X_WB)                  # a planner: one joint after another, slow and fast
-    result = identify(qd, qdd, tau_motor, tau_gear, armature)   # what was recorded while it ran
+    motion = FrictionMotion(vehicle, X_WB)                  # planner: all joints swing together, slowly, then fast
+    result = identify_friction(qd, qdd, tau_motor, tau_gear, armature)   # recorded while it ran
     WorkController(model, friction=result.dry)
 
-With torque sensors on the gear outputs what a gear takes is measured, tau_motor - I_rotor qdd - tau_gear; without them
-tau_gear is that of the arm's inverse dynamics, and errors of the model enter. Per joint, at the moving samples,
+With torque sensors at the gear outputs, the torque lost in a gear is measured: tau_motor - I_rotor qdd - tau_gear.
+Without them tau_gear comes from the arm's inverse dynamics, and model errors enter. Per joint, at the moving samples,
 
     lost = b + viscous qd + sign(qd) (coulomb + (stiction - coulomb) exp(-(qd / stribeck_speed)^2))
 
-is linear but for the speed, over which it is searched (variable projection; Golub, Pereyra 1973). b is the sensor's
-bias.
+is linear except for the Stribeck speed, which is found by a search (variable projection [Golub 1973]). b is the
+sensor's bias.
 """
 
 from dataclasses import dataclass
@@ -23,23 +23,27 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, checked, readonly
 
-_LEAST_SPEED = 2e-3  # [rad/s] below which a sample may be of a joint at rest
-_FEWEST = 200  # moving samples of a joint, and each way a tenth of them
+_LEAST_SPEED = 2e-3  # [rad/s] slower samples may belong to a joint at rest and are dropped
+_FEWEST = 200  # minimal number of moving samples of a joint; a tenth of it in each direction
 _NAMES = ("bias", "viscous", "coulomb", "stiction", "stribeck_speed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IdentifiedFriction:
-    """Friction of all gears, with its uncertainty; arrays (n,), read-only."""
+    """Identified friction of all gears with its uncertainty; arrays (n,), read-only."""
 
     viscous: Array  # [N m s/rad]
-    dry: DryFriction
+    dry: DryFriction  # Coulomb friction, stiction, Stribeck speed
     bias: Array  # [N m] of the torque sensors
     covariance: Array  # (n, 5, 5) of bias, viscous, coulomb, stiction, stribeck_speed
-    residual: Array  # [N m] standard deviation of what is left
+    residual: Array  # [N m] standard deviation of the residual
 
     def sigma(self, name: str) -> Array:
-        """Standard deviation (n,) of bias, viscous, coulomb, stiction or stribeck_speed."""
+        """Standard deviation (n,) of bias, viscous, coulomb, stiction or stribeck_speed.
+
+        Raises:
+            ConfigurationError: `name` is none of these.
+        """
         if name not in _NAMES:
             raise ConfigurationError(f"identified friction: allowed {', '.join(_NAMES)}, got {name!r}")
         at = _NAMES.index(name)
@@ -47,15 +51,20 @@ class IdentifiedFriction:
 
 
 def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
-    """Fit each gear's friction to a recorded motion.
+    """Identify each gear's friction from a recorded motion by least squares.
 
     Args:
-        qd, qdd: joint speeds and accelerations (N, n) [rad/s, rad/s^2].
-        tau_motor: torques of the motors (N, n) [N m].
-        tau_gear: torques past the gears (N, n) [N m], measured or modelled.
-        armature: (n,) inertia of the rotors at the joints [kg m^2].
+        qd: (N, n) [rad/s] joint speeds.
+        qdd: (N, n) [rad/s^2] joint accelerations.
+        tau_motor: (N, n) [N m] motor torques.
+        tau_gear: (N, n) [N m] torques at the gear outputs, measured or modelled.
+        armature: (n,) [kg m^2] rotor inertias at the joints.
 
-    Raises ConfigurationError for arrays that do not fit, and for a joint that moved too little, either way.
+    Returns:
+        The friction of all gears with its uncertainty.
+
+    Raises:
+        ConfigurationError: shapes do not match, or a joint moved too little in either direction.
     """
     qd = np.asarray(qd, dtype=np.float64)
     shape = qd.shape
@@ -82,7 +91,7 @@ def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, 
 
 
 def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
-    """The five numbers of one joint, their covariance, and what is left."""
+    """The five parameters of one joint, their covariance, and the standard deviation of the residual."""
     moving = np.abs(qd) > _LEAST_SPEED
     qd, lost = qd[moving], lost[moving]
     fewest = min(int(np.sum(qd > 0.0)), int(np.sum(qd < 0.0)))
@@ -101,7 +110,7 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
         return float(np.sum((lost - A @ np.linalg.lstsq(A, lost, rcond=None)[0]) ** 2))
 
     grid = np.geomspace(2.0 * _LEAST_SPEED, np.quantile(np.abs(qd), 0.9), 24)
-    for _ in range(3):  # ever finer about the best
+    for _ in range(3):  # finer grids about the minimum
         at = int(np.argmin([left(over) for over in grid]))
         grid = np.geomspace(grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)], 12)
     over = float(grid[int(np.argmin([left(value) for value in grid]))])
@@ -118,7 +127,7 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
 
 
 class FrictionMotion:
-    """Planner (`sim.interfaces.protocols.Planner`): joints swing together, slowly and then fast, the hull hovers."""
+    """Excitation planner (`sim.interfaces.protocols.Planner`): the joints swing while the hull keeps station."""
 
     def __init__(
         self,
@@ -130,10 +139,20 @@ class FrictionMotion:
         fast: float = 5.0,
         period: float = 0.01,
     ) -> None:
-        """Swing each joint by `swing` [rad] about the ready posture, or less between its limits, one slow and two fast
-        turns of `slow` and `fast` [s], at rates a little different, so that no two move alike. `X_WB` (4, 4) is held.
+        """Swing each joint about the ready posture: one slow turn, then two fast turns, while the hull pose is held.
 
-        Raises ConfigurationError for numbers that are not > 0.
+        The rates differ by 5 % from joint to joint, so that no two joints move alike.
+
+        Args:
+            vehicle: the vehicle with its arm.
+            X_WB: (4, 4) hull pose to keep.
+            swing: [rad] amplitude of each joint; less where its limits are closer.
+            slow: [s] duration of the slow turn.
+            fast: [s] duration of a fast turn.
+            period: [s] of the planner's steps.
+
+        Raises:
+            ConfigurationError: a number is not finite or not > 0.
         """
         for name, value in (("swing", swing), ("slow", slow), ("fast", fast), ("period", period)):
             if not (np.isfinite(value) and value > 0.0):
@@ -150,15 +169,27 @@ class FrictionMotion:
 
     @property
     def recorded(self) -> tuple[float, float]:
-        """Beginning and end of the swings [s] since the motion began."""
+        """Begin and end of the swings [s] since the motion began."""
         return self._unfold, self._unfold + self._slow + 2.0 * self._fast
 
     def init(self, estimate: StateEstimate) -> float:
+        """Initial state: the time [s] at which the motion begins."""
         return estimate.time
 
     def step(
         self, state: float, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[float, Reference]:
+        """Reference of the joints at the time of `estimate`.
+
+        Args:
+            state: [s] of `init`.
+            estimate: the vehicle's state now.
+            target: not used.
+            last: not used.
+
+        Returns:
+            The state, unchanged, and the reference; its work state is DONE after the swings.
+        """
         del target, last
         time = estimate.time - state
         begin, end = self.recorded

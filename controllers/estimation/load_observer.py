@@ -1,17 +1,18 @@
-"""External joint torques without accelerations or torque sensors: an observer of the arm's generalised momentum.
+"""Load observer: external joint torques from the arm's generalised momentum, without accelerations or torque sensors.
 
-Lagrange's equation of joint j of an arm on a hull that moves by itself, with T the kinetic energy of rigid bodies and
-water (added mass included) and p = dT/dqd, is
+The hull moves freely. T is the kinetic energy of rigid bodies and water (added mass included), and p = dT/dqd.
+Lagrange's equation of joint j is
 
     dp/dt = tau + dT/dq - g(q) - d(q, qd, nu) - friction + tau_e,
 
-where the hull's velocity nu enters p and T but none of its accelerations appears. Integrated beside the measured p, the
-right side without tau_e lacks just that, and r = K (p - integral of (right side + r)) follows tau_e with a first-order
-lag 1/K (De Luca, Mattone 2003, Actuator failure detection and isolation using generalized momenta; here with a moving
-base). A steady current is a choice of the frame: the arm's equations hold unchanged in one that drifts with the water.
+where the hull's velocity nu enters p and T, but none of its accelerations appears. The right side is integrated without
+tau_e and compared with the measured p. The residual r = K (p - integral of (right side + r)) follows tau_e with a
+first-order lag 1/K [DeLuca 2003], here with a moving base. A steady current is a change of frame: the arm's equations
+hold unchanged in a frame that drifts with the water.
 
-With s_j the joint's axis, h_j the momentum of all that it carries and v_j the twist of its body (six-vectors at the
-joint), p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): turning a joint turns the twists of all bodies beyond it.
+Let s_j be the axis of the joint, h_j the momentum of all bodies that it carries and v_j the twist of its body,
+six-vectors at the joint. Then p_j = s_j . h_j, and dT/dq_j = h_j . (v_j x s_j): a rotation of a joint rotates the
+twists of all bodies beyond it.
 """
 
 from dataclasses import dataclass
@@ -28,22 +29,22 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting
 
-SMOOTHING = 1e-3  # [rad/s] over which dry friction turns round: five times the noise of the encoders' speed
-_HINGE = 1  # the kind in `layout` of controllers.arm.inverse_dynamics; other joints slide
+SMOOTHING = 1e-3  # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
+_HINGE = 1  # joint kind of hinges in `layout` of controllers.arm.inverse_dynamics; other joints are slides
 
 
 @dataclass(slots=True, eq=False)
 class LoadObserverState:
-    """Memory of the observer."""
+    """State of the observer."""
 
     integral: Array  # (n,) [N m s] momentum that the known torques account for
-    known: Array  # (n,) [N m] what acts besides the motors, at the last step
-    tau_e: Array  # (n,) [N m] observed
+    known: Array  # (n,) [N m] all known torques except the motors', at the last step
+    tau_e: Array  # (n,) [N m] estimated external torque
     started: bool = False
 
 
 class LoadObserver:
-    """External torque on every joint of a vehicle's arm from motor torques, joint and hull velocities."""
+    """External torque on every joint of a vehicle's arm from motor torques, joint velocities and hull velocity."""
 
     def __init__(
         self,
@@ -54,29 +55,36 @@ class LoadObserver:
         water_error: float = 0.0,
         friction: DryFriction | None = None,
     ) -> None:
-        """Take the arm of the vehicle in `model`, the `period` [s] of its steps, and the lag [s] of what it shows.
+        """Set up the observer for the arm of the vehicle in `model`.
 
-        `water_error` makes the hydrodynamic coefficients wrong by that share; `friction` is that of the gears as it is
-        believed (default: the model's). At rest it may be anything below stiction, and is taken for none.
+        Args:
+            model: compiled model of the vehicle.
+            period: [s] of the observer's steps.
+            time_constant: [s] lag of the estimate.
+            water_error: [-] share by which the hydrodynamic coefficients are deliberately wrong.
+            friction: believed dry friction of the gears; None takes the model's. At rest it may be anything below
+                stiction, and is taken as zero.
 
-        Raises ConfigurationError for times that are not positive.
+        Raises:
+            ConfigurationError: a time is not finite or not > 0.
         """
         for name, value in (("period", period), ("time_constant", time_constant)):
             if not (np.isfinite(value) and value > 0.0):
                 raise ConfigurationError(f"load observer {name}: must be finite and > 0 s, got {value}")
         vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
-        self._bare = arm.numbers.copy()  # the same arm without weight, buoyancy and drag
+        self._bare = arm.numbers.copy()  # the arm's numbers without weight, buoyancy and drag
         for drag in arm.of_bodies(self._bare, "linear", "quadratic"):
             drag[:] = 0.0
         arm.weightless(self._bare)
         self._armature, self._friction = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         self._dry = friction or vehicle.dry_friction
         self._period = period
-        self._gain = -np.expm1(-period / time_constant) / period  # [1/s], its pole exactly exp(-period / time_constant)
+        self._gain = -np.expm1(-period / time_constant) / period  # [1/s] its pole: exactly exp(-period / time_constant)
         self._hull = np.zeros(24)
 
     def init(self) -> LoadObserverState:
+        """Initial state: no external torque; the first step sets the momentum."""
         n = self._arm.n
         return LoadObserverState(np.zeros(n), np.zeros(n), np.zeros(n))
 
@@ -91,17 +99,22 @@ class LoadObserver:
         nu_B: Array,
         v_current_W: Array,
     ) -> Array:
-        """External torques (n,) [N m], J^T f of what the world does to the arm; `state` moves on by one period.
+        """External torques (n,) [N m], J^T f of the world on the arm; `state` advances by one period.
 
         Args:
-            state: of `init`, or as the last step left it.
-            q, qd: joint motion now (n,) [rad, rad/s].
-            tau_motor: torques of the motors (n,) [N m] over the period that has just ended.
-            R_WB: hull attitude (3, 3).
-            nu_B: hull velocity (6,), (linear; angular), hull axes [m/s, rad/s].
-            v_current_W: steady current (3,) [m/s].
+            state: of `init`, or as the last step left it; changed in place.
+            q: (n,) [rad] joint angles now.
+            qd: (n,) [rad/s] joint speeds now.
+            tau_motor: (n,) [N m] motor torques over the period that has just ended.
+            R_WB: (3, 3) attitude of the hull.
+            nu_B: (6,) [m/s, rad/s] velocity of the hull, (linear; angular), hull axes.
+            v_current_W: (3,) [m/s] steady current.
 
-        Raises ConfigurationError for a shape that is not so or a number that is not finite.
+        Returns:
+            The torques (n,) [N m].
+
+        Raises:
+            ConfigurationError: another shape, or a number that is not finite.
         """
         arm, hull = self._arm, self._hull
         joints = (arm.n,)
@@ -164,7 +177,7 @@ def _observe(
     known,
     tau_e,
 ):
-    """One step of the observer; with `first` it only begins: nothing is known of the past."""
+    """Step of the observer; with `first` it only stores the momentum, since the past is unknown."""
     n = q.shape[0]
     still, no_contact, wrench_B = np.zeros(n), np.zeros(6), np.empty(6)
     static, velocity, p, turning = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -179,7 +192,7 @@ def _observe(
         if first:
             integral[j], tau_e[j] = p[j], 0.0
         else:
-            # Motors hold their torque over a step; all else runs on, so the mean of its ends is second order.
+            # Motor torques are constant over a step. All other terms vary: the trapezoidal rule is second order.
             integral[j] += dt * (tau_motor[j] + 0.5 * (known[j] + now) + tau_e[j])
             tau_e[j] = gain * (p[j] - integral[j])
         known[j] = now
@@ -188,9 +201,16 @@ def _observe(
 @numba.njit(cache=True)
 @keyed_by_imports
 def momentum(layout, numbers, work, p_joint, turning):
-    """Generalised momentum of every joint `p_joint` (n,) [N m s] and dT/dq `turning` (n,) [N m], still water.
+    """Generalised momentum of every joint and dT/dq, in still water.
 
-    Reads the joint rotations, places and twists that `newton_euler` left in `work`.
+    Reads the joint rotations, positions and twists that `newton_euler` left in `work`.
+
+    Args:
+        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
+        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
+        work: working memory of `newton_euler`.
+        p_joint: (n,) [N m s] output: generalised momentum.
+        turning: (n,) [N m] output: dT/dq.
     """
     nb = layout.shape[1]
     parent, kind, column = layout[0], layout[1], layout[2]

@@ -1,15 +1,15 @@
-"""Weighing the arm while it unfolds: by how much each of its parts is heavier than believed.
+"""Payload identification: mass errors of the arm's parts, estimated while the arm unfolds free of contact.
 
-What the torque sensors show beyond the model in one posture is a bias as good as any, and the tare takes it off. A part
-that is heavier than believed shows more in another posture: 10 % of the weights of a PUMA-type arm became 6 N of false
-force half around a barrel. On its way from folded to the work the arm passes many postures, free of contact, and there
-the two can be told apart:
+In a single posture the torque residual of a wrong mass looks like a sensor bias, and the tare removes both. In another
+posture the residual of a part that is heavier than believed is different. An error of 10 % in the weights of a
+PUMA-type arm became 6 N of false force half-way around a barrel. On its way from folded to the work the arm passes many
+postures free of contact, which separate the two:
 
     tau_model - tau_measured = -sum_k G_k(q) d_k - b - H w
 
-with G_k the torques (n,) of the weight and inertia of part k, d_k its excess as a share of its mass, b the sensors'
-bias, H what moving water adds and w the share by which that is more, a least squares with priors on all three. A part
-whose excess no torque shows keeps what was believed.
+G_k (n,) is the torque of weight and inertia of part k, and d_k the excess of its mass, as a share. b is the sensors'
+bias. H is the torque due to moving water, and w the share by which that is larger. This is a least-squares problem with
+priors on d, b and w. A part whose excess is unobservable keeps its believed mass.
 """
 
 from dataclasses import dataclass
@@ -22,17 +22,17 @@ from sim.interfaces.spatial import Array
 
 @dataclass(slots=True, eq=False)
 class PayloadIdentificationState:
-    """What was seen so far; arrays change in place."""
+    """Accumulated normal equations; arrays change in place."""
 
-    information: Array  # (u, u) of the unknowns: nb excesses, n biases, the water's share
-    seen: Array  # (u,)
-    total: Array  # (n, u + 1) sums over this posture: -G, -I, -H, tau_e
-    count: int
-    q: Array  # (n,) [rad] where it began
+    information: Array  # (u, u) information matrix of the unknowns: nb excesses, n biases, the water's share
+    seen: Array  # (u,) right side of the normal equations
+    total: Array  # (n, u + 1) sums over the present posture: -G, -I, -H, tau_e
+    count: int  # samples in these sums
+    q: Array  # (n,) [rad] first angles of the present posture
 
 
 class PayloadIdentification:
-    """Least squares over the postures that an arm passes on its way to work."""
+    """Least squares over the postures that an arm passes on its way to the work."""
 
     def __init__(
         self,
@@ -44,16 +44,22 @@ class PayloadIdentification:
         water: float = 0.2,
         step: float = 0.05,
     ) -> None:
-        """Take the arm as it is believed to be.
+        """Take the believed arm and the prior standard deviations.
 
-        `spread` of a part's mass as a share of it and `bias` [N m] of a torque sensor are believed beforehand
-        (standard deviations), and so is the share `water` by which the arm's drag and added mass are wrong in common.
-        What else is wrong in each torque of a posture: `doubt` [N m], and the share `water` of what moving water adds
-        once more, for not all parts are wrong alike. A posture counts as another from `step` [rad] on.
+        The error of a posture's torque combines `doubt` with once more the share `water` of the moving water's torque:
+        the errors of single parts differ from the common one.
+
+        Args:
+            arm: believed dynamics of the arm.
+            spread: [-] prior of a part's mass error, as a share of its mass.
+            bias: [N m] prior of a torque sensor's bias.
+            doubt: [N m] standard deviation of all other errors of a torque in a posture.
+            water: [-] prior of the common relative error of the arm's drag and added mass.
+            step: [rad] change of a joint from which on a posture counts as a new one.
         """
         self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
         nb = arm.layout.shape[1]
-        self._parts: list[Array] = []  # numbers of the arm if only its part k had a mass, and there were no water
+        self._parts: list[Array] = []  # numbers of the arm in vacuum with the mass of part k only
         for k in range(nb):
             alone = arm.numbers.copy()
             for masses in arm.of_bodies(alone, "mass", "inertia"):
@@ -68,7 +74,7 @@ class PayloadIdentification:
         self._none = np.zeros((0, 9))
 
     def init(self) -> PayloadIdentificationState:
-        """Nothing seen: what is believed beforehand."""
+        """Initial state: the priors only."""
         n, unknowns = self._arm.n, self._prior.size
         return PayloadIdentificationState(
             np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
@@ -77,10 +83,15 @@ class PayloadIdentification:
     def add(
         self, state: PayloadIdentificationState, q: Array, qd: Array, qdd: Array, hull: Array, tau_e: Array
     ) -> None:
-        """Take what the sensors lack against the model, `tau_e` (n,) [N m], free of contact.
+        """Add one sample of the torque residual, free of contact.
 
-        `q`, `qd`, `qdd` (n,) [rad, rad/s, rad/s^2] are the arm's motion, `hull` (24,) is the hull's as `newton_euler`
-        takes it.
+        Args:
+            state: of `init`; changed in place.
+            q: (n,) [rad] joint angles.
+            qd: (n,) [rad/s] joint speeds.
+            qdd: (n,) [rad/s^2] joint accelerations.
+            hull: (24,) motion of the hull as in `newton_euler`.
+            tau_e: (n,) [N m] torques of the model less those measured.
         """
         nb, n = len(self._parts), self._arm.n
         torque, wrench, none, layout, work = np.empty(n), np.empty(6), np.zeros(6), self._arm.layout, self._arm.work
@@ -107,14 +118,14 @@ class PayloadIdentification:
         state.count = 0
 
     def excess(self, state: PayloadIdentificationState) -> Array:
-        """By how much each part (nb,) is heavier than believed, as a share."""
+        """Estimated excess mass (nb,) [-] of each part, as a share of its believed mass; includes all samples added."""
         if state.count:
             self._take(state)
         found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
         return found[: len(self._parts)]
 
     def weighed(self, excess: Array) -> Array:
-        """The arm's numbers, for `newton_euler`, with parts heavier by `excess` (nb,), shares of their masses."""
+        """Numbers of the arm, for `newton_euler`, with masses and inertias scaled by 1 + `excess` (nb,) [-]."""
         numbers = self._arm.numbers.copy()
         for masses in self._arm.of_bodies(numbers, "mass", "inertia"):
             masses *= (1.0 + excess)[:, None]

@@ -1,1 +1,1 @@
-"""Control of the hull: station keeping, thrust allocation, thrust margin."""
+"""Hull control: station keeping, thrust allocation, thrust margin."""

@@ -1,18 +1,22 @@
-"""From a wrench on the hull to thruster commands: allocation within bounds, then the inverse of the static curve.
+"""Thrust allocation: hull wrench to thruster commands, within bounds, through the inverse of the static thrust curve.
 
-Six thrusters leave no choice, so where they run out something of the wrench is given up, and what must be said before:
-`PRIORITIES`, real levels (`controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull
-tilts the tool, and the tip moves by the length of the arm. The force comes next: where it lacks the hull is pushed off,
-slowly, and the arm re-aims. Yaw is last. Effort is least among the thrusts that are alike in all this.
+Six thrusters leave no redundancy. Where they saturate, part of the wrench is given up in the order of `PRIORITIES`:
+strict priority levels (`controllers.hull.priorities`), no weights. Roll and pitch come first: a tilt of the hull tilts
+the tool and moves the tip by the length of the arm. The force comes next: where it lacks, the hull is pushed away
+slowly and the arm re-aims. Yaw is last. Among thrusts that are equal in all this, the effort is minimal.
 
-A propeller that turns gives a least thrust (`models.water.thrusters`), so between zero and that there is nothing, and
-the problem is no longer convex. There the wrench that the levels have chosen is approached by weighted least squares,
-|W (B x - w)|^2 + e^2 |D x|^2, for what is lost is small and must not be all of one axis for a hair of another:
-  1. With more thrusters than directions, some are set against each other: every way of that, in a fixed order, until
-     one gives the wrench as well as if there were no gap. A fixed order, so that it does not change from step to step.
-  2. Else thrusters in a gap are settled one at a time, the one nearest to a thrust that exists first, and all others
-     solved again; then each is tried on its other branches while that is better.
-This is a search by single changes: its wrench error may exceed the least possible one. It has no memory, so a share
+A rotating propeller gives at least a minimal thrust (`models.water.thrusters`). Thrusts between zero and that minimum
+do not exist (the gap), so the problem is no longer convex. There the wrench that the levels have chosen is approached
+by weighted least squares, |W (B x - w)|^2 + e^2 |D x|^2. Weights spread the small remaining error over all axes instead
+of putting all of it on one:
+
+- With more thrusters than directions, some work against each other (preload). All such sign patterns are tried in a
+  fixed order until one gives the wrench as well as without a gap. The fixed order keeps the pattern from changing
+  between steps.
+- Otherwise thrusters in the gap are settled one at a time: the one nearest to an existing thrust first, then all others
+  are solved again. Then each thruster is tried on its other branches while that lowers the cost.
+
+This is a search by single changes: its wrench error may exceed the least possible one. It has no memory, so a thrust
 near the middle of a gap may chatter.
 """
 
@@ -32,20 +36,20 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, checked, fitting
 
-AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # of a wrench on the hull, hull axes
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
-# Where a thruster is lost: a little tilt, which weight and buoyancy bear, is better than no hold on the depth.
+# After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
 WITHOUT_ONE = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
-HEADROOM = 0.98  # of full thrust: what inflow and a wrong curve may take
-GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] of what least thrusts cannot give
-_ROUNDING = 1e-12  # share of the longest lever below which a lever is rounding
-_ROUNDS = 4  # over the thrusters, at most, in search of a better branch
-_EFFORT = 1e-10  # share of the mean square weight of a thruster in the wrench that its effort weighs
-_BEYOND = 1e3  # times what all thrusters together can give: a wrench that asks for the most there is
+HEADROOM = 0.98  # [-] share of full thrust that is used; the rest covers inflow losses and errors of the thrust curve
+GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] weights of the wrench error due to minimal thrusts
+_ROUNDING = 1e-12  # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
+_ROUNDS = 4  # maximal number of passes over all thrusters in search of a better branch
+_EFFORT = 1e-10  # [-] weight of the effort, relative to the mean diagonal of A^T A
+_BEYOND = 1e3  # [-] times the sum of all thrusts: a demand that always saturates, to measure the authority
 
 
 class Allocation:
-    """Thrusters of one vehicle, seen from its controller."""
+    """Thrust allocation of one vehicle by strict priority levels."""
 
     def __init__(
         self,
@@ -55,13 +59,19 @@ class Allocation:
         effort: ArrayLike | None = None,
         headroom: float = HEADROOM,
     ) -> None:
-        """Take the thrusters of `vehicle`.
+        """Set up the allocation for the thrusters of `vehicle`.
 
-        `priorities` are levels of `AXES`, the first to be kept first once thrusters saturate; within a level newtons
-        and newton metres count alike, and an axis in no level is not driven. `effort` (m,), equal by default, says
-        which thrusters to spare where there is a choice. `headroom` is the share of full thrust that is used. Raises
-        ConfigurationError for priorities that cannot be, or if the thrusters cannot give a wrench in every direction
-        that is driven.
+        Args:
+            vehicle: the vehicle, with a thruster wrench matrix (6, m) and a table of its m thrusters.
+            priorities: levels of names from `AXES`, the first is kept first once thrusters saturate. Within a level
+                newtons and newton metres count alike. An axis in no level is not driven.
+            effort: (m,) [-] cost weight of each thruster, > 0, equal by default. A larger weight spares that thruster
+                where there is a choice.
+            headroom: [-] share of full thrust that is used, in (0, 1].
+
+        Raises:
+            ConfigurationError: priorities, effort or headroom are invalid, or the thrusters do not span all driven
+                directions.
         """
         m = vehicle.thruster_wrench.shape[1]
         effort = checked(np.ones(m) if effort is None else effort, (m,), "effort of the thrusters")
@@ -82,7 +92,7 @@ class Allocation:
         self._of = (vehicle, levels, effort, headroom, lost)
         self._B = np.where(lost, 0.0, vehicle.thruster_wrench)
         longest = np.abs(self._B).max(initial=0.0)
-        self._B[np.abs(self._B) < _ROUNDING * longest] = 0.0  # else rounding would count as a direction of its own
+        self._B[np.abs(self._B) < _ROUNDING * longest] = 0.0  # rounding noise would raise the rank
         m = self._B.shape[1]
         self._order = np.array([axis for level in levels for axis in level])
         self._rows = self._B[self._order]
@@ -105,14 +115,23 @@ class Allocation:
 
     @property
     def available(self) -> np.ndarray:
-        """(m,) bool: the thruster is there to be used."""
+        """Thrusters in use: (m,) bool, False for lost thrusters."""
         return ~self._of[4]
 
     def without(self, *thrusters: int | str, priorities: Sequence[Sequence[str]] | None = None) -> Self:
-        """The allocation that is left when `thrusters`, by index or name, give nothing whatever they are told.
+        """Allocation with the remaining thrusters, when `thrusters` give no thrust whatever their command.
 
-        It need not span all directions: what is lost is given up by the priorities, which `priorities` may change.
-        Raises ConfigurationError if there is no such thruster, or none is left.
+        It need not span all directions: the priorities decide which part of a wrench is given up.
+
+        Args:
+            thrusters: lost thrusters, each by index or name.
+            priorities: new priority levels; None keeps those of this allocation.
+
+        Returns:
+            A new allocation for the same vehicle.
+
+        Raises:
+            ConfigurationError: there is no such thruster, or none is left.
         """
         vehicle, levels, effort, headroom, lost = self._of
         lost = lost.copy()
@@ -133,17 +152,24 @@ class Allocation:
         return left
 
     def lost_directions(self) -> Array:
-        """Wrenches (d, 6) [N, N m] against which the thrusters can do nothing: orthonormal, force and moment alike.
+        """Uncontrollable wrenches (d, 6) [N, N m], hull axes: orthonormal, orthogonal to all that the thrusters give.
 
-        None while the thrusters span all six. Among those that are at right angles to all that they can give.
+        Force and moment count alike. d = 0 while the thrusters span all six directions.
         """
         return np.linalg.svd(self._B.T)[2][np.linalg.matrix_rank(self._B) :]
 
     def authority(self, *, spoiling: Sequence[str] = ()) -> Array:
-        """Least and greatest wrench (6, 2) [N, N m] along each axis while all others are zero, least thrusts aside.
+        """Least and greatest wrench along each axis while all others are zero; minimal thrusts are ignored.
 
-        Axes of `spoiling` (names of `AXES`) may come out as they will: what is left of surge if the heading is given
-        up. Raises ConfigurationError for other names.
+        Args:
+            spoiling: names of `AXES` that are left free, for instance "yaw": the surge that remains if the heading is
+                given up.
+
+        Returns:
+            (6, 2) [N, N m]: row i holds the least and the greatest value along axis i of `AXES`.
+
+        Raises:
+            ConfigurationError: a name is not in `AXES`.
         """
         free = {_axis(name) for name in spoiling}
         most, low, high = np.zeros((6, 2)), self._low, self._high
@@ -158,11 +184,13 @@ class Allocation:
         return most
 
     def thrust(self, wrench_B: Array) -> Array:
-        """Thrusts (m,) [N] for `wrench_B` (6,), within what each thruster can give.
+        """Thrusts (m,) [N] for the wrench `wrench_B` (6,) [N, N m], within the bounds of each thruster.
 
-        Exact (least effort) while no bound is met; otherwise the priorities say what is kept. Where a thruster has a
-        least thrust, each thrust is zero or at least that. Raises ConfigurationError for another shape or a number that
-        is not finite.
+        Exact, with least effort, while no bound is met. Otherwise the priorities decide which part is kept. Where a
+        thruster has a minimal thrust, its thrust is zero or at least that.
+
+        Raises:
+            ConfigurationError: another shape, or a number that is not finite.
         """
         wrench_B = fitting(wrench_B, (6,), "wrench wanted of the thrusters")
         thrust = self._inverse @ wrench_B
@@ -175,14 +203,18 @@ class Allocation:
         return nearest_thrusts(self._H, right, self._low, self._high, self._least, self._patterns)
 
     def command(self, thrust: Array) -> Array:
-        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest.
+        """Normalised propeller speeds (m,) in [-1, 1] that give `thrust` (m,) [N] in still water, or the nearest to it.
 
-        Raises ConfigurationError for another shape or a number that is not finite.
+        Raises:
+            ConfigurationError: another shape, or a number that is not finite.
         """
         return _commands(self._curves, fitting(thrust, self._least.shape, "thrusts wanted [N]"))
 
     def lacking(self, wrench_B: Array, thrust: Array) -> Array:
-        """What saturation withholds of `wrench_B` (6,) where `thrust` (m,) is its allocation; zero while none is."""
+        """Part (6,) [N, N m] of `wrench_B` (6,) that saturation withholds from its allocation `thrust` (m,) [N].
+
+        Zero while no thruster is saturated.
+        """
         missing = wrench_B - self._B @ thrust
         full = (thrust <= self._low * (1.0 - 1e-9)) | (thrust >= self._high * (1.0 - 1e-9))
         if not np.any(full):
@@ -197,7 +229,7 @@ def _axis(name: str) -> int:
 
 
 def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:
-    """Axes of each level, by index; ConfigurationError unless there are some, each of `AXES` and named once."""
+    """Axis indices of each priority level; ConfigurationError for an unknown, missing or repeated axis."""
     try:
         levels = [[_axis(name) for name in level] for level in priorities]
     except TypeError:
@@ -211,10 +243,10 @@ def _levels(priorities: Sequence[Sequence[str]]) -> list[list[int]]:
 
 
 def preloads(B: Array) -> np.ndarray:
-    """Branches (p, m), 1 or -1 each, on which thrusters with wrench columns `B` (k, m) work against each other.
+    """Sign patterns (p, m), 1 or -1 each, with which thrusters of wrench columns `B` (k, m) work against each other.
 
-    The signs of the thrusts that give no wrench, in a few directions of their space. None where there is no such space,
-    or where it leaves a thruster out.
+    These are the signs of thrusts in the null space of B, sampled in a few of its directions. p = 0 where B has no null
+    space, or where the null space leaves a thruster out.
     """
     null = np.linalg.svd(B)[2][np.linalg.matrix_rank(B) :]
     found: list[tuple[int, ...]] = []
@@ -227,9 +259,9 @@ def preloads(B: Array) -> np.ndarray:
 
 
 def normal_equations(A: Array, effort: Array) -> tuple[Array, Array]:
-    """Matrix (m, m) of the problem min |A x - b|^2 + e^2 |effort x|^2, and A^T (m, k), which times b is its right side.
+    """Normal equations of min |A x - b|^2 + e^2 |effort x|^2: the matrix (m, m), and A^T (m, k).
 
-    `e` is so small that it decides only where A (k, m) leaves a choice.
+    A^T b is the right side. `e` is so small that `effort` (m,) decides only where `A` (k, m) leaves a choice.
     """
     H = A.T @ A
     return H + _EFFORT * np.trace(H) / len(H) * np.diag(effort**2 / np.mean(effort**2)), A.T.copy()
@@ -247,11 +279,21 @@ def _commands(curve, thrust):
 @numba.njit(cache=True)
 @keyed_by_imports
 def bounded(H, c, low, high, x):
-    """Minimum of x^T H x / 2 - c^T x over low <= x <= high by active sets, into `x` (m,); the number of steps taken.
+    """Minimise x^T H x / 2 - c^T x over low <= x <= high by a primal active-set method; result in `x` (m,).
 
-    `H` (m, m) is positive definite. Each step solves the free variables and either moves there, or to the first bound
-    on the way; at a minimum of the free ones the bound variable that pulls inward most is set free. The cost falls with
-    every step, so no set comes twice.
+    Each step solves for the free variables and moves there, or to the first bound on the way. At a minimum of the free
+    variables, the bound variable with the steepest inward descent is set free. The cost falls with every step, so no
+    active set occurs twice.
+
+    Args:
+        H: (m, m) positive definite.
+        c: (m,) linear term.
+        low: (m,) lower bounds.
+        high: (m,) upper bounds.
+        x: (m,) output; its content on entry is ignored.
+
+    Returns:
+        The number of steps.
     """
     m = c.shape[0]
     at = np.zeros(m, dtype=np.int8)
@@ -269,7 +311,7 @@ def bounded(H, c, low, high, x):
                 free[count] = i
                 count += 1
         _solve_free(H, c, x, free, count, L, z)
-        if first:  # the set to begin with: what the free minimum puts beyond its bounds
+        if first:  # initial active set: the variables whose free minimum lies beyond their bounds
             first = False
             outside = False
             for i in range(m):
@@ -320,7 +362,7 @@ def bounded(H, c, low, high, x):
 @numba.njit(cache=True)
 @keyed_by_imports
 def _solve_free(H, c, x, free, count, L, z):
-    """Minimum over the `count` variables in `free`, the others held at `x`, into `z` in the order of `free`."""
+    """Minimise over the `count` variables in `free`, the others held at `x`; result in `z` in the order of `free`."""
     m = c.shape[0]
     for a in range(count):
         i = free[a]
@@ -349,9 +391,20 @@ def _solve_free(H, c, x, free, count, L, z):
 @numba.njit(cache=True)
 @keyed_by_imports
 def nearest_thrusts(H, c, low, high, least, patterns):
-    """Thrusts (m,) [N] of least cost x^T H x / 2 - c^T x within bounds, each zero or at least `least` (m,) either way.
+    """Thrusts of least cost x^T H x / 2 - c^T x within bounds, each zero or at least its minimal thrust in size.
 
-    Near the least where a gap is met, as the head of this module says; `patterns` (p, m) of `preloads`.
+    Near the least cost where a gap is met: see the search in the docstring of this module.
+
+    Args:
+        H: (m, m) matrix of `normal_equations`.
+        c: (m,) right side, A^T b.
+        low: (m,) [N] lower bounds.
+        high: (m,) [N] upper bounds.
+        least: (m,) [N] minimal thrust of each rotating propeller, either way; 0 for a thruster without a gap.
+        patterns: (p, m) sign patterns of `preloads`.
+
+    Returns:
+        Thrusts (m,) [N].
     """
     m = c.shape[0]
     x, y = np.zeros(m), np.zeros(m)
@@ -410,7 +463,7 @@ def nearest_thrusts(H, c, low, high, least, patterns):
 @numba.njit(cache=True)
 @keyed_by_imports
 def _limit(branch, low, high, least, from_, to, i):
-    """Bounds of thruster `i` on one branch: -1, 0 or 1."""
+    """Set the bounds `from_` and `to` of thruster `i` on one branch: -1 reverse, 0 off, 1 forward."""
     if least == 0.0:  # it has no gap
         from_[i], to[i] = low, high
         return

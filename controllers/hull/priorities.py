@@ -1,27 +1,36 @@
-"""Least squares within bounds by levels: nothing that matters more is given up for what matters less.
+"""Hierarchical least squares within bounds: no priority level is degraded for the sake of a lower one.
 
-For levels l = 1, 2, ... of rows A_l x = b_l, in this order, |A_l x - b_l|^2 is minimised over low <= x <= high and
-A_j x = A_j x_j for every level j above, with x_j its own solution (Escande, Mansard, Wieber 2014, hierarchical least
-squares; here with the bounds above all levels). A last level of a diagonal, the effort, makes the solution unique. It
-changes continuously with b.
+Levels l = 1, 2, ... of rows A_l x = b_l are solved in this order [Escande 2014]. Level l minimises |A_l x - b_l|^2 over
+low <= x <= high, with A_j x = A_j x_j kept for every level j above, where x_j is the solution of level j. Here the
+bounds rank above all levels. A last, diagonal level (the effort) makes the solution unique. The solution is continuous
+in b.
 
-Each level is a primal active set on the bounds, begun where the level above ended, so every point on the way is within
-bounds and spoils nothing above. Steps are found by orthogonal projection, never by normal equations.
+Each level is a primal active-set method on the bounds. It starts where the level above ended, so every iterate is
+feasible and leaves the levels above unchanged. Steps are found by orthogonal projection, never by normal equations.
 """
 
 import numba
 import numpy as np
 
-_SAME = 1e-10  # share of a row's length below which what is left of it by projection is rounding
-_HELD = 1e-9  # share of a unit step below which a variable is held by the levels above: to hold its bound says nothing
+_SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
+_HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
 
 
 @numba.njit(cache=True)
 def prioritised(A, b, starts, effort, low, high, x):
-    """Solve the levels, rows `starts[l]` to `starts[l + 1]` of A (k, m) and b (k,), then the effort, into `x` (m,).
+    """Solve least-squares priority levels, then the effort, within bounds; result in `x`.
 
-    `x` is where the search begins; it is brought within bounds. A variable whose bounds are equal is out of the game.
-    Returns the number of steps taken.
+    Args:
+        A: (k, m) rows of all levels, the first level first.
+        b: (k,) right sides.
+        starts: (levels + 1,) level l is rows starts[l] to starts[l + 1].
+        effort: (m,) diagonal of the last level.
+        low: (m,) lower bounds.
+        high: (m,) upper bounds; a variable with equal bounds is a constant.
+        x: (m,) start of the search, clipped to the bounds; overwritten by the solution.
+
+    Returns:
+        The number of active-set steps.
     """
     k, m = A.shape
     rows, right = A.copy(), b.copy()
@@ -53,7 +62,7 @@ def prioritised(A, b, starts, effort, low, high, x):
 
 @numba.njit(cache=True)
 def _keep(row, kept, count):
-    """Add what is new in `row` to the orthonormal rows `kept`; how many there are then."""
+    """Append the component of `row` outside the span of the orthonormal rows `kept`; returns their new number."""
     m = row.shape[0]
     new = row.copy()
     length = _off(new, kept, count)
@@ -66,7 +75,7 @@ def _keep(row, kept, count):
 
 @numba.njit(cache=True)
 def _off(v, basis, count):
-    """Take the part along the orthonormal rows of `basis` off `v` in place (twice, for rounding); the length left."""
+    """Project `v` in place off the span of the orthonormal rows of `basis`, twice against rounding; its norm then."""
     m = v.shape[0]
     for _ in range(2):
         for j in range(count):
@@ -83,11 +92,11 @@ def _off(v, basis, count):
 
 @numba.njit(cache=True)
 def _level(A, b, kept, count, low, high, x):
-    """Minimise |A x - b|^2 from `x` within bounds, the first `count` rows of `kept` times x unchanged; steps taken."""
+    """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns the steps taken."""
     k, m = A.shape
-    at = np.zeros(m, dtype=np.int8)  # bounds that are held: always independent of each other and of `kept`
-    U, L = np.zeros((m, m)), np.zeros((m, m))  # kept rows over the free variables are L U, U orthonormal
-    V, T = np.zeros((m, m)), np.zeros((k, m))  # and what A has there beside them is T V
+    at = np.zeros(m, dtype=np.int8)  # active bounds, always independent of each other and of `kept`
+    U, L = np.zeros((m, m)), np.zeros((m, m))  # kept rows over the free variables = L U, U orthonormal
+    V, T = np.zeros((m, m)), np.zeros((k, m))  # the part of A there outside their span = T V
     G, residual, p, s = np.empty((k, m)), np.empty(k), np.empty(m), np.empty(m)
     longest = 0.0
     for r in range(k):
@@ -141,7 +150,7 @@ def _level(A, b, kept, count, low, high, x):
 
 @numba.njit(cache=True)
 def _split(U, j, L):
-    """Make row `j` of U orthonormal to those before it; row `j` of L holds how it is made of them."""
+    """Orthonormalise row `j` of U against those before it; row `j` of L receives its coefficients."""
     m = U.shape[1]
     for c in range(j + 1):
         L[j, c] = 0.0
@@ -162,14 +171,14 @@ def _split(U, j, L):
 
 @numba.njit(cache=True)
 def _beside(A, at, low, high, U, count, longest, G, V, T):
-    """Orthonormal rows V of what A has over the free variables beside U, and T (k, rank): A there is T V; the rank."""
+    """Factorise A over the free variables, outside the span of U, as T V with orthonormal V; returns the rank."""
     k, m = A.shape
     for r in range(k):
         for i in range(m):
             G[r, i] = A[r, i] if at[i] == 0 and low[i] != high[i] else 0.0
         _off(G[r], U, count)
     rank = 0
-    while rank < min(k, m):  # the longest of what is left comes first: the others are then small beside it or not
+    while rank < min(k, m):  # pivoting: the longest remainder first, so that rank is judged against it
         most, which = 0.0, -1
         for r in range(k):
             length = (G[r] * G[r]).sum()
@@ -204,7 +213,7 @@ def _beside(A, at, low, high, U, count, longest, G, V, T):
 
 @numba.njit(cache=True)
 def _least(T, residual, k, rank, s):
-    """s (rank,) that minimises |T s + residual|, T (k, rank) of full column rank, by modified Gram-Schmidt."""
+    """Minimise |T s + residual| over s (rank,), T (k, rank) of full column rank, by modified Gram-Schmidt."""
     Q, R, right = np.empty((rank, k)), np.empty((rank, rank)), residual.copy()
     for c in range(rank):
         for r in range(k):
@@ -236,11 +245,11 @@ def _least(T, residual, k, rank, s):
 
 @numba.njit(cache=True)
 def _wrong_way(A, residual, s, rank, T, kept, count, U, L, at, enough, in_order):
-    """The held bound whose release lowers the cost most, or the first such one `in_order` (Bland); -1 if none does."""
+    """Active bound whose release lowers the cost most, or the first such one if `in_order` [Bland 1977]; -1 if none."""
     k, m = A.shape
     gradient, multiplier = np.zeros(m), np.zeros(m)
     for r in range(k):
-        now = residual[r]  # after the step that has just been taken
+        now = residual[r]  # residual after the step just taken
         for j in range(rank):
             now += T[r, j] * s[j]
         for i in range(m):

@@ -1,9 +1,8 @@
-"""Hover of the hull: a closed position loop beside the fed-forward wrench of the arm (paper 002, third stage).
+"""Station keeping: feedback on the hull's pose beside the fed-forward arm wrench, third stage of [Konoplin 2022].
 
-Proportional and rate feedback on the pose; weight, buoyancy and the arm's wrench fed forward; and what an observer of
-the hull's momentum (`controllers.estimation.disturbance_observer`) finds beyond those, current drag above all,
-cancelled as it is found. It stands where an integral would, and knows what the thrusters really gave: nothing winds up
-where they run out.
+Proportional and rate feedback act on the pose. Weight, buoyancy and the arm's wrench are fed forward. A disturbance
+observer (`controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current drag, and
+cancels it. The observer replaces an integral term. It uses the thrust actually given, so saturation causes no windup.
 """
 
 from dataclasses import dataclass
@@ -24,14 +23,14 @@ _STILL = readonly(np.zeros(3))
 
 @dataclass(slots=True, eq=False)
 class StationKeepingState:
-    """Memory of the loop."""
+    """State of station keeping."""
 
     observer: DisturbanceObserverState
-    given_B: Array  # (6,) [N, N m] what the thrusters gave in the mean since the last step; as wanted, unless told
+    given_B: Array  # (6,) [N, N m] mean wrench of the thrusters since the last step; the demand, unless overwritten
 
 
 class StationKeeping:
-    """Feedback on the hull's pose in six directions, with all that is known of the wrench on it fed forward."""
+    """Pose control of the hull in six degrees of freedom with feedforward of all known wrenches."""
 
     def __init__(
         self,
@@ -43,12 +42,18 @@ class StationKeeping:
         water_error: float = 0.0,
         beliefs: Beliefs | None = None,
     ) -> None:
-        """Read the hull of the vehicle in `model`; `arm` adds its inertia as it is in the home pose.
+        """Read the hull of the vehicle in `model`, and the inertia of its arm in the home pose.
 
-        `arm` is read from `model` too where it is not given, and may be missing there: a vehicle without an arm hovers.
-        `frequency` [rad/s] and `damping` ratio of the closed loop; `water_error` makes the hull's added mass and drag
-        wrong by that share; `beliefs` are the observer's. Raises ConfigurationError for a figure that cannot be, or if
-        the hull carries no hydrodynamics.
+        Args:
+            model: compiled model of the vehicle, with hydrodynamics on its hull.
+            arm: believed dynamics of the arm; None reads them from `model`, where a vehicle may have no arm.
+            frequency: [rad/s] natural frequency of the closed loop.
+            damping: [-] damping ratio of the closed loop.
+            water_error: [-] share by which added mass and drag of the hull are deliberately wrong.
+            beliefs: standard deviations assumed by the disturbance observer.
+
+        Raises:
+            ConfigurationError: a figure is out of range, or the hull carries no hydrodynamics.
         """
         for name, value in (("frequency", frequency), ("damping", damping)):
             if not checked([value], (1,), f"hover {name}")[0] > 0.0:
@@ -75,29 +80,30 @@ class StationKeeping:
             beliefs,
         )
         net = gravity * (density * water.volume - mass)  # [N] up
-        # Moment of weight and buoyancy is this vector x (up, in hull axes).
+        # Moment of weight and buoyancy = righting x (unit vector up, hull axes).
         righting = gravity * (
             density * water.volume * water.center_of_buoyancy - mass * np.array(model.body_ipos[vehicle.hull])
         )
         self._static = np.vstack([net * np.eye(3), skew(righting)])  # (6, 3), times up in hull axes
 
     def init(self) -> StationKeepingState:
+        """Initial state: no current known, no thrust given."""
         return StationKeepingState(self._observer.init(), np.zeros(6))
 
     def static_wrench(self, R_WB: Array) -> Array:
-        """Weight and buoyancy of the hull alone (6,), hull axes [N, N m]."""
+        """Weight and buoyancy of the hull alone at attitude `R_WB` (3, 3): wrench (6,) [N, N m], hull axes."""
         return self._static @ R_WB[2]
 
     def current(self, state: StationKeepingState) -> Array:
-        """Current (3,) [m/s] in W that explains what pushes the hull, in contact too.
+        """Estimated current (3,) [m/s] in W, also during contact.
 
-        What is believed of it says `controllers.estimation.disturbance_observer`; a steady force that nobody feels, a
-        tether's or a wrong weight's, passes for current. A direction without drag tells of none.
+        See `controllers.estimation.disturbance_observer` for the assumptions. A steady force that no sensor measures (a
+        tether, a wrong weight) appears as current. A direction without drag gives no information on the current.
         """
         return state.observer.current_W.copy()
 
     def through_water(self, state: StationKeepingState, estimate: StateEstimate) -> Array:
-        """Motion of the hull through the water (6,) [m/s, rad/s], hull axes."""
+        """Velocity of the hull relative to the water (6,) [m/s, rad/s], hull axes."""
         through = estimate.v_WB_B - estimate.X_WB[:3, :3].T @ state.observer.current_W
         return np.concatenate([through, estimate.w_WB_B])
 
@@ -111,11 +117,23 @@ class StationKeeping:
         dt: float,
         w_WB_W_wanted: Array = _STILL,
     ) -> Array:
-        """Wrench (6,) that the thrusters should put on the hull, hull axes [N, N m].
+        """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes.
 
-        `v_WB_W_wanted` (3,) [m/s] and `w_WB_W_wanted` (3,) [rad/s] are the motion of the pose wanted.
-        `arm_wrench_B` (6,) is what the arm puts on the hull, to be cancelled (the paper's C_F_M, C_M_M). Who knows
-        better than "as wanted" what the thrusters will give until the next step says so in `state.given_B`.
+        Sets `state.given_B` to this wrench. A caller that knows better what the thrusters will give until the next step
+        overwrites it.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: the vehicle's state now.
+            X_WB_wanted: (4, 4) hull pose wanted.
+            v_WB_W_wanted: (3,) [m/s] velocity of the pose wanted, W.
+            arm_wrench_B: (6,) [N, N m] wrench of the arm on the hull, hull axes, to be cancelled: C_F_M, C_M_M of
+                [Konoplin 2022].
+            dt: [s] since the last step.
+            w_WB_W_wanted: (3,) [rad/s] angular velocity of the pose wanted, W.
+
+        Returns:
+            The wrench (6,) [N, N m], hull axes at the hull's origin.
         """
         R_WB, v_B, w_B = estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B
         static = self.static_wrench(R_WB)
@@ -135,7 +153,16 @@ class StationKeeping:
 
 
 def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
-    """Rigid and added inertia (6, 6) of the hull alone at its origin."""
+    """Rigid-body plus added inertia (6, 6) of the hull alone at its origin, hull axes.
+
+    Args:
+        model: compiled model of the vehicle.
+        hull: id of the hull's body in `model`.
+        water_scale: [-] factor on the added mass, 1 for the model's own.
+
+    Returns:
+        The inertia (6, 6) [kg, kg m, kg m^2], linear over angular.
+    """
     water = hydrodynamics.unpack(model.body_user[hull])
     m, c = float(model.body_mass[hull]), np.array(model.body_ipos[hull])
     R = np.empty(9)
@@ -150,7 +177,7 @@ def hull_inertia(model: mujoco.MjModel, hull: int, water_scale: float) -> Array:
 
 
 def _arm_inertia(arm: ArmDynamics, q: Array) -> Array:
-    """Inertia (6, 6) that the arm, held at `q`, adds to the hull: the wrench that unit accelerations cost."""
+    """Inertia (6, 6) that the arm, held at `q` (n,) [rad], adds to the hull: wrenches of unit accelerations."""
     rest = np.zeros(arm.n)
 
     def wrench(a_B: Array) -> Array:

@@ -1,5 +1,7 @@
-"""How much of the thrusters a hull needs that hovers level while its arm stands and pushes: what is left decides where
-it hovers. Weight and buoyancy, the arm's weight in water, the set force and the surface's friction; current aside.
+"""Thrust margin: the largest share of thrust used by a level, stationary hull while its arm pushes on a surface.
+
+Loads are weight and buoyancy, the arm's weight in water, the set force, and the surface's friction; current is left
+out. Hull placement (`controllers.planning.hull_placement`) counts the share that remains as one of its margins.
 """
 
 from copy import copy
@@ -18,13 +20,19 @@ from sim.interfaces.spatial import Array, checked
 
 
 class ThrustMargin:
-    """The statics of a vehicle at work."""
+    """Static load on the thrusters of a vehicle in contact work."""
 
     def __init__(self, vehicle: Vehicle, arm: ArmDynamics, static_B: ArrayLike, *, drag: float = 0.6) -> None:
-        """Take the vehicle, its arm, and weight and buoyancy of the level hull alone `static_B` (6,) [N, N m].
+        """Set up the statics of `vehicle` with its arm.
 
-        `drag` is the share of the set force by which friction may hold the tool back. Raises ConfigurationError for
-        one that is negative or no number, or for a vehicle without thrusters.
+        Args:
+            vehicle: the vehicle, with thrusters.
+            arm: believed dynamics of its arm.
+            static_B: (6,) [N, N m] weight and buoyancy of the level hull alone, hull axes.
+            drag: [-] friction that may hold the tool back, as a share of the set force.
+
+        Raises:
+            ConfigurationError: `drag` is negative or not finite, or the vehicle has no thrusters.
         """
         if not checked([drag], (1,), "drag")[0] >= 0.0:
             raise ConfigurationError(f"drag: must be >= 0, got {drag}")
@@ -34,7 +42,7 @@ class ThrustMargin:
         self._arm, self._static = arm, checked(static_B, (6,), "static_B").copy()
         forward, reverse = vehicle.thruster_table[:, FORWARD], vehicle.thruster_table[:, REVERSE]
         most = np.maximum(forward, reverse)
-        # Of all ways to give a wrench the least by the thrusters' own strengths; six thrusters have but one.
+        # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a single solution.
         self._shares = np.linalg.pinv(vehicle.thruster_wrench * most)
         with np.errstate(divide="ignore"):
             self._forward, self._reverse = most / forward, most / reverse
@@ -42,21 +50,26 @@ class ThrustMargin:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
-        """Of the vehicle in `model`, which the hull's and the arm's weights are read from."""
+        """Thrust margin of the vehicle in `model`, from which the weights of hull and arm are read; `drag` as above."""
         arm = ArmDynamics(model)
         return cls(Vehicle.of(model), arm, StationKeeping(model, arm).static_wrench(np.eye(3)), drag=drag)
 
     def without_friction(self) -> Self:
-        """The same where nothing holds the tool back."""
+        """Copy of this margin without surface friction."""
         free = copy(self)
         free.drag = 0.0
         return free
 
     def used(self, q: Array, R_WB: Array, f_tip_G: ArrayLike) -> float:
-        """Largest share of a thruster that is used, 1 at full thrust.
+        """Largest share of thrust used by any thruster; 1 is full thrust.
 
-        The arm stands at `q` (n,) [rad], the hull at `R_WB` (3, 3), the world pushes the tip by `f_tip_G` (3,) [N],
-        tool axes.
+        Args:
+            q: (n,) [rad] joint angles of the arm, at rest.
+            R_WB: (3, 3) attitude of the hull.
+            f_tip_G: (3,) [N] force of the world on the tip, tool axes.
+
+        Returns:
+            The share [-]; above 1 the thrusters cannot hold the hull.
         """
         zero, wrench = np.zeros(6), np.zeros(6)
         wrench[:3] = f_tip_G

@@ -1,12 +1,12 @@
-"""Ahead of the thrusters' lag: commands whose thrust comes sooner, and what the thrusters are giving meanwhile.
+"""Lead compensation of the thrusters' lag, and a prediction of the thrust that they give meanwhile.
 
-A propeller follows its command with a first-order lag T (`models.water.thrusters`). The speed n that it has by now is
-known from the commands so far, so the command u that brings it towards the wanted speed c as a lag of T_r < T would is
+A propeller follows its command with a first-order lag T (`models.water.thrusters`). Its present speed n is predicted
+from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
 
-    u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed:
+    u = n + (c - n) (1 - exp(-dt / T_r)) / (1 - exp(-dt / T)),    within full speed.
 
-the inverse of the lag, filtered by `response` T_r. In the steady state u = c whatever T is. What T_r gains is paid in
-motion of the command: its noise grows by about T / T_r.
+This is the inverse of the lag, filtered by `response` T_r. In the steady state u = c, whatever T is. The price of a
+smaller T_r is command activity: noise is amplified by about T / T_r.
 """
 
 from dataclasses import dataclass
@@ -21,27 +21,32 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting, number
 
-RESPONSE = 0.05  # [s]
-_PARTS = 4  # of a period over which the thrust is averaged
+RESPONSE = 0.05  # [s] lag T_r of the thrust with compensation; command noise grows by about T / T_r
+_PARTS = 4  # number of instants in a period over which the thrust is averaged
 
 
 @dataclass(slots=True, eq=False)
 class ThrusterLeadState:
-    """What is believed of the propellers."""
+    """Believed state of the propellers."""
 
-    passed: Array  # (m,) command that the drives pass on, after their slew limit
-    speed: Array  # (m,) normalised
+    passed: Array  # (m,) [-] normalised command after the slew limit of the drives
+    speed: Array  # (m,) [-] normalised speed
     given_B: Array  # (6,) [N, N m] mean wrench on the hull from the last step to the next, hull axes
 
 
 class ThrusterLead:
-    """Model of the thrusters of one vehicle, run beside them and turned round."""
+    """Thruster model of one vehicle, run in parallel and inverted."""
 
     def __init__(self, vehicle: Vehicle, *, response: float = RESPONSE, lag_error: float = 0.0) -> None:
-        """Take the thrusters of `vehicle`; a `response` [s] at or above a thruster's own lag leaves its command alone.
+        """Set up the model for the thrusters of `vehicle`.
 
-        `lag_error` makes the lag that is believed wrong by that share. Raises ConfigurationError for a response that is
-        not > 0, or an error that leaves no lag.
+        Args:
+            vehicle: the vehicle, with a table of its thrusters.
+            response: [s] lag with compensation. At or above a thruster's own lag its command stays unchanged.
+            lag_error: [-] share by which the believed lag is deliberately wrong.
+
+        Raises:
+            ConfigurationError: `response` is not finite or not > 0, or `lag_error` leaves no lag.
         """
         if not 0.0 < number(response, "response of the thrusters [s]") < np.inf:
             raise ConfigurationError(f"response of the thrusters: must be finite and > 0 s, got {response}")
@@ -49,7 +54,7 @@ class ThrusterLead:
             raise ConfigurationError(f"lag_error: must be finite and above -1, got {lag_error}")
         table = vehicle.thruster_table
         self._curves, self._B = curves(table), np.array(vehicle.thruster_wrench)
-        self._advance = self._B.copy()  # where the water goes: the propeller's own torque is no lever of the thrust
+        self._advance = self._B.copy()  # levers for the inflow: without the propellers' reaction torques
         self._advance[3:] -= table[:, TORQUE] * self._B[:3]
         self._figures = np.column_stack(
             [(1.0 + lag_error) * table[:, TIME_CONSTANT], table[:, SLEW_RATE], table[:, INFLOW_LOSS]]
@@ -57,16 +62,26 @@ class ThrusterLead:
         self._response = float(response)
 
     def init(self) -> ThrusterLeadState:
-        """All at rest."""
+        """Initial state: all propellers at rest."""
         m = len(self._figures)
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
     def step(self, state: ThrusterLeadState, wanted: Array, nu_r_B: Array, dt: float) -> Array:
-        """Commands (m,) for the next `dt` [s], where the static ones would be `wanted` (m,).
+        """Commands (m,) for the next `dt` that replace the static ones `wanted`.
 
-        `nu_r_B` (6,) is the hull's motion through the water [m/s, rad/s], whose inflow costs thrust; the wrench that
-        the thrusters will give in the mean is left in `state.given_B`. Raises ConfigurationError for other shapes or
-        numbers that are not finite.
+        The predicted mean wrench of the thrusters over `dt` is left in `state.given_B`.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            wanted: (m,) [-] static commands, normalised.
+            nu_r_B: (6,) [m/s, rad/s] velocity of the hull relative to the water, hull axes; its inflow reduces thrust.
+            dt: [s] duration of the commands.
+
+        Returns:
+            Normalised commands (m,) [-] in [-1, 1].
+
+        Raises:
+            ConfigurationError: another shape, or a number that is not finite.
         """
         wanted = fitting(wanted, state.speed.shape, "thruster commands wanted")
         nu_r_B = fitting(nu_r_B, (6,), "motion through the water")

@@ -1,1 +1,1 @@
-"""Where the hull goes and how: placement, paths past the object, trajectories, height over the seabed."""
+"""Motion planning of the hull: placement, paths past the object, trajectories, height above the seabed."""

@@ -1,7 +1,7 @@
-"""The coarse approach to an unknown seabed: down to the height to scan from, over the plane that the Doppler log sees.
+"""Coarse approach to an unknown seabed: descent to the scanning height above the plane of the Doppler log's ranges.
 
-Paper 004, after its reference 11: before anything finer is known the seabed is the plane through the ranges of the
-log's beams. It tells whether the vehicle may come near at all, and how far.
+[Konoplin 2019], after its reference 11: until finer data are known, the seabed is the plane through the ranges of the
+log's beams. The plane decides if the vehicle may approach at all, and how far.
 """
 
 import math
@@ -13,18 +13,18 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array
 
-BEAMS = 3  # that make a plane
+BEAMS = 3  # minimal number of beams, not collinear, that define a plane
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundApproach:
-    """Where the vehicle goes on the plane's word."""
+    """Rules of the coarse approach to the plane of the ground."""
 
-    height: float  # [m] of the hull over the plane, straight up
+    height: float  # [m] of the hull above the plane, vertical
     hull_box: Array  # (2, 3) [m] corners of the hull in B
-    clearance: float = 1.2  # [m] of all of the hull to the plane: what stands out of it is not known yet
-    slope: float = float(np.radians(35.0))  # [rad] steeper is nothing to work on
-    oldest: float = 1.0  # [s] of the plane
+    clearance: float = 1.2  # [m] of the whole hull to the plane: obstacles above it are not known yet
+    slope: float = float(np.radians(35.0))  # [rad] largest slope that is accepted
+    oldest: float = 1.0  # [s] largest age of the plane
 
     def __post_init__(self) -> None:
         for name in ("height", "clearance", "slope", "oldest"):
@@ -32,9 +32,10 @@ class GroundApproach:
                 raise ConfigurationError(f"ground approach {name}: must be > 0, got {getattr(self, name)}")
 
     def pose(self, estimate: StateEstimate, X_WB: Array) -> Array:
-        """The hull pose (4, 4) over the place of the level `X_WB` (4, 4), its heading kept, to scan from.
+        """Hull pose (4, 4) to scan from, above the position of the level pose `X_WB` (4, 4), with its heading.
 
-        Raises ReachError where too few beams, or none of late, saw the ground, and for one that is too steep.
+        Raises:
+            ReachError: too few beams have measured the ground, the plane is too old, or it is too steep.
         """
         ground = estimate.ground
         if ground is None or not estimate.time - ground.time <= self.oldest:

@@ -1,15 +1,16 @@
-"""Where the hull hovers so that the arm can take the whole tool path, and how the arm stands at its start.
+"""Hull placement: the level hull pose from which the arm reaches the whole tool path, and the arm's first posture.
 
-Candidates of the arm's base around the path are tried, each with the hull level. Where the base looks down (or up) the
-hull is turned so that the arm reaches forward, or square to that; where it looks aside, so that it faces the surface.
-Along the path MKPS keeps to one branch. The best candidate is the one with the largest smallest margin: to joint
-limits, to singular postures, to torque limits under the set force, to the object, and to what the thrusters can bear of
-that force and the friction that goes with it. The last decides how the hull is turned: what is pushed and dragged a
-metre under a hull tilts it, and against roll its thrusters have the shorter levers.
+Candidate positions of the arm's base around the path are tried, each with the hull level. If the base's axis points
+down (or up), the hull is turned so that the arm reaches forward, or at right angles to that. If the axis is horizontal,
+it faces the surface. Along the path the inverse kinematics (MKPS [Danilov 2021]) keeps to one branch.
 
-Where that margin is small the hull may travel while the tool works (paper 004, sixth section): straight, by a share of
-the way from the path's one end to the other, at the pace of the tool. The arm then stands before every point nearly as
-before the middle, drives keep off their limits, and the path may be longer than the arm.
+The best candidate maximises the smallest margin. Margins: joint limits, singular postures, torque limits under the set
+force, distance to the object, and thrust under that force and its friction. The thrust margin decides the heading. A
+force applied a metre below a hull tilts it, and its thrusters have shorter levers against roll.
+
+Where this margin is small the hull may travel while the tool works [Konoplin 2019, section 6]. It moves straight, by a
+share of the way between the ends of the path, at the pace of the tool. The arm then meets every point in nearly the
+posture of the middle, drives stay away from their limits, and the path may be longer than the arm.
 """
 
 import itertools
@@ -27,25 +28,25 @@ from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
-_SKIN_STEP = 0.15  # [m]
-_STANDOFF_STEPS = 3  # poses checked between the stand-off and the surface
-_ROOMY_THRUST = 0.4  # share of a thruster left for the current that counts as roomy
+_SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
+_STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
+_ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placement:
-    """A hull pose from which the whole path can be worked."""
+    """Hull pose from which the whole path can be worked, with the arm's posture at its start."""
 
     X_WB: Array  # (4, 4) at the path's start
-    travel_W: Array  # (3,) [m] of the hull by the path's end
-    roll: float  # [rad] turn of the tool about its own axis against the path's x
+    travel_W: Array  # (3,) [m] displacement of the hull by the end of the path
+    roll: float  # [rad] rotation of the tool about its own axis from the path's x
     q_start: Array  # (n,) [rad] at the stand-off before the path's first point
-    margin: float  # smallest of the margins along the path, 1 is roomy, 0 is at a limit
-    reached: float  # share of the path that is within reach
-    held: bool = True  # the thrusters bear the push and its friction all along, or were not asked
+    margin: float  # [-] smallest margin along the path: 1 is roomy, 0 is at a limit
+    reached: float  # [-] share of the path within reach
+    held: bool = True  # the thrusters bear push and friction along the whole path, or are not considered
 
     def hull_at(self, share: float) -> Array:
-        """Hull pose (4, 4) when the tool has done `share` of the path."""
+        """Hull pose (4, 4) when the tool has done `share` [-] of the path."""
         X_WB = self.X_WB.copy()
         X_WB[:3, 3] += share * self.travel_W
         return X_WB
@@ -53,30 +54,39 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Search:
-    """What is tried, relative to the middle of the path; heights and radii in lengths of the arm laid out straight."""
+    """Search grid and clearances of the placement; heights and radii in lengths of the stretched arm."""
 
-    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # arm base before the middle, against its own axis
-    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # aside from the middle, across that axis
-    bearings: int = 12  # directions around the middle
-    asides: int = 6  # directions across a base's axis that looks sideways,
-    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] of the hull from where the arm reaches forward
-    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] and how it is turned from facing the surface
-    refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps that the best place is then moved by while it gets better
-    rolls: int = 4  # turns of the tool about its axis
-    clearance: float = 0.25  # [m] hull to object
-    arm_clearance: float = 0.06  # [m] joint centres to object
-    samples: int = 15  # poses checked along the path
+    heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # of the base off the middle, against its own axis
+    radii: tuple[float, ...] = (0.13, 0.26, 0.4, 0.53)  # of the base off the middle, across that axis
+    bearings: int = 12  # number of directions around the middle
+    asides: int = 6  # number of directions across the axis of a base with a horizontal axis
+    turns: tuple[float, ...] = (0.0, -0.5 * np.pi, 0.5 * np.pi)  # [rad] hull yaw, from forward reach
+    headings: tuple[float, ...] = (-0.6, 0.0, 0.6)  # [rad] hull yaw from facing the surface, horizontal axis
+    refinements: tuple[float, ...] = (0.06, 0.02)  # [m] steps of the final local search
+    rolls: int = 4  # number of rotations of the tool about its axis
+    clearance: float = 0.25  # [m] least distance of the hull to the object
+    arm_clearance: float = 0.06  # [m] distance of joint centres to the object that gives a margin of 1
+    samples: int = 15  # number of poses tried along the path
 
 
 def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Array]:
-    """Tool pose (4, 4) at arc length `s` [m]; its change with `s`: of the point (3,), and of the axes (3,) [rad/m]."""
+    """Tool pose at arc length `s` of a path, and its derivative with respect to `s`.
+
+    Args:
+        path: tool path in W.
+        s: [m] arc length.
+        roll: [rad] rotation of the tool about its own axis from the path's x.
+
+    Returns:
+        The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,) [rad/m], W.
+    """
     X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
     _tool_pose(path.s, path.p, path.z, path.x, s, roll, X, tangent, turn)
     return X, tangent, turn
 
 
 def middle_part(path: ToolPath, share: float) -> ToolPath:
-    """The middle `share` of a path, its arc length counted anew from 0."""
+    """Middle `share` [-] of a path, its arc length counted anew from 0."""
     if share >= 1.0:
         return path
     cut = 0.5 * (1.0 - share) * float(path.s[-1])
@@ -86,8 +96,8 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
     )
 
 
-_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] that weighs turning against moving
-_HALF_STEP = 2e-3  # [m] over which the change along the path is taken
+_SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
+_HALF_STEP = 2e-3  # [m] half step of the central differences along the path
 
 
 @numba.njit(cache=True)
@@ -107,7 +117,7 @@ def _tool_pose(path_s, path_p, path_z, path_x, s, roll, X, tangent, turn):
 
 @numba.njit(cache=True)
 def _frame(path_s, path_p, path_z, path_x, s, roll):
-    """Axes (3, 3) and place (3,) of the tool at `s`, between the path's samples."""
+    """Axes (3, 3) and position (3,) of the tool at `s`, interpolated between the path's samples."""
     i = min(max(np.searchsorted(path_s, s) - 1, 0), path_s.shape[0] - 2)
     share = (s - path_s[i]) / (path_s[i + 1] - path_s[i])
     p = (1.0 - share) * path_p[i] + share * path_p[i + 1]
@@ -137,20 +147,26 @@ def place(
     search: Search | None = None,
     holding: ThrustMargin | None = None,
 ) -> Placement:
-    """The best hull pose for `path`.
+    """Hull pose with the largest margin for `path`.
 
     Args:
-        vehicle, chain: the vehicle, and its arm from base to tip.
-        path: in W.
-        obstacle: (k, 3) [m] points of the object in W; its convex hull is kept clear of.
-        hull_box: (2, 3) [m] corners of the hull in B.
+        vehicle: the vehicle.
+        chain: kinematics of its arm, from base to tip.
+        path: tool path in W.
+        obstacle: (k, 3) [m] points of the object in W; the hull and arm keep clear of its convex hull.
+        hull_box: (2, 3) [m] corners of the hull's box in B.
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
-        floor: [m] height in W of the seabed, over which the hull keeps its clearance.
-        travel: share of the way between the path's ends that the hull goes while the tool works.
-        holding: what the thrusters can bear; None: they are not asked.
+        floor: [m] height in W of the seabed, above which the hull keeps its clearance.
+        travel: [-] share of the way between the path's ends that the hull travels while the tool works.
+        search: grid and clearances; None takes the defaults.
+        holding: thrust margin of the vehicle; None leaves thrust out.
 
-    Raises ReachError, with the largest share of the path that could be reached, if no candidate takes all of it.
+    Returns:
+        The placement, its pose at the start of the path.
+
+    Raises:
+        ReachError: no candidate reaches all of the path; the message gives the largest share reached.
     """
     search = search or Search()
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
@@ -159,7 +175,7 @@ def place(
     planes, skin = hull.equations, skin_of(obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
-    # As the hull sees them: on a path that comes towards it as it goes.
+    # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
     done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
     poses = [_seen(tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
@@ -170,7 +186,7 @@ def place(
     best_yaw, furthest = 0.0, 0.0
 
     def consider(base: Array, yaw: float) -> bool:
-        """Try all turns of the tool from this place of the arm's base, the hull turned by `yaw`."""
+        """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw [rad]; True if better."""
         nonlocal best, best_yaw, furthest
         R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
@@ -222,12 +238,12 @@ def place(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Mounting:
-    """How the arm's base stands on a level hull."""
+    """Mounting of the arm's base on a level hull."""
 
     axis_B: Array  # (3,) the base's own axis, z_A
     R_BA: Array  # (3, 3)
-    upright: bool  # the axis is more upright than level: turning the hull is then turning about it
-    forward: float  # [rad] heading of the arm's forward direction, or of the axis where that is level, on the hull
+    upright: bool  # the axis is closer to vertical than to horizontal: hull yaw then rotates about it
+    forward: float  # [rad] heading on the hull of the arm's forward direction, or of a horizontal axis
 
     @classmethod
     def of(cls, X_BA: Array) -> "_Mounting":
@@ -237,7 +253,7 @@ class _Mounting:
         return cls(axis_B=axis, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0])))
 
     def candidates(self, path: ToolPath, middle: Array, reach: float, search: Search) -> Iterator[tuple[Array, float]]:
-        """Places (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
+        """Positions (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
         if self.upright:
             # Bearings are counted from the path's own direction, so that the search turns with the object.
             chord = path.p[-1] - path.p[0]
@@ -249,7 +265,7 @@ class _Mounting:
                 base = middle + reach * np.array([radius * np.cos(bearing), radius * np.sin(bearing), up * height])
                 yield base, self._facing(base, middle) + turn
             return
-        into = path.z.mean(axis=0)  # the way that the tool looks, on the whole
+        into = path.z.mean(axis=0)  # mean direction of the tool axis
         facing = float(np.arctan2(into[1], into[0])) - self.forward
         asides = np.arange(search.asides) * (2.0 * np.pi / search.asides)
         for turn, height, radius, aside in itertools.product(search.headings, search.heights, search.radii, asides):
@@ -257,7 +273,7 @@ class _Mounting:
             yield middle + reach * R_WA @ [radius * np.cos(aside), radius * np.sin(aside), -height], facing + turn
 
     def neighbours(self, base: Array, yaw: float, middle: Array, step: float) -> list[tuple[Array, float]]:
-        """Candidates `step` [m] off a good one."""
+        """Candidates `step` [m] away from a good one, and with yaw changed by 2 `step` [rad]."""
         moved = [base + step * way for way in np.vstack([np.eye(3), -np.eye(3)])]
         turned = [(base, yaw + turn) for turn in (-2.0 * step, 2.0 * step)]  # [rad]
         if self.upright:
@@ -266,13 +282,13 @@ class _Mounting:
         return [(near, yaw) for near in moved] + turned
 
     def _facing(self, base: Array, middle: Array) -> float:
-        """Yaw [rad] of the hull with which the arm reaches forward from `base` to `middle`."""
+        """Hull yaw [rad] with which the arm reaches forward from `base` to `middle`."""
         away = base - middle
         return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
 
 
 def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
-    """Points (k, 3) [m] all over the convex hull's edges, no further apart than _SKIN_STEP."""
+    """Points (k, 3) [m] on the edges of the convex hull, no further apart than _SKIN_STEP."""
     edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
     count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
@@ -297,9 +313,23 @@ def try_poses(
     holding: ThrustMargin | None = None,
     loads: Array | None = None,
 ) -> tuple[float, float, Array | None]:
-    """Smallest margin along `poses`, share of them reached, and the first joint angles (None if not all are good).
+    """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
 
-    `loads` (k, 3) [N] on the tip, tool axes, is what `holding` asks the thrusters to bear at each of them.
+    Args:
+        vehicle: the vehicle.
+        chain: kinematics of its arm.
+        X_WB: (4, 4) hull pose.
+        poses: tool poses (4, 4), relative to the travelling hull.
+        planes: (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W.
+        gone: (k, 3) [m] displacement of the hull at each pose since mid-path, W.
+        force: [N] largest set force.
+        clearance: [m] distance of joint centres to the object that gives a margin of 1.
+        to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
+        holding: thrust margin of the vehicle; None leaves thrust out.
+        loads: (k, 3) [N] force of the world on the tip at each pose, tool axes, for `holding`.
+
+    Returns:
+        The margin, the share of the poses reached, and the first joint angles (n,) [rad]; None if a pose fails.
     """
     X_AW = inverse(X_WB @ vehicle.X_BA)
     margin = np.inf
@@ -313,7 +343,7 @@ def try_poses(
             return 0.0, i / len(poses), None
         q = result.q
         margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
-        if margin <= floor:  # the cheap margins first: most candidates end here
+        if margin <= floor:  # cheap margins first: most candidates are rejected here
             return 0.0, i / len(poses), None
         X_AG, J = chain.kinematics(q)
         torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * force) / vehicle.torque_limits).max()
@@ -334,7 +364,17 @@ def try_poses(
 
 
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
-    """Tool poses (4, 4) from the stand-off to the surface, then at the arc lengths `shares` [m], then back off it."""
+    """Tool poses (4, 4) from the stand-off to the surface, along the path, and back off the surface.
+
+    Args:
+        path: tool path in W.
+        shares: [m] arc lengths of the poses on the path.
+        roll: [rad] rotation of the tool about its own axis.
+        standoff: [m] from which the tool approaches.
+
+    Returns:
+        The poses in W, `_STANDOFF_STEPS` before and after those on the path.
+    """
     along = [tool_pose(path, s, roll)[0] for s in shares]
     steps = standoff * np.arange(1, _STANDOFF_STEPS + 1) / _STANDOFF_STEPS
     down, up = ([pose(X[:3, :3], X[:3, 3] - X[:3, 2] * step) for step in steps] for X in (along[0], along[-1]))
@@ -342,7 +382,7 @@ def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> l
 
 
 def _loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float) -> Array:
-    """What the surface does to the tip (k, 3) [N], tool axes, at each of `tool_poses`: none before it is touched."""
+    """Force of the surface on the tip (k, 3) [N], tool axes, at each of `tool_poses`; zero off the surface."""
     loads = np.zeros((len(shares) + 2 * _STANDOFF_STEPS, 3))
     for load, s in zip(loads[_STANDOFF_STEPS:], shares, strict=False):
         X, tangent, _ = tool_pose(path, s, roll)
@@ -351,14 +391,23 @@ def _loads(path: ToolPath, shares: Array, roll: float, force: float, drag: float
 
 
 def _seen(poses: list[Array], gone: Array) -> list[Array]:
-    """`poses` from a hull that has `gone` (one row each) [m] since the middle of its way."""
+    """Make `poses` relative to a hull displaced by `gone` (k, 3) [m] since mid-path, in place."""
     for X, way in zip(poses, gone, strict=True):
         X[:3, 3] -= way
     return poses
 
 
 def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
-    """Distance [m] from the hull's box to the nearest point of the object; negative inside."""
+    """Distance [m] from the hull's box to the nearest point of the object; negative inside.
+
+    Args:
+        X_WB: (4, 4) hull pose.
+        hull_box: (2, 3) [m] corners of the hull's box in B.
+        obstacle: (k, 3) [m] points of the object in W.
+
+    Returns:
+        The distance [m].
+    """
     p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
     outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
     inside = float(outside.max(axis=1).min())
@@ -366,9 +415,9 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
 
 
 def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf if there are none.
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
 
-    Left out are the first two, which hardly move, and the last two, which go with the tool that is there to touch.
+    Left out are the first two joints, which hardly move, and the last two, which go with the tool to the contact.
     """
     moved = joint_centres(chain, q)[2 : chain.n - 2]
     if not len(moved):
@@ -378,8 +427,8 @@ def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) ->
 
 
 def joint_centres(chain: Chain, q: Array) -> Array:
-    """Places (n, 3) [m] of the joints in the arm's base at angles `q` (n,)."""
-    centres = np.empty((chain.n, 3))  # a joint's centre is moved by the joints before it
+    """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
+    centres = np.empty((chain.n, 3))  # each moved by the joints before it
     X = np.eye(4)
     for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
         centres[i] = X[:3, :3] @ point + X[:3, 3]
@@ -392,6 +441,6 @@ def joint_centres(chain: Chain, q: Array) -> Array:
 
 
 def reach(chain: Chain) -> float:
-    """Length [m] of the arm laid out straight: from joint to joint, to the tip."""
+    """Length [m] of the stretched arm, from joint to joint to the tip."""
     stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())

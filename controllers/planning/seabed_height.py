@@ -1,8 +1,8 @@
-"""How high the vehicle hovers over the seabed to work on it (paper 004, first section).
+"""Height of the vehicle above the seabed for work on it [Konoplin 2019, section 1].
 
-Keeping its heading the vehicle goes down until every point of the path lies in the arm's working zone, with a margin,
-while its hull keeps clear of the ground and the jets of its thrusters do not stir it up. Where no height over the
-place will do, places aside of it are tried; where none will, the work is refused with what stands against it.
+With constant heading the vehicle descends until the arm reaches every point of the path with a margin. The hull keeps
+clear of the ground, and the jets of its thrusters do not stir it up. Where no height above the place is feasible,
+places beside it are tried. Where none is feasible, the work is refused with the reason.
 """
 
 from dataclasses import dataclass
@@ -17,10 +17,9 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly
 
-# Largest shear under a round turbulent jet that strikes a wall at right angles from H: 0.16 rho U0^2 (d / H)^2
-# (Beltaos and Rajaratnam 1974, Impinging circular turbulent jets); with its thrust rho U0^2 pi d^2 / 4 no diameter
-# is left.
-_SHEAR = 0.16 * 4.0 / np.pi
+# Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H [Beltaos 1974]:
+# 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter d cancels.
+_SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
 def jet_shear(thrust: float, height: float) -> float:
@@ -29,28 +28,28 @@ def jet_shear(thrust: float, height: float) -> float:
 
 
 def silt_height(thrust: float, critical_shear: float) -> float:
-    """Height [m] from which a jet of `thrust` [N] straight down does not move ground of `critical_shear` [Pa]."""
+    """Least height [m] at which a downward jet of `thrust` [N] does not move ground of `critical_shear` [Pa]."""
     return float(np.sqrt(_SHEAR * thrust / critical_shear))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightSearch:
-    """What is tried, and what must be kept."""
+    """Search grid and constraints of the height search."""
 
-    clearance: float = 0.3  # [m] hull to ground
-    arm_clearance: float = 0.06  # [m] joint centres to ground
+    clearance: float = 0.3  # [m] least distance of the hull to the ground
+    arm_clearance: float = 0.06  # [m] least distance of joint centres to the ground
     margin: float = (
-        0.1  # of the placement (`controllers.planning.hull_placement`), below which the arm is too near a limit
+        0.1  # [-] least margin of the placement (`controllers.planning.hull_placement`): else too near a limit
     )
-    roomy: float = 0.5  # margin at which no better place is looked for
+    roomy: float = 0.5  # [-] margin at which the search ends
     step: float = 0.04  # [m] of the descent
-    asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)  # [m] off the place, the nearest first
-    directions: int = 8  # in which it is left
-    rolls: int = 4  # turns of the tool about its axis
-    samples: int = 15  # poses checked along the path
-    jet: float = 1.0  # [N] of the strongest thruster that blows down while the hull is held,
-    jets_above: float = 0.0  # [m] its height over the hull's underside
-    critical_shear: float = 0.2  # [Pa] at which the ground moves: fine sand of 0.2 mm (Soulsby 1997, ch. 6.4)
+    asides: tuple[float, ...] = (0.0, 0.2, 0.4, 0.6, 0.8)  # [m] horizontal offsets from the place, the nearest first
+    directions: int = 8  # number of directions of these offsets
+    rolls: int = 4  # number of rotations of the tool about its axis
+    samples: int = 15  # number of poses tried along the path
+    jet: float = 1.0  # [N] thrust of the strongest downward jet while the hull keeps station
+    jets_above: float = 0.0  # [m] height of that thruster above the hull's underside
+    critical_shear: float = 0.2  # [Pa] at which the ground moves: fine sand of 0.2 mm [Soulsby 1997, ch. 6.4]
 
     def __post_init__(self) -> None:
         for name in ("clearance", "arm_clearance", "margin", "step", "critical_shear"):
@@ -64,13 +63,13 @@ class HeightSearch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WorkHeight:
-    """Where the vehicle hovers, and what that keeps."""
+    """Chosen hull pose above the work site with its clearances."""
 
     placement: Placement
-    aside: float  # [m] from the place over which it was asked to go down
-    hull_gap: float  # [m] hull to the highest ground under it or within the clearance beside it
-    jet_height: float  # [m] thrusters to the ground under them on the whole: rocks are not stirred up
-    shear: float  # [Pa] on the ground under the jet
+    aside: float  # [m] horizontal offset from the place asked for
+    hull_gap: float  # [m] hull to the highest ground below it or within the clearance beside it
+    jet_height: float  # [m] thrusters to the median ground below: rocks are not stirred up
+    shear: float  # [Pa] largest on the ground under the jet
 
 
 def choose_height(
@@ -85,18 +84,25 @@ def choose_height(
     standoff: float,
     search: HeightSearch | None = None,
 ) -> WorkHeight:
-    """The highest place over `path` from which the arm takes all of it with room, or the roomiest there is.
+    """Highest feasible hull pose above `path` with a roomy margin, or the one with the largest margin.
 
     Args:
-        vehicle, chain: the vehicle, and its arm from base to tip.
-        path: in W; from the surface into the ground for a core sampler, along it for a box.
-        ground: (V, 3) [m] points of the seabed in W, close enough to show what stands out of it.
-        hull_box: (2, 3) [m] corners of the hull in B.
-        X_WB: (4, 4) level hull pose over the work site: its place on the ground and its heading are kept.
-        force: [N] of the largest push.
+        vehicle: the vehicle.
+        chain: kinematics of its arm, from base to tip.
+        path: tool path in W; from the surface into the ground for a core sampler, along it for a box.
+        ground: (V, 3) [m] points of the seabed in W, dense enough to show obstacles on it.
+        hull_box: (2, 3) [m] corners of the hull's box in B.
+        X_WB: (4, 4) level hull pose above the work site: its position and heading are kept.
+        force: [N] largest push.
         standoff: [m] from which the tool approaches.
+        search: grid and constraints; None takes the defaults.
 
-    Raises ReachError with the reason if there is none.
+    Returns:
+        The pose with its clearances.
+
+    Raises:
+        ReachError: no pose is feasible; the message gives the reason.
+        ConfigurationError: `ground` or `X_WB` is invalid.
     """
     search = search or HeightSearch()
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
@@ -109,7 +115,7 @@ def choose_height(
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
     still = np.zeros((len(poses[0]), 3))
-    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # the arm's gap is told apart, below
+    tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # `arm_gap` tests the arm, below
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
@@ -123,7 +129,7 @@ def choose_height(
             X[2, 3] = highest
             gap, over = _hull_gaps(X, hull_box, points, search.clearance)
             if gap == np.inf:
-                continue  # nobody knows what it would come down on
+                continue  # no ground points below: the descent would be blind
             known = True
             over += search.jets_above
             if min(gap - search.clearance, over - calm) > room:
@@ -185,8 +191,10 @@ def choose_height(
 
 
 def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tuple[float, float]:
-    """Heights [m] of the hull's underside over the ground within `beside` [m] of its outline: over the highest, and
-    over the ground on the whole; inf over none."""
+    """Heights [m] of the hull's underside above the highest and above the median ground; inf without ground points.
+
+    Counts ground within `beside` [m] of the hull's outline.
+    """
     p_B = (ground - X_WB[:3, 3]) @ X_WB[:3, :3]
     near = np.all((p_B[:, :2] > hull_box[0, :2] - beside) & (p_B[:, :2] < hull_box[1, :2] + beside), axis=1)
     if not near.any():
@@ -195,9 +203,19 @@ def _hull_gaps(X_WB: Array, hull_box: Array, ground: Array, beside: float) -> tu
 
 
 def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, ground: cKDTree) -> float:
-    """Least distance [m] of the ground from the arm's joints and the middles between them, at all poses `tools` in W.
+    """Least distance [m] of the ground to the arm's joints and their midpoints, over all tool poses.
 
-    Left out are the first, at the hull, and the last two, which go with the tool into the ground.
+    Left out are the first joint, at the hull, and the last two, which go into the ground with the tool.
+
+    Args:
+        chain: kinematics of the arm.
+        X_WA: (4, 4) pose of the arm's base.
+        tools: tool poses (4, 4) in W.
+        q_start: (n,) [rad] joint angles near the first of them.
+        ground: tree of the ground points in W.
+
+    Returns:
+        The distance [m]; inf for an arm without further joints.
     """
     q, gap = q_start, np.inf
     for X_WG in tools:

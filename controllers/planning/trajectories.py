@@ -1,4 +1,4 @@
-"""Motions in time with bounded speed and acceleration: straight moves of poses and joints, and progress on a path."""
+"""Time-parametrised motions with bounded speed and acceleration: poses, joints, and progress along a path."""
 
 from dataclasses import dataclass, replace
 
@@ -12,19 +12,19 @@ _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
 
 
 def _quintic(u: float) -> tuple[float, float]:
-    """Share of the move done at time share `u`, and its derivative by u."""
+    """Share of the move done at time share `u`, and its derivative with respect to u."""
     u = min(max(u, 0.0), 1.0)
     return u**3 * (10.0 - 15.0 * u + 6.0 * u * u), 30.0 * u * u * (1.0 - u) ** 2
 
 
 def _duration(distance: float, speed: float, acceleration: float) -> float:
-    """Shortest time [s] of a quintic move within speed and acceleration."""
+    """Shortest duration [s] of a quintic move over `distance` within speed and acceleration."""
     return max(_PEAK_SPEED * distance / speed, np.sqrt(_PEAK_ACCELERATION * distance / acceleration), 1e-3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseMove:
-    """A hull pose moved from one place to another: straight, and turning about one axis, at rest at both ends."""
+    """Rest-to-rest move of the hull pose: straight translation, rotation about one axis."""
 
     start: float  # [s]
     duration: float  # [s]
@@ -35,14 +35,26 @@ class PoseMove:
     def between(
         cls, start: float, X_from: Array, X_to: Array, *, speed: float, acceleration: float, turn_rate: float
     ) -> "PoseMove":
-        """The shortest such move within speed [m/s], acceleration [m/s^2] and turn rate [rad/s]."""
+        """Shortest such move within the limits.
+
+        Args:
+            start: [s] begin of the move.
+            X_from: (4, 4) first pose.
+            X_to: (4, 4) last pose.
+            speed: [m/s] limit.
+            acceleration: [m/s^2] limit.
+            turn_rate: [rad/s] limit.
+
+        Returns:
+            The move.
+        """
         distance = float(np.linalg.norm(X_to[:3, 3] - X_from[:3, 3]))
         turn = float(np.linalg.norm(log_so3(X_from[:3, :3].T @ X_to[:3, :3])))
         duration = max(_duration(distance, speed, acceleration), _PEAK_SPEED * turn / turn_rate)
         return cls(start, duration, np.array(X_from), np.array(X_to))
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Pose (4, 4) and velocity of its origin (3,) [m/s], world axes, at `time` [s]."""
+        """Pose (4, 4) and velocity of its origin (3,) [m/s], W, at `time` [s]."""
         share, rate = _quintic((time - self.start) / self.duration)
         X = np.eye(4)
         X[:3, :3] = self.X_from[:3, :3] @ exp_so3(share * log_so3(self.X_from[:3, :3].T @ self.X_to[:3, :3]))
@@ -51,16 +63,17 @@ class PoseMove:
         return X, travel * (rate / self.duration)
 
     def later(self, delay: float) -> "PoseMove":
-        """The same, `delay` [s] behind."""
+        """The same move, started `delay` [s] later."""
         return replace(self, start=self.start + delay)
 
     def done(self, time: float) -> bool:
+        """True from the end of the move on; `time` [s]."""
         return time >= self.start + self.duration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMove:
-    """Joint angles moved together on a straight line, at rest at both ends."""
+    """Rest-to-rest move of all joints on a straight line in joint space."""
 
     start: float  # [s]
     duration: float  # [s]
@@ -69,23 +82,34 @@ class JointMove:
 
     @classmethod
     def between(cls, start: float, q_from: Array, q_to: Array, *, speed: float) -> "JointMove":
-        """The shortest such move in which no joint exceeds `speed` [rad/s]."""
+        """Shortest such move within the limit.
+
+        Args:
+            start: [s] begin of the move.
+            q_from: (n,) [rad] first angles.
+            q_to: (n,) [rad] last angles.
+            speed: [rad/s] limit of each joint; the same number limits the acceleration [rad/s^2].
+
+        Returns:
+            The move.
+        """
         most = float(np.abs(q_to - q_from).max())
         return cls(start, _duration(most, speed, speed), np.array(q_from), np.array(q_to))
 
     def at(self, time: float) -> tuple[Array, Array]:
-        """Angles (n,) [rad] and speeds (n,) [rad/s] at `time` [s]."""
+        """Joint angles (n,) [rad] and speeds (n,) [rad/s] at `time` [s]."""
         share, rate = _quintic((time - self.start) / self.duration)
         travel = self.q_to - self.q_from
         return self.q_from + share * travel, travel * (rate / self.duration)
 
     def done(self, time: float) -> bool:
+        """True from the end of the move on; `time` [s]."""
         return time >= self.start + self.duration
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Arc length along a path in time: speeds up, holds a speed, slows down, at rest at both ends."""
+    """Arc length along a path over time: trapezoidal speed, at rest at both ends."""
 
     length: float  # [m]
     speed: float  # [m/s]
@@ -99,13 +123,13 @@ class Progress:
 
     @property
     def duration(self) -> float:
-        """[s] from start to end."""
+        """Duration [s] from start to end."""
         if self.length < self.speed * self.ramp:
             return 2.0 * np.sqrt(self.length * self.ramp / self.speed)
         return self.length / self.speed + self.ramp
 
     def at(self, time: float) -> tuple[float, float]:
-        """Arc length [m] and its rate [m/s], `time` [s] after the start."""
+        """Arc length [m] and its rate [m/s] at `time` [s] after the start."""
         total = self.duration
         if time <= 0.0:
             return 0.0, 0.0

@@ -1,19 +1,21 @@
-"""Whether what the vehicle measures can be true: torque sensors, encoders, thrusters, each against what else is known.
+"""Fault detection by residuals: each sensor and thruster against a redundant source.
 
-Nothing here sees the plant; a fault is found where two things disagree that should agree:
+The plant is not used. A fault is a disagreement of two sources that should agree:
 
-- a reading that stands still, equal bit by bit, much longer than it ever did while sound: sensors have noise;
-- a torque sensor against its motor: what passes the gear is the motor's torque less rotor inertia and gear friction;
-- the age of the newest picture, where the estimator says it: this fault alone passes when pictures come again;
-- an encoder's angle against the integral of its speed;
-- the hull's momentum (De Luca, Mattone 2003, of the hull as one body): what it gains beyond the thrust asked for, the
-  arm's wrench, weight, drag. A missing wrench along one thruster's column, in proportion to what that thruster was
-  asked for, is that thruster's. Any other is a gust, or a snag: what matters of it is whether the hull holds its place.
-  A thruster whose column is all but a pure force (one sway thruster amidships) is suspected for longer: its loss and
-  a current that has just come up look alike, until the controller has learnt the current.
+- Frozen reading: bitwise equal for much longer than ever while sound, since sensors have noise.
+- Torque sensor against its motor: the gear passes the motor's torque less rotor inertia and gear friction.
+- Age of the newest picture, where the estimator reports it. Only this fault is cleared, when pictures come again.
+- Encoder: its angle against the integral of its speed.
+- Hull momentum, the residual of [DeLuca 2003] for the hull as one body. It is what the hull gains beyond the commanded
+  thrust, the arm's wrench, weight and drag.
 
-Each reading is compared with what it was on average before (`learning_time`), so that biases and model errors that
-have always been there are no fault. Thresholds are `Limits`; the tests measure how far sound runs stay below them.
+A missing wrench along the column of one thruster, in proportion to that thruster's demand, is attributed to that
+thruster. Any other is a gust or a snag, and counts only by its effect on station keeping. A thruster with a column that
+is almost a pure force (one sway thruster amidships) needs a longer confirmation. Its loss and a current that has just
+risen look alike until the controller has learnt the current.
+
+Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
+Thresholds are in `Limits`; the tests measure the distance of sound runs from them.
 """
 
 from dataclasses import dataclass, field
@@ -35,33 +37,33 @@ from sim.interfaces.spatial import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What still passes for sound."""
+    """Thresholds of fault detection."""
 
-    vision_age: float = 1.0  # [s] of the newest picture
-    warm_up: float = 4.0  # [s] in which it only learns
-    frozen_time: float = 0.05  # [s] that a torque sensor may stand still,
-    frozen_encoder_time: float = 0.02  # [s] or an encoder: till then its drive is servoed on what is not so,
-    frozen_factor: float = 5.0  # and times the longest that it did while sound
-    torque_time: float = 0.1  # [s] filter of sensor against motor
-    torque_share: float = 0.08  # of the reading,
-    torque_floor: float = 0.05  # of the drive's torque limit beside it,
-    friction: float = 2.5  # and times the stiction of the gear, which acts either way: all together are no fault
-    torque_confirm: float = 0.1  # [s] that it must be beyond
-    learning_time: float = 20.0  # [s] of the average against which a torque sensor is compared
-    encoder_time: float = 1.0  # [s] over which angle and speed are compared
-    encoder_slip: float = 4e-3  # [rad] that they may differ
-    hull_time: float = 0.15  # [s] filter of the hull's momentum
-    hull_learning_time: float = 6.0  # [s] of the average that is the current's, not a fault's
-    hull_force: float = 20.0  # [N] that may be missing, moments counted at `lever`,
-    hull_share: float = 0.12  # and of the thrust asked for, all thrusters together,
-    hull_change: float = 0.1  # of what the thrusters give otherwise than usual: their gains are not well known,
-    hull_speed: float = 250.0  # [N s/m] and of the hull's speed: its drag is not well known
-    lever: float = 0.5  # [m]
-    thruster_loss: tuple[float, float] = (0.5, 1.3)  # share of a thruster's thrust that is taken for a loss
-    thruster_moment: float = 0.3  # moment over force of a column, at `lever`, without which a current looks like it
-    thruster_leftover: float = 0.4  # share of what is missing that the thruster need not explain
-    thruster_confirm: float = 0.35  # [s]
-    current_confirm: float = 0.8  # [s] where it may be a current; one that doubles within 1 s is beyond bounds for 0.5
+    vision_age: float = 1.0  # [s] largest age of the newest picture
+    warm_up: float = 4.0  # [s] initial learning, without detection except for the age of pictures
+    frozen_time: float = 0.05  # [s] for which a torque sensor may be frozen
+    frozen_encoder_time: float = 0.02  # [s] for which an encoder may be frozen; its drive is servoed on it meanwhile
+    frozen_factor: float = 5.0  # [-] and at least this times its longest frozen run while sound
+    torque_time: float = 0.1  # [s] filter of the difference of sensor and motor
+    torque_share: float = 0.08  # [-] torque bound: share of the reading
+    torque_floor: float = 0.05  # [-] plus this share of the drive's torque limit
+    friction: float = 2.5  # [-] plus this many times the gear's stiction, which acts in both directions
+    torque_confirm: float = 0.1  # [s] for which the torque bound must be exceeded
+    learning_time: float = 20.0  # [s] of the average with which a torque residual is compared
+    encoder_time: float = 1.0  # [s] window for angle against integrated speed
+    encoder_slip: float = 4e-3  # [rad] by which they may differ
+    hull_time: float = 0.15  # [s] filter of the hull's momentum balance
+    hull_learning_time: float = 6.0  # [s] of the average that counts as current, not as a fault
+    hull_force: float = 20.0  # [N] hull bound: missing force, moments divided by `lever`
+    hull_share: float = 0.12  # [-] plus this share of the thrust demanded, sum over all thrusters
+    hull_change: float = 0.1  # [-] plus this share of the thrust that differs from the usual: gains are uncertain
+    hull_speed: float = 250.0  # [N s/m] plus this times the hull's speed: its drag is uncertain
+    lever: float = 0.5  # [m] that converts moments to forces
+    thruster_loss: tuple[float, float] = (0.5, 1.3)  # [-] range of the missing share of its thrust that is a loss
+    thruster_moment: float = 0.3  # [-] moment over force of a column, at `lever`; below it a loss resembles a current
+    thruster_leftover: float = 0.4  # [-] share of the missing wrench that the thruster may leave unexplained
+    thruster_confirm: float = 0.35  # [s] for which a loss must persist
+    current_confirm: float = 0.8  # [s] where it may be a current; one that doubles in 1 s exceeds the bound for 0.5 s
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -71,45 +73,52 @@ class Limits:
 
 @dataclass(slots=True, eq=False)
 class FaultDetectionState:
-    """Memory of the monitor. Arrays change in place."""
+    """State of fault detection; arrays change in place."""
 
     time: float  # [s] of the last estimate
-    began: float  # [s]
-    q: Array  # (n,) last readings
-    qd: Array
-    tau: Array
-    same: np.ndarray  # (2, n) samples that torque sensor and encoder have stood still
-    longest: np.ndarray  # (2, n) the longest of that while sound
-    qd_slow: Array  # (n,) [rad/s]
-    gear: Array  # (n,) [N m] sensor less motor, filtered, rotor inertia aside
-    excess: Array  # (n,) [N m] sensor less motor
+    began: float  # [s] of the first estimate
+    q: Array  # (n,) [rad] last readings
+    qd: Array  # (n,) [rad/s]
+    tau: Array  # (n,) [N m]
+    same: np.ndarray  # (2, n) consecutive equal samples of torque sensor and encoder
+    longest: np.ndarray  # (2, n) the longest such run while sound
+    qd_slow: Array  # (n,) [rad/s] filtered
+    gear: Array  # (n,) [N m] sensor less motor, filtered, without rotor inertia
+    excess: Array  # (n,) [N m] sensor less motor, filtered
     usual: Array  # (n,) [N m] its average
-    beyond: Array  # (n,) [s] that it is out of bounds
+    beyond: Array  # (n,) [s] for which it has exceeded its bound
     slip: Array  # (n,) [rad] angle less integral of speed
-    tau_motor: Array  # (n,) [N m] last asked of the motors
-    hull_time: float  # [s] of the last look at the hull
-    speed: Array  # (m,) normalised, of propellers as they should be
-    passed: Array  # (m,)
-    thrusters: Array  # (m,) last command
-    nu_slow: Array  # (6,)
-    rest: Array  # (6,) [N, N m] filtered
-    missing: Array  # (6,) [N, N m] on the hull, of unknown origin
-    missing_usual: Array  # (6,)
-    thrust: Array  # (m,) [N] as it should be
-    thrust_usual: Array  # (m,) [N] while what was missing was the usual
-    lost_for: Array  # (m,) [s] that a thruster explains what is missing
-    wrench_seen: Array | None = None
-    faults: list[Fault] = field(default_factory=list)
+    tau_motor: Array  # (n,) [N m] last command
+    hull_time: float  # [s] of the last momentum balance of the hull
+    speed: Array  # (m,) [-] predicted propeller speeds, normalised
+    passed: Array  # (m,) [-] command after the slew limit
+    thrusters: Array  # (m,) [-] last command
+    nu_slow: Array  # (6,) [m/s, rad/s] filtered, hull axes
+    rest: Array  # (6,) [N, N m] drag and gyroscopic terms less thrust and arm wrench, filtered
+    missing: Array  # (6,) [N, N m] unexplained wrench on the hull
+    missing_usual: Array  # (6,) [N, N m] its average
+    thrust: Array  # (m,) [N] predicted
+    thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
+    lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
+    wrench_seen: Array | None = None  # arm wrench of the last momentum balance, to recognise a new one
+    faults: list[Fault] = field(default_factory=list)  # found so far
 
     def has(self, kind: FaultKind, index: int = -1) -> bool:
+        """True if a fault of this kind, on the part with this index, has been found."""
         return any(fault.kind is kind and fault.index == index for fault in self.faults)
 
 
 class FaultDetection:
-    """Monitor of one vehicle; explicit state, one step per controller period."""
+    """Fault detection for one vehicle; explicit state, one step per controller period."""
 
     def __init__(self, model: mujoco.MjModel, *, period: float, limits: Limits | None = None) -> None:
-        """Take the controller's own model of the vehicle and the period [s] of its steps."""
+        """Take the believed model of the vehicle.
+
+        Args:
+            model: compiled model that the controller uses.
+            period: [s] of the steps.
+            limits: thresholds; None takes the defaults.
+        """
         self._vehicle = vehicle = Vehicle.of(model)
         self._period, self.limits = period, limits or Limits()
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
@@ -128,6 +137,7 @@ class FaultDetection:
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
 
     def init(self, estimate: StateEstimate) -> FaultDetectionState:
+        """Initial state at the first `estimate`: no faults."""
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
         joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
         return FaultDetectionState(
@@ -159,10 +169,18 @@ class FaultDetection:
         )
 
     def step(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
-        """Look at a finite `estimate`, with the `command` that followed from it; all faults found so far.
+        """Update the residuals with one sample and return all faults found so far.
 
-        The command acts until the next step. The hull is looked at where the controller says what it believes of the
-        arm's wrench (`Command.believed["arm_wrench_B"]`) and of the current (`"current_W"`).
+        The hull is examined whenever the controller reports a new arm wrench (`Command.believed["arm_wrench_B"]`), with
+        the current that it reports (`"current_W"`).
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: the vehicle's state now, all numbers finite.
+            command: the command that followed from it; it acts until the next step.
+
+        Returns:
+            The faults, in the order in which they were found.
         """
         limits, time = self.limits, estimate.time
         warm = time - state.began > limits.warm_up
@@ -192,7 +210,7 @@ class FaultDetection:
         )
         if warm and found:
             self._judge_joints(state, time)
-        if not estimate.vision_age > limits.vision_age:  # unknown too
+        if not estimate.vision_age > limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
             self._add(state, FaultKind.VISION, "", -1, time)
@@ -227,7 +245,13 @@ class FaultDetection:
                 self._add(state, FaultKind.ENCODER, name, j, time, said)
 
     def blame_torque_sensors(self, state: FaultDetectionState, wrong: np.ndarray, time: float) -> None:
-        """Count the torque sensors `wrong` (n,) bool, whose readings are no numbers, as faulty from `time` [s] on."""
+        """Register torque sensors with readings that are not finite as faulty.
+
+        Args:
+            state: of the detection; changed in place.
+            wrong: (n,) bool, True for each such sensor.
+            time: [s] of the readings.
+        """
         for j in np.flatnonzero(wrong).tolist():
             self._add(state, FaultKind.TORQUE_SENSOR, self._vehicle.joint_names[j], j, time, "no number")
 
@@ -287,7 +311,7 @@ class FaultDetection:
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
         suspect = best >= 0 and low < share < high
-        # What no loss explains is a drift of the model's error, however large, and the usual from now on.
+        # A residual that no thruster loss explains, however large, is model drift and enters the average.
         if not warm or size < 0.7 * bound or not suspect:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
             state.missing_usual += learn * (state.missing - state.missing_usual)
@@ -305,7 +329,17 @@ class FaultDetection:
 @numba.njit(cache=True)
 @keyed_by_imports
 def finite(X_WB, v_B, w_B, a_B, q, qd, time):
-    """Whether all of an estimate that cannot be done without are numbers."""
+    """True if all required numbers of an estimate are finite; compiled, since it runs every step.
+
+    Args:
+        X_WB: (4, 4) hull pose.
+        v_B: (3,) velocity.
+        w_B: (3,) angular velocity.
+        a_B: (3,) acceleration.
+        q: (n,) joint angles.
+        qd: (n,) joint speeds.
+        time: [s] of the estimate.
+    """
     total = 0.0 * time
     for i in range(3):
         total += 0.0 * (v_B[i] + w_B[i] + a_B[i] + X_WB[i, 0] + X_WB[i, 1] + X_WB[i, 2] + X_WB[i, 3])
@@ -340,7 +374,7 @@ def _joints(
     beyond,
     slip,
 ):
-    """Advance the memory of torque sensors and encoders by one sample; True if anything is worth a look."""
+    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation."""
     torque_time, encoder_time, learning_time, share = numbers
     lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
     look = False
@@ -393,9 +427,9 @@ def _hull(
     rest,
     missing,
 ):
-    """What the hull's momentum lacks, `missing` (6,), after thrusts that have been commanded for `dt` [s].
+    """Unexplained wrench on the hull, `missing` (6,) [N, N m], after thrusts commanded for `dt` [s].
 
-    Weight and righting moment of the hull, slow beside all else, are left to the average.
+    Weight and righting moment of the hull change slowly and are left to the average.
     """
     nu, relative, force = np.empty(6), np.empty(6), np.empty(6)
     for i in range(3):
@@ -435,9 +469,11 @@ def _hull(
 @numba.njit(cache=True)
 @keyed_by_imports
 def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, leftover):
-    """Size [N] of what is missing beyond the usual, moments scaled; thrust [N] asked for, all thrusters together, and
-    how much of that is other than usual; the thruster that explains what is missing best, -1 if none leaves less than
-    the share `leftover`, and the share of its thrust. Writes the thrusts [N] to `thrust` (m,).
+    """Attribute the unusual part of the missing wrench to the thruster that explains it best.
+
+    Writes the predicted thrusts [N] to `thrust` (m,). Returns the size [N] of the unusual part, moments scaled, the sum
+    of all thrusts [N], and how much of it differs from the usual [N]. Then the thruster, -1 if each leaves more than
+    the share `leftover`, and the missing share of its thrust.
     """
     best, share = -1, 0.0
     square, asked, changed = 0.0, 0.0, 0.0

@@ -1,15 +1,16 @@
-"""A controller between two doors: what goes in is sound as far as can be known, what comes out are numbers.
+"""Safety wrapper for any controller: rejects invalid estimates, replaces failed sensors, commands finite numbers.
 
-Wraps any controller (`sim.interfaces.protocols.Controller`):
-- every step the vehicle's health is looked at (`controllers.safety.fault_detection`), and what is wrong goes out with
-  the command;
-- a torque sensor found wrong, or that shows no number, is replaced by its motor: what the drive is asked for, less
-  rotor inertia and friction, with the offset that the sensor had against it while it was sound;
-- a drive whose encoder is found wrong cannot be servoed: it only bears the arm's weight, so that it gives way to what
-  the tool touches, and its gear's friction holds it;
-- an estimate with numbers that are none, or whose time stands still, never reaches the controller. For `patience` the
-  last command is repeated; after that the arm is braked and the thrusters are stopped, for good. The same holds for
-  a controller whose own commands are not numbers.
+Wraps any `sim.interfaces.protocols.Controller`:
+
+- Fault detection (`controllers.safety.fault_detection`) runs every step; its faults are sent with the command.
+- A torque sensor that is faulty or not finite is replaced by its motor: commanded torque less rotor inertia and
+  friction, plus the sensor's offset while it was sound.
+- A drive with a faulty encoder cannot be servoed. It only bears the arm's weight: it yields to contact, and the
+  friction of its gear holds it.
+- An estimate with numbers that are not finite, or with IMU data that are too old, never reaches the controller. One
+  with a time that stands still reaches it for `patience` only.
+- Without a valid estimate the last command is repeated for `patience`. After that the arm is braked and the thrusters
+  are stopped for good. The same holds for a controller with commands that are not finite.
 """
 
 import math
@@ -27,32 +28,39 @@ from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateE
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
-_LEFT_OUT = 1e3  # [N m] of doubt: nothing is felt through that joint
-_OLD_IMU = 0.1  # [s] without the inertial unit after which an estimate of the hull is a guess
-_BRAKING_SPEED = 0.4  # [rad/s] at which a drive brakes
-_BRAKING_SHARE = 0.5  # with this share of its torque limit
+_LEFT_OUT = 1e3  # [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
+_OLD_IMU = 0.1  # [s] age of the newest IMU data from which on an estimate is rejected
+_BRAKING_SPEED = 0.4  # [rad/s] joint speed from which on the full braking torque acts
+_BRAKING_SHARE = 0.5  # [-] braking torque as a share of the drive's torque limit
 
 
 @dataclass(slots=True, eq=False)
 class SafetyWrapperState:
-    """Memory of the guard; `inner` is the controller's own."""
+    """State of the wrapper; `inner` is the controller's own."""
 
-    inner: Any
+    inner: Any  # state of the wrapped controller
     health: FaultDetectionState | None  # from the first sound estimate on
     time: float  # [s] of the last estimate
-    sound: StateEstimate  # the last one that was
-    command: Command  # the last one that was
+    sound: StateEstimate  # the last sound one
+    command: Command  # the last finite one
     blind_for: float = 0.0  # [s] without a sound estimate, or command
-    stopped: Fault | None = None
+    stopped: Fault | None = None  # the reason for a stop; None: not stopped
 
 
 class SafetyWrapper:
-    """A controller with its guard (`sim.interfaces.protocols.Controller`)."""
+    """Controller with fault handling around another one (`sim.interfaces.protocols.Controller`)."""
 
     def __init__(
         self, controller: Controller, model: mujoco.MjModel, *, patience: float = 0.03, limits: Limits | None = None
     ) -> None:
-        """Take the controller, its own model of the vehicle, and the time [s] for which it may be blind."""
+        """Wrap `controller`.
+
+        Args:
+            controller: the controller to be wrapped.
+            model: compiled model that it uses, the believed one.
+            patience: [s] for which the last command is repeated without a sound estimate or command.
+            limits: thresholds of fault detection; None takes the defaults.
+        """
         self.period = controller.period
         self._controller, self._patience = controller, patience
         vehicle = Vehicle.of(model)
@@ -64,6 +72,7 @@ class SafetyWrapper:
         self._thrusters = len(vehicle.thruster_names)
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
+        """Initial state at the first `estimate`, with a command of zero torque and thrust."""
         n = len(self._limits)
         still = Command(
             time=estimate.time,
@@ -79,7 +88,16 @@ class SafetyWrapper:
     def step(
         self, state: SafetyWrapperState, estimate: StateEstimate, reference: Reference
     ) -> tuple[SafetyWrapperState, Command]:
-        """As the controller's; what is no number neither raises here nor is commanded."""
+        """Step of the wrapped controller; input that is not finite neither raises nor reaches the command.
+
+        Args:
+            state: of `init`, or as the last step left it.
+            estimate: the vehicle's state now, possibly invalid.
+            reference: of the planner.
+
+        Returns:
+            The state and a command with finite numbers, and with all faults found so far.
+        """
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
@@ -104,10 +122,10 @@ class SafetyWrapper:
         )
 
     def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
-        """The estimate with the motors' word in place of torque sensors that were found wrong, and told to be doubted.
+        """Estimate with motor torques in place of faulty torque sensors, and a large doubt for them.
 
-        What a motor gives and a gear passes on differ by the gear's stiction, tens of newtons at the tool: the force is
-        felt through the other joints.
+        Motor torque and gear output differ by the gear's stiction, tens of newtons at the tool. Therefore the force is
+        estimated from the other joints only.
         """
         missing = not _numbers(estimate.tau)
         if not missing and not health.faults:
@@ -126,7 +144,7 @@ class SafetyWrapper:
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
     def _servoed(self, torque: Array, estimate: StateEstimate, faults: Sequence[Fault]) -> Array:
-        """`torque` (n,) [N m], but no more than the arm's weight where an encoder is wrong."""
+        """`torque` (n,) [N m], limited to bearing the arm's weight where an encoder is faulty."""
         wrong = [fault.index for fault in faults if fault.kind is FaultKind.ENCODER]
         if not wrong:
             return torque
@@ -135,7 +153,7 @@ class SafetyWrapper:
         return torque
 
     def _without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
-        """What to command without a controller: the same again, and after a while nothing but brakes."""
+        """Command without a controller: the last one repeated, after `patience` brakes only."""
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
         if state.stopped is None and state.blind_for > self._patience:
@@ -152,7 +170,7 @@ class SafetyWrapper:
         )
 
     def _brake(self, state: SafetyWrapperState, estimate: StateEstimate) -> Array:
-        """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake it where it moves."""
+        """Torques (n,) [N m] that bear the arm's weight in the last sound attitude and brake its motion."""
         q, qd = estimate.q, estimate.qd
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
@@ -161,7 +179,7 @@ class SafetyWrapper:
         return np.clip(braked, -self._limits, self._limits)
 
     def _borne(self, q: Array, R_WB: Array) -> Array:
-        """Torques (n,) [N m] that bear the arm at rest, in still water."""
+        """Torques (n,) [N m] that bear the weight of the arm at rest, in still water."""
         if self._arm is None:
             return np.zeros(0)
         rest = np.zeros(len(q))
@@ -178,5 +196,5 @@ class SafetyWrapper:
 
 
 def _numbers(values: Array) -> bool:
-    """Whether all of `values` (n,) are finite. Asked thrice a step, so without numpy where their sum says yes."""
+    """True if all of `values` (n,) are finite; called three times a step, hence without numpy in the usual case."""
     return math.isfinite(sum(values.tolist())) or bool(np.isfinite(values).all())

@@ -16,23 +16,23 @@ from typing import Literal
 import mujoco
 import numpy as np
 
-from controllers.arm.believed_friction import doubt, dry_friction
+from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from controllers.arm.compliance import ComplianceState, LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import (
     estimate_tip_force,
-    resolve,
+    force_from_external_torques,
     resolve_tool_motion,
     servo_joints,
     track_gear_friction,
 )
-from controllers.arm.position_force import Displacement, DisplacementState
-from controllers.arm.tool_motion import blended, moved_on
+from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
+from controllers.arm.tool_motion import bumpless, extrapolated
 from controllers.arm.wrench_terms import WrenchTerms
 from controllers.estimation.contact_force import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
-from controllers.hull.allocation import WITHOUT_ONE, Allocation
+from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
@@ -97,7 +97,7 @@ class WorkControllerState:
 
     hover: StationKeepingState
     propellers: ThrusterLeadState
-    displacement: DisplacementState
+    displacement: ForceDisplacementState
     compliance: ComplianceState
     tare: Tare
     bias: Array  # (n,) [N m]
@@ -137,7 +137,7 @@ class WorkController:
         period: float = 0.002,
         without: Set[Method] = frozenset(),
         tuning: Tuning | None = None,
-        displacement: Displacement | None = None,
+        displacement: ForceDisplacement | None = None,
         compliance: LateralCompliance | None = None,
         water_error: float = 0.0,
         friction: DryFriction | None = None,
@@ -149,7 +149,7 @@ class WorkController:
         """
         self.period = period
         self._tuning = tuning or Tuning()
-        self._displacement = displacement or Displacement()
+        self._displacement = displacement or ForceDisplacement()
         self._compliance = compliance or LateralCompliance()
         self._without = frozenset(without)
         self._vehicle = vehicle = Vehicle.of(model)
@@ -188,7 +188,7 @@ class WorkController:
         return WorkControllerState(
             hover=self._hover.init(),
             propellers=self._lead.init(),
-            displacement=DisplacementState(),
+            displacement=ForceDisplacementState(),
             compliance=ComplianceState(),
             tare=Tare(np.zeros(n)),
             bias=np.zeros(n),
@@ -265,7 +265,7 @@ class WorkController:
                 nu_B=hull[9:15],
                 v_current_W=state.current_W,
             )
-            felt = resolve(
+            felt = force_from_external_torques(
                 estimate.X_WB,
                 self._X_BG,
                 self._J_B,
@@ -383,7 +383,7 @@ class WorkController:
         """How far each external torque is trusted, and so how well the force is felt."""
         tuning, dry = self._tuning, self._dry
         if tuning.torque_source == "observer":
-            doubt(dry.coulomb, dry.stiction, SMOOTHING, tuning.friction_known, state.qd_slow, state.floor)
+            dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, tuning.friction_known, state.qd_slow, state.floor)
             state.floor = np.hypot(tuning.observer_floor, state.floor)
             weighed, errors = state.floor, state.floor**2
         else:
@@ -419,7 +419,7 @@ class WorkController:
             offset_W = self._compliance.step(state.compliance, f_tip_W, reference.X_WG[:3, 2], dt)
         else:
             offset_W = self._compliance.release(state.compliance, dt)
-        X_WG = moved_on(reference.X_WG, reference.v_WG_W, reference.w_WG_W, since, k, offset_W)
+        X_WG = extrapolated(reference.X_WG, reference.v_WG_W, reference.w_WG_W, since, k, offset_W)
         correct_drift = "drift-correction" not in self._without
         X_WB = estimate.X_WB if correct_drift else reference.X_WB
         X_AG, qd = np.empty((4, 4)), np.empty(len(state.q_wanted))
@@ -441,7 +441,7 @@ class WorkController:
         result = solve(self._chain, X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
         if state.holding:  # the hull stands a little off the place that the held angles were computed for
             state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - qd, False
-        state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = blended(
+        state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = bumpless(
             result.q,
             qd,
             state.q_wanted,
@@ -483,7 +483,7 @@ class WorkController:
         state.current_W = self._hover.current(state.hover)
         lost = reference.lost_thrusters
         if lost not in self._left:
-            self._left[lost] = self._allocation.without(*lost, priorities=WITHOUT_ONE)
+            self._left[lost] = self._allocation.without(*lost, priorities=PRIORITIES_AFTER_LOSS)
         command = self._left[lost].command(self._left[lost].thrust(wanted_B))
         through_water = self._hover.through_water(state.hover, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)

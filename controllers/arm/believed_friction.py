@@ -26,7 +26,7 @@ def dry_friction(coulomb, stiction, stribeck_speed, width, qd, friction):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def doubt(coulomb, stiction, width, known, qd, sigma):
+def dry_friction_sigma(coulomb, stiction, width, known, qd, sigma):
     """Standard deviation of the dry friction torque: at rest 0.6 of stiction, in motion the unknown share of Coulomb's.
 
     Args:

@@ -103,7 +103,7 @@ def estimate_tip_force(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def resolve(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
+def force_from_external_torques(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
     """Force of the world on the tip from external torques of a load observer, unfiltered; returns the normal force [N].
 
     Args:

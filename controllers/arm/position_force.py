@@ -19,7 +19,7 @@ from sim.interfaces.spatial import Array
 
 
 @dataclass(slots=True, eq=False)
-class DisplacementState:
+class ForceDisplacementState:
     """Displacement of the tool, memory of the PID, and the identified surface compliance."""
 
     k: float = 0.0  # [m] along the tool axis, into the surface
@@ -34,7 +34,7 @@ class DisplacementState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Displacement:
+class ForceDisplacement:
     """PID from the normal force error to the displacement, with anti-windup and a speed limit."""
 
     bandwidth: float = 24.0  # [rad/s] of the closed loop on any surface
@@ -56,7 +56,9 @@ class Displacement:
             if not getattr(self, name) > 0.0:
                 raise ConfigurationError(f"displacement {name}: must be > 0, got {getattr(self, name)}")
 
-    def step(self, state: DisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+    def step(
+        self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
+    ) -> float:
         """Displacement k for a set and a measured normal force.
 
         Args:
@@ -89,7 +91,7 @@ class Displacement:
         state.k = k
         return k
 
-    def _learn(self, state: DisplacementState, felt: float, change: float, dt: float) -> None:
+    def _learn(self, state: ForceDisplacementState, felt: float, change: float, dt: float) -> None:
         """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
 
         At a constant set force k follows the surface's shape and the drift of the estimated hull pose, which are not
@@ -112,7 +114,7 @@ class Displacement:
         slope = sums[4] / (sums[3] + self.prior**2)
         state.compliance = min(max(slope, 0.0), self.softest)
 
-    def release(self, state: DisplacementState, dt: float, *, inwards: bool = True) -> float:
+    def release(self, state: ForceDisplacementState, dt: float, *, inwards: bool = True) -> float:
         """Return the displacement to zero at the limited speed, with the force loop open.
 
         Args:

@@ -5,7 +5,7 @@ import numpy as np
 
 
 @numba.njit(cache=True)
-def moved_on(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
+def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     """Extrapolate a tool pose by its velocities, then displace it along its axis and by an offset.
 
     Args:
@@ -37,7 +37,7 @@ def moved_on(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 
 
 @numba.njit(cache=True)
-def blended(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
+def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
 
     Args:

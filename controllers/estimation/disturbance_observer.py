@@ -26,7 +26,7 @@ from sim.interfaces.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beliefs:
+class ObserverDeviations:
     """Standard deviations assumed by the observer."""
 
     velocity_noise: float = 0.008  # [m/s] per step, including the smoothing error of the navigation filter
@@ -57,7 +57,9 @@ class DisturbanceObserverState:
 class DisturbanceObserver:
     """Observer of current, thruster gain, steady force and moment on one hull."""
 
-    def __init__(self, inertia: Array, linear: Array, quadratic: Array, beliefs: Beliefs | None = None) -> None:
+    def __init__(
+        self, inertia: Array, linear: Array, quadratic: Array, beliefs: ObserverDeviations | None = None
+    ) -> None:
         """Take inertia and drag of the hull, in hull axes at its origin.
 
         Args:
@@ -66,7 +68,7 @@ class DisturbanceObserver:
             quadratic: (6,) quadratic drag [N/(m/s)^2, N m/(rad/s)^2].
             beliefs: assumed standard deviations; None takes the defaults.
         """
-        self._beliefs = beliefs or Beliefs()
+        self._beliefs = beliefs or ObserverDeviations()
         self._mass = inertia[:3, :3].copy()
         self._inverse_mass = np.linalg.inv(self._mass)
         self._lever = inertia[:3, 3:].copy()

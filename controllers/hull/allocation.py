@@ -28,7 +28,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.hull.priorities import prioritised
+from controllers.hull.priorities import solve_levels
 from models.vehicle import Vehicle
 from models.water.thruster_curves import command_for
 from models.water.thrusters import FORWARD, LEAST, REVERSE, curves
@@ -39,7 +39,7 @@ from sim.interfaces.spatial import Array, checked, fitting
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench on the hull, hull axes
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
 # After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
-WITHOUT_ONE = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
+PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
 HEADROOM = 0.98  # [-] share of full thrust that is used; the rest covers inflow losses and errors of the thrust curve
 GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] weights of the wrench error due to minimal thrusts
 _ROUNDING = 1e-12  # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
@@ -179,7 +179,7 @@ class Allocation:
             for column, sign in enumerate((-1.0, 1.0)):
                 b, x = np.zeros(len(A)), np.zeros(len(low))
                 b[-1] = sign * _BEYOND * float(np.abs(A[-1]) @ np.maximum(-low, high))
-                prioritised(A, b, np.array([0, len(others), len(A)]), self._effort, low, high, x)
+                solve_levels(A, b, np.array([0, len(others), len(A)]), self._effort, low, high, x)
                 most[axis, column] = A[-1] @ x
         return most
 
@@ -196,7 +196,7 @@ class Allocation:
         thrust = self._inverse @ wrench_B
         if not (self._spans and np.all(thrust >= self._low) and np.all(thrust <= self._high)):
             right = wrench_B[self._order]
-            prioritised(self._rows, right, self._starts, self._effort, self._low, self._high, thrust)
+            solve_levels(self._rows, right, self._starts, self._effort, self._low, self._high, thrust)
         if not (self._gaps and np.any((thrust != 0.0) & (np.abs(thrust) < self._least))):
             return thrust
         right = self._right @ (self._B @ thrust)

@@ -17,7 +17,7 @@ _HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, an
 
 
 @numba.njit(cache=True)
-def prioritised(A, b, starts, effort, low, high, x):
+def solve_levels(A, b, starts, effort, low, high, x):
     """Solve least-squares priority levels, then the effort, within bounds; result in `x`.
 
     Args:

@@ -11,7 +11,11 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.estimation.disturbance_observer import Beliefs, DisturbanceObserver, DisturbanceObserverState
+from controllers.estimation.disturbance_observer import (
+    DisturbanceObserver,
+    DisturbanceObserverState,
+    ObserverDeviations,
+)
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -40,7 +44,7 @@ class StationKeeping:
         frequency: float = 1.6,
         damping: float = 1.0,
         water_error: float = 0.0,
-        beliefs: Beliefs | None = None,
+        beliefs: ObserverDeviations | None = None,
     ) -> None:
         """Read the hull of the vehicle in `model`, and the inertia of its arm in the home pose.
 

@@ -53,7 +53,7 @@ class Placement:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Search:
+class PlacementSearch:
     """Search grid and clearances of the placement; heights and radii in lengths of the stretched arm."""
 
     heights: tuple[float, ...] = (0.4, 0.5, 0.6, 0.7)  # of the base off the middle, against its own axis
@@ -133,7 +133,7 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
     return R, p
 
 
-def place(
+def place_hull(
     vehicle: Vehicle,
     chain: Chain,
     path: ToolPath,
@@ -144,7 +144,7 @@ def place(
     standoff: float,
     floor: float = -np.inf,
     travel: float = 0.0,
-    search: Search | None = None,
+    search: PlacementSearch | None = None,
     holding: ThrustMargin | None = None,
 ) -> Placement:
     """Hull pose with the largest margin for `path`.
@@ -168,7 +168,7 @@ def place(
     Raises:
         ReachError: no candidate reaches all of the path; the message gives the largest share reached.
     """
-    search = search or Search()
+    search = search or PlacementSearch()
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(obstacle)
@@ -252,7 +252,9 @@ class _Mounting:
         ahead = reach if upright else axis
         return cls(axis_B=axis, R_BA=X_BA[:3, :3], upright=upright, forward=float(np.arctan2(ahead[1], ahead[0])))
 
-    def candidates(self, path: ToolPath, middle: Array, reach: float, search: Search) -> Iterator[tuple[Array, float]]:
+    def candidates(
+        self, path: ToolPath, middle: Array, reach: float, search: PlacementSearch
+    ) -> Iterator[tuple[Array, float]]:
         """Positions (3,) [m] of the arm's base in W, each with the hull's yaw [rad]."""
         if self.upright:
             # Bearings are counted from the path's own direction, so that the search turns with the object.

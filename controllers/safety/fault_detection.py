@@ -15,7 +15,7 @@ is almost a pure force (one sway thruster amidships) needs a longer confirmation
 risen look alike until the controller has learnt the current.
 
 Each residual is compared with its own average (`learning_time`), so that constant biases and model errors are no fault.
-Thresholds are in `Limits`; the tests measure the distance of sound runs from them.
+Thresholds are in `FaultLimits`; the tests measure the distance of sound runs from them.
 """
 
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ from sim.interfaces.spatial import Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class FaultLimits:
     """Thresholds of fault detection."""
 
     vision_age: float = 1.0  # [s] largest age of the newest picture
@@ -111,7 +111,7 @@ class FaultDetectionState:
 class FaultDetection:
     """Fault detection for one vehicle; explicit state, one step per controller period."""
 
-    def __init__(self, model: mujoco.MjModel, *, period: float, limits: Limits | None = None) -> None:
+    def __init__(self, model: mujoco.MjModel, *, period: float, limits: FaultLimits | None = None) -> None:
         """Take the believed model of the vehicle.
 
         Args:
@@ -120,7 +120,7 @@ class FaultDetection:
             limits: thresholds; None takes the defaults.
         """
         self._vehicle = vehicle = Vehicle.of(model)
-        self._period, self.limits = period, limits or Limits()
+        self._period, self.limits = period, limits or FaultLimits()
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         limits = self.limits
         self._floor = limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction

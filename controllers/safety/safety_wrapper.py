@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, Limits, finite
+from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, FaultLimits, finite
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
@@ -51,7 +51,12 @@ class SafetyWrapper:
     """Controller with fault handling around another one (`sim.interfaces.protocols.Controller`)."""
 
     def __init__(
-        self, controller: Controller, model: mujoco.MjModel, *, patience: float = 0.03, limits: Limits | None = None
+        self,
+        controller: Controller,
+        model: mujoco.MjModel,
+        *,
+        patience: float = 0.03,
+        limits: FaultLimits | None = None,
     ) -> None:
         """Wrap `controller`.
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.mkps import Chain
-from controllers.planning.hull_placement import Search, tool_pose
+from controllers.planning.hull_placement import PlacementSearch, tool_pose
 from controllers.tasks.axial_work import AxialState, AxialWork, felt_by_tool
 from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
@@ -125,7 +125,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         X_WB_scan: Array,
         hull_box: Array,
         period: float = 0.01,
-        search: Search | None = None,
+        search: PlacementSearch | None = None,
     ) -> None:
         """As `controllers.tasks.supervisor.SurfaceWork`, for `hole` of `target` in place of a path.
 

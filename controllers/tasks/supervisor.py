@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
-from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
+from controllers.planning.hull_placement import Placement, PlacementSearch, middle_part, place_hull, tool_pose
 from controllers.planning.trajectories import JointMove, PoseMove, Progress
 from controllers.tasks.pose_fusion import fuse_poses
 from controllers.tasks.reactions import Reaction, choose_reaction
@@ -64,7 +64,7 @@ class SurfaceWork:
         view_B: ArrayLike = (1.0, 0.0, 0.0),
         floor: float = -np.inf,
         period: float = 0.01,
-        search: Search | None = None,
+        search: PlacementSearch | None = None,
         come_near: ComingNear | None = None,
         holding: ThrustMargin | None = None,
     ) -> None:
@@ -235,7 +235,7 @@ class SurfaceWork:
                 break
             shorter = middle_part(whole, share)
             try:
-                found = place(
+                found = place_hull(
                     self._vehicle,
                     self._chain,
                     shorter,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm.position_force import Displacement, DisplacementState
+from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
 from controllers.work_controller import Tuning, WorkController
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -32,9 +32,9 @@ def pressed(loop, state, spring, wanted, dt=DT, servo=SERVO):
 
 def test_force_on_a_spring_settles_as_the_equations_say(within):
     """Integral action alone on servo and surface in series: the error decays at 24 rad/s (servo + known) / (both)."""
-    loop, spring, dt = Displacement(speed=10.0, prior=1e9), 3e4, 1e-5
+    loop, spring, dt = ForceDisplacement(speed=10.0, prior=1e9), 3e4, 1e-5
     time = dt * np.arange(20000)
-    felt = pressed(loop, DisplacementState(), spring, np.full(len(time), 10.0), dt)
+    felt = pressed(loop, ForceDisplacementState(), spring, np.full(len(time), 10.0), dt)
     rate = 24.0 * SERVO / (SERVO + 1.0 / spring)
     exact = 10.0 - (10.0 - felt[0]) * np.exp(-rate * time)
     within("force [N]", felt - exact, 5e-3)  # measured 6e-4, of the first order in dt
@@ -43,7 +43,7 @@ def test_force_on_a_spring_settles_as_the_equations_say(within):
 @pytest.mark.parametrize("spring", [5e3, 1e4, 3e4, 1e5, 1e6])
 def test_surface_is_learnt_as_the_force_grows(spring):
     """The slope of k over the force is the surface's compliance, on rubber and on steel; on steel it hardly counts."""
-    loop, state = Displacement(), DisplacementState()
+    loop, state = ForceDisplacement(), ForceDisplacementState()
     ramp = np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)])
     pressed(loop, state, spring, ramp)
     assert state.compliance == pytest.approx(1.0 / spring, abs=0.15 / spring + 0.05 * SERVO)
@@ -51,7 +51,7 @@ def test_surface_is_learnt_as_the_force_grows(spring):
 
 @pytest.mark.parametrize("spring", [1e4, 3e4, 1e5, 1e6])
 def test_a_step_overshoots_little_on_any_surface_with_one_tuning(spring):
-    loop, state = Displacement(), DisplacementState()
+    loop, state = ForceDisplacement(), ForceDisplacementState()
     pressed(loop, state, spring, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
     felt = pressed(loop, state, spring, np.concatenate([np.linspace(60.0, 90.0, 250), np.full(500, 90.0)]))
     assert felt.max() < 90.0 + 0.05 * 30.0
@@ -60,9 +60,9 @@ def test_a_step_overshoots_little_on_any_surface_with_one_tuning(spring):
 
 def test_a_change_of_the_set_force_is_displaced_at_once_by_what_is_known_of_the_surface():
     """Beside what the error will still do, which in one step is little."""
-    loop, k = Displacement(), []
+    loop, k = ForceDisplacement(), []
     for change in (0.0, 0.5):
-        state = DisplacementState()
+        state = ForceDisplacementState()
         felt = pressed(loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
         k.append(loop.step(state, 60.0 + change, felt[-1], SERVO, DT))
     assert state.compliance > 2e-5
@@ -71,7 +71,7 @@ def test_a_change_of_the_set_force_is_displaced_at_once_by_what_is_known_of_the_
 
 def test_a_drifting_surface_at_a_steady_force_teaches_nothing():
     """What k does at a steady force is the path's shape or the hull's drift; the compliance stays as it was."""
-    loop, state = Displacement(), DisplacementState()
+    loop, state = ForceDisplacement(), ForceDisplacementState()
     pressed(loop, state, 3e4, np.concatenate([np.linspace(6.0, 60.0, 450), np.full(500, 60.0)]))
     known, k = state.compliance, state.k
     for i in range(5000):
@@ -82,7 +82,7 @@ def test_a_drifting_surface_at_a_steady_force_teaches_nothing():
 
 
 def test_speed_and_size_of_the_displacement_are_limited():
-    loop, state, rng = Displacement(), DisplacementState(), np.random.default_rng(1)
+    loop, state, rng = ForceDisplacement(), ForceDisplacementState(), np.random.default_rng(1)
     last = furthest = 0.0
     for _ in range(5000):
         k = loop.step(state, 60.0, -20.0 * rng.standard_normal(), SERVO, DT)
@@ -95,10 +95,10 @@ def test_speed_and_size_of_the_displacement_are_limited():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_no_windup(sign):
     """However long the output was at its limit, it leaves it with the first error of the other sign."""
-    loop = Displacement()
+    loop = ForceDisplacement()
     turned = []
     for seconds in (5, 50):
-        state = DisplacementState()
+        state = ForceDisplacementState()
         for _ in range(round(seconds / DT)):
             loop.step(state, 0.0, -sign * 80.0, SERVO, DT)
         assert state.k == sign * loop.limit
@@ -110,7 +110,7 @@ def test_no_windup(sign):
 
 
 def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bump():
-    loop, state = Displacement(), DisplacementState()
+    loop, state = ForceDisplacement(), ForceDisplacementState()
     for _ in range(1000):
         loop.step(state, 60.0, 0.0, SERVO, DT)
     start = state.k
@@ -125,9 +125,9 @@ def test_release_goes_back_at_the_limited_speed_and_takes_up_again_without_a_bum
 
 
 def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back():
-    loop = Displacement()
+    loop = ForceDisplacement()
     for wanted, felt in ((0.0, 60.0), (60.0, 0.0)):  # the surface nearer than expected, and farther
-        state = DisplacementState()
+        state = ForceDisplacementState()
         for _ in range(500):
             loop.step(state, wanted, felt, SERVO, DT)
         start = state.k
@@ -151,7 +151,7 @@ def test_a_tool_that_is_held_off_the_expected_surface_stays_off_on_its_way_back(
 )
 def test_gains_that_cannot_be(name, value):
     with pytest.raises(ConfigurationError, match=name):
-        Displacement(**{name: value})
+        ForceDisplacement(**{name: value})
 
 
 def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):

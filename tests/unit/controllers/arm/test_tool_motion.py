@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers.arm.tool_motion import blended, moved_on
+from controllers.arm.tool_motion import bumpless, extrapolated
 from sim.interfaces.spatial import exp_so3, pose
 
 
@@ -15,7 +15,7 @@ def test_a_pose_is_moved_on_as_by_the_exponential(turn, within):
     since, k = 0.01, 0.02
     plain = pose(exp_so3(since * w) @ X_WG[:3, :3])
     plain[:3, 3] = X_WG[:3, 3] + since * v + k * plain[:3, 2] + offset
-    within("pose moved on [-, m]", moved_on(X_WG, v, w, since, k, offset) - plain, 3e-15)  # measured 2.2e-16
+    within("pose moved on [-, m]", extrapolated(X_WG, v, w, since, k, offset) - plain, 3e-15)  # measured 2.2e-16
 
 
 def test_an_offset_fades_critically_damped(within):
@@ -25,7 +25,7 @@ def test_an_offset_fades_critically_damped(within):
     q, still = np.array([0.4, -0.7]), np.zeros(2)
     wanted, speed, offset, rate = q + x0, v0, x0, v0
     for _ in range(50):
-        wanted, speed, offset, rate = blended(q, still, wanted, offset, rate, T, 1.0, dt)
+        wanted, speed, offset, rate = bumpless(q, still, wanted, offset, rate, T, 1.0, dt)
     t = 50 * dt
     within("offset left [rad]", offset - (x0 + (v0 + x0 / T) * t) * np.exp(-t / T), 1e-15)  # measured 5e-17
     assert np.array_equal(wanted, q + offset)
@@ -34,5 +34,5 @@ def test_an_offset_fades_critically_damped(within):
 
 def test_no_angle_moves_faster_than_it_may():
     far, still = np.array([1.0, -1.0, 0.001]), np.zeros(3)
-    wanted, *_ = blended(far, still, still, still, still, 0.2, 0.01, 0.004)
+    wanted, *_ = bumpless(far, still, still, still, still, 0.2, 0.01, 0.004)
     assert np.array_equal(wanted, [0.01, -0.01, 0.001])

@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
-from controllers.arm.joint_servo import resolve
+from controllers.arm.joint_servo import force_from_external_torques
 from controllers.estimation.contact_force import tip_force
 from controllers.estimation.load_observer import LoadObserver, momentum
 from models import hydrodynamics as water
@@ -277,7 +277,7 @@ def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within)
     X_WB, X_BG = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
     J_B, tau_e, bias, tau = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6), 50.0 * rng.normal(size=6)
     f_B, f_G, f_W = np.empty(3), np.empty(3), np.empty(3)
-    normal = resolve(X_WB, X_BG, J_B, tau_e, bias, tau, 0.01, np.full(6, 0.1), f_B, f_G, f_W)
+    normal = force_from_external_torques(X_WB, X_BG, J_B, tau_e, bias, tau, 0.01, np.full(6, 0.1), f_B, f_G, f_W)
     expected = tip_force(tau_e - bias, J_B[:3], 0.1 + 0.01 * np.abs(tau))[0]
     within("force [N]", (f_B - expected) / np.abs(expected).max(), 1e-8)  # measured 2e-13, more near singular postures
     within("tool axes [N]", f_G - X_BG[:3, :3].T @ f_B, 1e-12 * np.abs(f_B).max())

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from scipy.optimize import linprog, lsq_linear, nnls
 
-from controllers.hull.priorities import prioritised
+from controllers.hull.priorities import solve_levels
 from sim.interfaces.spatial import Array
 
 
@@ -47,7 +47,7 @@ def test_every_level_is_at_its_minimum_under_those_above(rng, within):
     for _ in range(300):
         A, b, starts, effort, low, high = random_layout(rng)
         x = rng.normal(size=len(low)) * 100.0
-        assert prioritised(A, b, starts, effort, low, high, x) < 30 * len(x)  # measured up to 58 for ten thrusters
+        assert solve_levels(A, b, starts, effort, low, high, x) < 30 * len(x)  # measured up to 58 for ten thrusters
         assert np.all((x >= low) & (x <= high))
         scale = np.abs(A).max() * (np.abs(b).max() + np.abs(A).max() * 60.0)
         for first, last in itertools.pairwise(starts):
@@ -65,7 +65,7 @@ def test_one_level_is_bounded_least_squares(rng, within):
         if not live.any():
             continue
         x = np.zeros(len(low))
-        prioritised(A, b, np.array([0, 6]), effort, low, high, x)
+        solve_levels(A, b, np.array([0, 6]), effort, low, high, x)
         reference = lsq_linear(A[:, live], b, bounds=(low[live], high[live]), method="bvls", tol=1e-14, max_iter=1000)
         cost = float(np.sum((A @ x - b) ** 2))
         scale = float(b @ b) + float(np.sum(A**2)) * 60.0**2
@@ -78,7 +78,7 @@ def test_axis_by_axis_is_what_linear_programmes_say_in_turn(rng, within):
         A, b, _, effort, low, high = random_layout(rng)
         m = len(low)
         x = np.zeros(m)
-        prioritised(A, b, np.arange(7), effort, low, high, x)
+        solve_levels(A, b, np.arange(7), effort, low, high, x)
         for row in range(6):  # variables x and t >= |a x - b|
             over = np.column_stack([np.vstack([A[row], -A[row]]), [-1.0, -1.0]])
             held = np.column_stack([A[:row], np.zeros(row)]) if row else None
@@ -101,11 +101,11 @@ def test_a_level_below_changes_nothing_above(rng, within):
     for _ in range(100):
         A, b, starts, effort, low, high = random_layout(rng)
         first, second = np.zeros(len(low)), np.zeros(len(low))
-        prioritised(A, b, starts, effort, low, high, first)
+        solve_levels(A, b, starts, effort, low, high, first)
         level = int(rng.integers(1, len(starts)))
         other, wish = A.copy(), b.copy()
         other[starts[level] :], wish[starts[level] :] = rng.normal(size=(6 - starts[level], len(low))), 40.0
-        prioritised(other, wish, starts, effort, low, high, second)
+        solve_levels(other, wish, starts, effort, low, high, second)
         kept = A[: starts[level]] @ (first - second)
         within("levels above", kept / (np.abs(A).sum() * 60.0), 1e-12)
 
@@ -120,7 +120,7 @@ def test_the_answer_changes_continuously_with_what_is_wanted(rng, within):
         shares = np.linspace(left, right, 201)
         xs = np.zeros((len(shares), 8))
         for s, x in zip(shares, xs, strict=True):
-            prioritised(A, start + s * (end - start), starts, effort, low, high, x)
+            solve_levels(A, start + s * (end - start), starts, effort, low, high, x)
         changes = np.abs(np.diff(xs, axis=0)).max(axis=1)
         i = int(changes.argmax())
         change, width = float(changes[i]), shares[1] - shares[0]
@@ -133,7 +133,7 @@ def test_where_the_search_begins_makes_no_difference(rng, within):
         A, b, starts, effort, low, high = random_layout(rng)
         first, second = rng.normal(size=(2, len(low))) * 100.0
         for x in (first, second):
-            prioritised(A, b, starts, effort, low, high, x)
+            solve_levels(A, b, starts, effort, low, high, x)
         rank_clear = np.linalg.matrix_rank(A, tol=1e-6) == np.linalg.matrix_rank(A)
         if rank_clear:
             within("thrusts [N]", first - second, 1e-7)  # measured 1e-12

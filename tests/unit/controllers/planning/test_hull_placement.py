@@ -7,7 +7,7 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
-from controllers.planning.hull_placement import Placement, Search, middle_part, place, tool_pose
+from controllers.planning.hull_placement import Placement, PlacementSearch, middle_part, place_hull, tool_pose
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
@@ -18,7 +18,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from
 
 HULL_BOX = np.array([[-0.8, -0.45, -0.4], [0.8, 0.45, 0.28]])  # [m] of the geom "hull_box"
 X_WT = pose(exp_so3([0.0, 0.0, 0.4]), [0.3, -0.2, -1.5])
-COARSE = Search(heights=(0.65, 0.85), radii=(0.2, 0.5), bearings=6, rolls=2)
+COARSE = PlacementSearch(heights=(0.65, 0.85), radii=(0.2, 0.5), bearings=6, rolls=2)
 STANDOFF = 0.1  # [m]
 
 
@@ -39,14 +39,14 @@ def found(
     own: mujoco.MjModel,
     target: TargetModel,
     path: ToolPath,
-    search: Search = COARSE,
+    search: PlacementSearch = COARSE,
     X_WT: Array = X_WT,
     floor: float = -np.inf,
     travel: float = 0.0,
     holding: ThrustMargin | None = None,
 ) -> tuple[Chain, Placement]:
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
-    placement = place(
+    placement = place_hull(
         Vehicle.of(own),
         chain,
         path,
@@ -181,13 +181,18 @@ def test_path_out_of_reach(own):
     """From beyond the arm's length there is nothing to be had."""
     target = barrel()
     with pytest.raises(ReachError, match=r"out of reach.*at best \d+%"):
-        found(own, target, tool_path(target, "longitudinal"), Search(heights=(1.8,), radii=(0.2,), bearings=4, rolls=1))
+        found(
+            own,
+            target,
+            tool_path(target, "longitudinal"),
+            PlacementSearch(heights=(1.8,), radii=(0.2,), bearings=4, rolls=1),
+        )
 
 
 def test_no_room_for_the_hull(own):
     target = barrel(line_length=0.2)
     with pytest.raises(ReachError, match="out of reach"):
-        found(own, target, tool_path(target, "longitudinal"), Search(clearance=5.0))
+        found(own, target, tool_path(target, "longitudinal"), PlacementSearch(clearance=5.0))
 
 
 def test_hull_keeps_off_the_seabed():
@@ -213,8 +218,8 @@ def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within
     chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
     options = {"obstacle": plate, "hull_box": HULL_BOX, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
     with pytest.raises(ReachError, match="out of reach"):
-        place(vehicle, chain, path, **options)
-    placement = place(vehicle, chain, path, travel=1.0, **options)
+        place_hull(vehicle, chain, path, **options)
+    placement = place_hull(vehicle, chain, path, travel=1.0, **options)
     within("travel [m]", placement.travel_W - [3.0, 0.0, 0.0], 1e-12)
     q, angles = placement.q_start, []
     for share in np.linspace(0.0, 1.0, 9):
@@ -230,7 +235,7 @@ def test_travel_by_half_the_way_is_a_longer_reach(own):
     """Far around the barrel: what limits the arm at its ends is eased by a hull that goes along."""
     target = barrel(arc=np.radians(150.0))
     path = tool_path(target, "transverse")
-    search = Search(heights=(0.5, 0.65), radii=(0.13, 0.26), bearings=6, rolls=2)
+    search = PlacementSearch(heights=(0.5, 0.65), radii=(0.13, 0.26), bearings=6, rolls=2)
     still, going = (found(own, target, path, search, travel=travel)[1] for travel in (0.0, 0.5))
     assert going.margin > still.margin
     assert going.hull_at(1.0)[:3, 3] - going.hull_at(0.0)[:3, 3] == pytest.approx(0.5 * (path.p[-1] - path.p[0]))

@@ -10,7 +10,7 @@ import pytest
 
 import models
 from controllers.hull.station_keeping import hull_inertia
-from controllers.safety.fault_detection import FaultDetection, Limits
+from controllers.safety.fault_detection import FaultDetection, FaultLimits
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import curves
@@ -32,7 +32,7 @@ class Rig:
     torque: Callable[[float, Array], Array] = lambda _, tau: tau
     encoder: Callable[[float, Array, Array], tuple[Array, Array]] = lambda _, q, qd: (q, qd)
     velocity: Callable[[float], Array] = lambda _: np.zeros(6)  # of the hull (6,)
-    limits: Limits = field(default_factory=Limits)
+    limits: FaultLimits = field(default_factory=FaultLimits)
     seed: int = 1
     command: Array = field(default_factory=COMMAND.copy)  # of the thrusters
 
@@ -89,7 +89,7 @@ def test_sound_readings_are_let_pass(seed: int):
 def test_a_frozen_torque_sensor_is_found_after_the_time_that_it_may_stand_still(joint: int):
     (fault,) = Rig(torque=stuck(10.0, joint)).run(11.0)
     assert (fault.kind, fault.index, fault.part) == (FaultKind.TORQUE_SENSOR, joint, VEHICLE.joint_names[joint])
-    assert 0.0 < fault.time - 10.0 - Limits().frozen_time < 3.0 * DT
+    assert 0.0 < fault.time - 10.0 - FaultLimits().frozen_time < 3.0 * DT
 
 
 def test_a_sensor_of_coarse_steps_is_not_taken_for_frozen():
@@ -98,7 +98,7 @@ def test_a_sensor_of_coarse_steps_is_not_taken_for_frozen():
 
 
 def test_a_drifting_torque_sensor_is_found_when_it_is_out_of_bounds():
-    joint, rate, limits = 1, 5.0, Limits()
+    joint, rate, limits = 1, 5.0, FaultLimits()
 
     def drift(t: float, tau: Array) -> Array:
         return tau + (np.arange(N) == joint) * rate * max(t - 10.0, 0.0)
@@ -125,7 +125,7 @@ def test_an_encoder_whose_angle_stands_still_is_found_by_its_speed():
     (fault,) = Rig(encoder=encoder).run(12.0)
     assert (fault.kind, fault.index) == (FaultKind.ENCODER, joint)
     run = np.cumsum([abs(speed) * DT for _, speed in kept])  # what the joint has moved unseen
-    expected = 10.0 + DT * int(np.argmax(run > Limits().encoder_slip))
+    expected = 10.0 + DT * int(np.argmax(run > FaultLimits().encoder_slip))
     assert expected - DT <= fault.time < expected + 0.05  # the comparison forgets, a little
 
 
@@ -141,7 +141,7 @@ def test_an_encoder_that_stands_still_whole_is_found():
 
     faults = Rig(encoder=encoder).run(11.0)
     assert (faults[0].kind, faults[0].index) == (FaultKind.ENCODER, 2)
-    assert faults[0].time - 10.0 < Limits().frozen_encoder_time + 3.0 * DT
+    assert faults[0].time - 10.0 < FaultLimits().frozen_encoder_time + 3.0 * DT
 
 
 def accelerated(force_B: Array, since: float = 10.0, rise: float = 0.15) -> Callable[[float], Array]:
@@ -165,7 +165,7 @@ def test_a_lost_thruster_is_found_and_named_later_where_it_does_not_turn_the_hul
     gave, asked = (float(word) for word in re.findall(r"([-\d]+) N", fault.figures))
     assert asked == pytest.approx(abs(thrust), abs=1.0)
     assert abs(gave) < 0.5 * asked  # what is left, as it was judged then
-    limits, turns = Limits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
+    limits, turns = FaultLimits(), np.linalg.norm(column[3:]) > 0.1 * np.linalg.norm(column[:3])
     confirmed = limits.thruster_confirm if turns else limits.current_confirm
     assert confirmed < fault.time - 10.0 < confirmed + 0.65
 
@@ -205,6 +205,6 @@ def test_old_vision_is_a_fault_until_it_is_new_again():
 
 def test_limits_are_positive():
     with pytest.raises(ConfigurationError, match="torque_time"):
-        Limits(torque_time=0.0)
+        FaultLimits(torque_time=0.0)
     with pytest.raises(ConfigurationError, match="lever"):
-        Limits(lever=float("nan"))
+        FaultLimits(lever=float("nan"))

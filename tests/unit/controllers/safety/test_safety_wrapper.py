@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.fault_detection import Limits
+from controllers.safety.fault_detection import FaultLimits
 from controllers.safety.safety_wrapper import SafetyWrapper
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
@@ -118,7 +118,7 @@ def test_a_few_missing_numbers_are_passed_over():
 
 def test_a_drive_without_its_encoder_bears_the_weight_and_no_more():
     """Whatever the controller makes of an angle that stands still; the other drives do as it says."""
-    joint, limits = 1, Limits(warm_up=0.1)
+    joint, limits = 1, FaultLimits(warm_up=0.1)
 
     def frozen(i: int) -> StateEstimate:
         now, then = estimate(i), estimate(min(i, 100))
@@ -211,6 +211,6 @@ def test_a_torque_sensor_found_wrong_is_replaced_by_its_motor():
     # A rotor that is being accelerated, and its gear, take their share of what the motor gives.
     steady, faster = inner.seen.tau[1], np.array(estimate(2601).qd)
     faster[1] += 0.2
-    taken = VEHICLE.armature[1] / Limits().torque_time + VEHICLE.joint_damping[1]
+    taken = VEHICLE.armature[1] / FaultLimits().torque_time + VEHICLE.joint_damping[1]
     guarded.step(state, estimate(2601, tau=wrong, qd=faster), REFERENCE)
     assert steady - inner.seen.tau[1] == pytest.approx(0.2 * taken, abs=0.05 * taken)

@@ -394,7 +394,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
 @pytest.mark.parametrize("bears", [True, False])
 def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(bears, monkeypatch):
     asked: list[float] = []
-    arm_alone = supervisor.place
+    arm_alone = supervisor.place_hull
 
     def place(*args: Any, holding: ThrustMargin, **options: Any) -> Placement:
         asked.append(holding.drag)
@@ -517,7 +517,7 @@ def test_path_out_of_reach(monkeypatch):
 
 
 def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
-    reached = supervisor.place
+    reached = supervisor.place_hull
 
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         if path.s[-1] > 0.105:

@@ -1,5 +1,4 @@
-"""Compiled loops of the Jacobian-free method: combined sweeps of the MKPS steps [Danilov 2021], with Anderson
-acceleration.
+"""Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson acceleration.
 
 Arrays are those of `controllers.ik.kinematics`.
 """

@@ -92,8 +92,7 @@ class Orbit:
 
 
 def around(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
-    """Closed horizontal line at a set distance around an object, counter-clockwise from above, at half the object's
-    height.
+    """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
 
     Args:
         vertices_T: (V, 3) [m] vertices of the object in T.

@@ -1,4 +1,4 @@
-"""Fault responses of the supervisor: what each fault, drift of the hull or wrong contact force leads to.
+"""Fault responses of the supervisor to reported faults, drift of the hull, and wrong contact forces.
 
 | condition | response |
 |---|---|
@@ -11,8 +11,7 @@
 | force above its limit, or long above the set one; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
 
-A retreat ends in ABORT. Before the approach there is no contact to retreat from: the work then ends where the vehicle
-is.
+A retreat ends in ABORT. Up to CLOSE_IN there is no contact to retreat from: the work then ends where the vehicle is.
 """
 
 import math
@@ -30,7 +29,7 @@ class Reaction(StrEnum):
     GO_ON = "go on"
     PAUSE = "pause"  # the path waits at a reduced force
     RETREAT = "retreat"  # the arm withdraws the tool along its axis
-    RISE = "retreat and rise"  # then the hull ascends off the object, the tool pose held relative to the hull's motion
+    RISE = "retreat and rise"  # then the hull ascends off the object
     WITHDRAW = "withdraw"  # the hull withdraws the tool, the arm holds its joint angles
     STOP = "stop"  # no control is possible
 

@@ -1,10 +1,11 @@
-"""MKPS inverse kinematics: the method of "finite rotation and displacement" (paper 003), any serial chain.
+"""Inverse kinematics of any serial chain by MKPS, the method of "finite rotation and displacement" [Danilov 2021].
 
     chain = Chain.from_dh(dh, limits=limits)
     result = solve(chain, X_base_tip, q0)
 
-This is the door. Chains are made in `mkps_chain`, sequences of poses tracked in `mkps_tracking`; the compiled loops are
-in `mkps_kinematics`, `mkps_descent` (hybrid), `mkps_sweeps` (jacobian_free) and `mkps_stages` (plain).
+This module is the public interface. Chains are built in `controllers.ik.chain`, pose sequences are tracked in
+`controllers.ik.tracking`. The compiled loops are in `controllers.ik`: `kinematics`, `damped_descent` (hybrid), `sweeps`
+(jacobian_free), `paper_stages` (plain).
 """
 
 import os
@@ -56,27 +57,27 @@ Precision = Literal["double", "single"]
 StageAxes = Literal["joint", "tip"]
 
 _METHODS = get_args(Method)
-_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000}  # iterations: sweeps are cheap
-_MOST_COUNTED = 10**9  # iterations or restarts
-_MOST_THREADS = 1024
-_MOST_KEPT = 10**6  # iterations in a history
-_CHUNK = 64  # targets that a thread takes at a time in `solve_many`
-_SINGLE_MARGIN = 0.7  # of the tolerances, which single precision must reach by its own reckoning
+_MOST: dict[str, int] = {"hybrid": 4000, "jacobian_free": 12000, "plain": 4000}  # iterations; sweeps are cheap
+_MOST_COUNTED = 10**9  # largest number of iterations or restarts that may be asked for
+_MOST_THREADS = 1024  # largest number of threads that may be asked for
+_MOST_KEPT = 10**6  # largest number of iterations in a history, which is allocated beforehand
+_CHUNK = 64  # targets per task of a thread in `solve_many`
+_SINGLE_MARGIN = 0.7  # share of the tolerances that errors computed in single precision must meet
 _CONVERGED = kernels.CONVERGED
 
 
-class IkResult(NamedTuple):  # a frozen dataclass would take as long to make as a warm solve
-    """What `solve` found. `q` is always within the limits, and the errors are those of `q`."""
+class IkResult(NamedTuple):  # constructing a frozen dataclass would take as long as a warm solve
+    """Solution of `solve`: joint values, always within the limits, and their pose errors."""
 
     q: Array  # (n,) [rad] or [m]
-    converged: bool  # both errors are within their tolerances, and the branch was kept if that was asked
+    converged: bool  # both errors are within their tolerances; with branch="keep" the branch was kept too
     iterations: int  # Levenberg-Marquardt steps or sweeps, restarts included
-    position_error: float  # [m] distance of the tip from the target
+    position_error: float  # [m] distance from tip to target
     orientation_error: float  # [rad] angle between tip and target, by atan2
-    cause: str  # why it ended
-    restarts: int = 0  # other starts tried; after any, the answer may lie on another branch than q0
-    history: Array | None = None  # (iterations + 1, n) joint values from the start to the answer, if asked for
-    goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] (paper 003, (6)) of `history`
+    cause: str  # why the iteration ended
+    restarts: int = 0  # other starts tried; after any, the solution may lie on another branch than q0
+    history: Array | None = None  # (iterations + 1, n) joint values from start to solution, if asked for
+    goals: Array | None = None  # (iterations + 1, 3) F_R [m], F_alpha1, F_alpha2 [rad] of it [Danilov 2021, eq. 6]
 
 
 _CAUSES = {
@@ -88,7 +89,7 @@ _CAUSES = {
 }
 _RESTARTED = "converged after restarts: the branch may not be that of q0"
 _NO_OUTCOME = (kernels.BAD_OPTION, 0, 0, 0.0, 0.0)
-_quick: dict[str, Any] = {}  # compiled entries for the usual call, by branch
+_quick: dict[str, Any] = {}  # compiled entries for the usual options, by branch
 _COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
 
 
@@ -107,24 +108,40 @@ def solve(
     axis_tolerances: tuple[float, float] | None = None,
     stage_axes: StageAxes = "joint",
 ) -> IkResult:
-    """Joint values within the limits that bring the tip to `X_base_tip` (4, 4), sought from `q0` (n,) [rad] or [m].
+    """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint limits.
 
-    Tolerances are in [m] and [rad]. `branch="keep"` moves from `q0` by short steps only: no restart, no leap by a whole
-    turn. An answer to which some joint moved by more than half a radian (or half the chain's length) is refused if the
-    straight way from `q0` to it crosses a singular configuration. It is the call for tracking. `branch="free"`
-    restarts, from the same places for the same chain and q0, until a pose is met. "Nearest" is by the sum of squares of
-    both errors, metres divided by a power of two near the length of the chain, the angle as its chord 2 sin(angle/2).
-    A `q0` beyond the limits is brought within them. `max_iterations` is 4000 by default, 12000 for `jacobian_free`.
+    Where no solution is found, `q` is that of the nearest pose found. "Nearest" minimises the sum of the squares of
+    both errors. Metres are divided by a power of two near the chain's length; the angle counts as its chord 2
+    sin(angle/2).
 
-    With `history` the result holds the joint values after every iteration and their three goals (paper 003, fig. 9).
-    `precision="single"` iterates in four-byte numbers, and checks the answer in double. For `plain`, `axis_tolerances`
-    [rad] are those of the stages F_alpha1 and F_alpha2 (default: such that the whole rotation is within
-    `orientation_tolerance`; the other methods take the smaller of the two for the whole rotation). `stage_axes="tip"`
-    makes it aim the tip's own z and x, as the dissertation does, rather than the last joint's axis and one across it,
-    without which the stages mostly undo each other.
+    The GIL is held during the call.
 
-    The GIL is held meanwhile. Raises ConfigurationError for a target that is not a pose, a bad `q0`, a tolerance that
-    is not positive, and an unknown option.
+    Args:
+        chain: the serial chain.
+        X_base_tip: (4, 4) target pose of the tip in the base frame.
+        q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
+        position_tolerance: [m] largest position error of a solution.
+        orientation_tolerance: [rad] largest orientation error of a solution.
+        method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps) or "plain" ([Danilov 2021]).
+        branch: "free" restarts until a pose is met, from the same places for the same chain and q0. "keep" is for
+            tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
+            which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
+            refused if the straight line in joint space from `q0` to it crosses a singular configuration.
+        max_iterations: limit of the iterations; default 4000, 12000 for "jacobian_free".
+        max_restarts: limit of the restarts.
+        history: also return the joint values after every iteration and their three goals ([Danilov 2021, fig. 9]).
+        precision: "single" iterates in four-byte numbers and tests the solution in double precision.
+        axis_tolerances: (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is
+            then within `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
+        stage_axes: axes that the stages of "plain" align. "joint": the last joint's axis and one perpendicular to it.
+            "tip": the tip's own z and x, as in [Danilov 2021]; the two stages then mostly undo each other.
+
+    Returns:
+        The joint values with errors, counts and the reason why the iteration ended.
+
+    Raises:
+        ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, or an unknown
+            option.
     """
     usual = type(method) is str and type(precision) is str and history is False and axis_tolerances is None
     if usual and method == "hybrid" and precision == "double":
@@ -141,7 +158,7 @@ def solve(
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
-            outcome = _NO_OUTCOME  # not yet compiled, or not the usual types
+            outcome = _NO_OUTCOME  # not yet compiled, or arguments of other types: the general way below
         code, iterations, restarts, error_p, error_r = outcome
         if code < kernels.BAD_TARGET:
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
@@ -167,7 +184,7 @@ def solve(
 
 
 def _tolerance(value: Any, name: str) -> float:
-    """`value` > 0; infinite where that error does not count."""
+    """Return `value` if it is > 0; infinity means that this error does not count."""
     given = number(value, name)
     if not given > 0.0:
         raise ConfigurationError(f"{name}: must be positive, got {given:g}")
@@ -175,7 +192,7 @@ def _tolerance(value: Any, name: str) -> float:
 
 
 class _Options:
-    """Options of `solve`, checked, in the terms of the compiled loops."""
+    """Validated options of `solve`, in the terms of the compiled loops."""
 
     def __init__(
         self,
@@ -204,7 +221,7 @@ class _Options:
             if both.shape != (2,):
                 raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
             self.tol_1, self.tol_2 = (_tolerance(value, "axis_tolerances [rad]") for value in both.tolist())
-            self.tol_r = min(self.tol_1, self.tol_2)  # a frame within this has both axes within theirs
+            self.tol_r = min(self.tol_1, self.tol_2)  # a rotation error within this keeps both axes within theirs
         max_iterations = _MOST[method] if max_iterations is None else max_iterations
         self.method, self.keep, self.single = method, branch == "keep", precision == "single"
         self.max_iterations = whole_number(max_iterations, "max_iterations", least=1, most=_MOST_COUNTED)
@@ -213,9 +230,11 @@ class _Options:
         self.margin = _SINGLE_MARGIN if self.single else 1.0
 
     def tolerances(self) -> tuple[float, float]:
+        """Position [m] and orientation [rad] tolerance, with the margin of single precision."""
         return self.margin * self.tol_p, self.margin * self.tol_r
 
     def axis_tolerances(self) -> tuple[float, float]:
+        """Tolerances [rad] of the two axis stages, with the margin of single precision."""
         return self.margin * self.tol_1, self.margin * self.tol_2
 
 
@@ -252,7 +271,7 @@ def _solve(chain: Chain, target: Array, start: Array, options: _Options, history
             code, cause = kernels.STALLED, _COARSE
     path = goals = None
     if history:
-        trail[iterations] = q  # where nothing converged, the answer is the best of the way
+        trail[iterations] = q  # without convergence the result is the best iterate, not the last
         trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
         entry("goals")(chain._memory, target, options.tip_axes, trail, goals)
         path, goals = readonly(trail), readonly(goals)
@@ -261,7 +280,10 @@ def _solve(chain: Chain, target: Array, start: Array, options: _Options, history
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class IkBatch:
-    """What `solve_many` found, one row a target. `batch[i]` is what `solve` would have returned for target i."""
+    """Solutions of `solve_many`, one row per target.
+
+    `batch[i]` is what `solve` would have returned for target i.
+    """
 
     q: Array  # (N, n) [rad] or [m], within the limits
     converged: NDArray[np.bool_]  # (N,)
@@ -269,7 +291,7 @@ class IkBatch:
     position_error: Array  # (N,) [m]
     orientation_error: Array  # (N,) [rad]
     restarts: NDArray[np.int64]  # (N,)
-    codes: NDArray[np.int64]  # (N,) why each ended, in the numbers of `mkps_kinematics`
+    codes: NDArray[np.int64]  # (N,) why each ended, a code of `controllers.ik.kinematics`
 
     def __len__(self) -> int:
         return len(self.q)
@@ -301,10 +323,29 @@ def solve_many(
     axis_tolerances: tuple[float, float] | None = None,
     stage_axes: StageAxes = "joint",
 ) -> IkBatch:
-    """`solve` for many targets `X_base_tip` (N, 4, 4), from one `q0` (n,) or one a target (N, n), on all cores.
+    """Solve the inverse kinematics for many tip poses in parallel, on all cores.
 
-    The answers are those of `solve`, to the last bit, whatever `threads` is (default: the cores that this process may
-    use). The GIL is free meanwhile. Raises as `solve`, and names the first bad row; the other rows are then not given.
+    The solutions equal those of `solve` to the last bit, for any number of `threads`. The GIL is free during the call.
+
+    Args:
+        chain: the serial chain.
+        X_base_tip: (N, 4, 4) target poses of the tip in the base frame.
+        q0: (n,) [rad] or [m] one start for all targets, or (N, n) one per target.
+        position_tolerance: [m] as in `solve`.
+        orientation_tolerance: [rad] as in `solve`.
+        method: as in `solve`.
+        branch: as in `solve`.
+        max_iterations: per target, as in `solve`.
+        max_restarts: per target, as in `solve`.
+        threads: number of threads; default the cores that this process may use.
+        axis_tolerances: (2,) [rad] as in `solve`.
+        stage_axes: as in `solve`.
+
+    Returns:
+        One row per target.
+
+    Raises:
+        ConfigurationError: as `solve`; it names the first bad row, and no other row is returned.
     """
     targets = _stack(X_base_tip, "X_base_tip")
     count = len(targets) if targets.ndim == 3 else 0
@@ -370,18 +411,19 @@ def solve_many(
 
 
 def _cause(code: int, restarts: int) -> str:
+    """Reason in words for a code of the compiled loops."""
     return _RESTARTED if restarts and code == _CONVERGED else _CAUSES[code]
 
 
 def _errors(chain: Chain, q: Array, target: Array) -> tuple[float, float]:
-    """Position [m] and orientation error [rad] of `q`, in double precision."""
+    """Position [m] and orientation [rad] error of `q`, in double precision."""
     X = chain.forward(q)
     turn = log_so3(X[:3, :3].T @ target[:3, :3])
     return float(np.linalg.norm(X[:3, 3] - target[:3, 3])), float(np.linalg.norm(turn))
 
 
 def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
-    """Raise what the compiled loops found wrong with their input."""
+    """Raise ConfigurationError for the input error that the compiled loops reported."""
     checked(target, (4, 4), f"X_base_tip{row}")
     if code == kernels.BAD_TARGET:
         raise not_a_pose(f"X_base_tip{row}", target)
@@ -389,7 +431,7 @@ def _refuse(code: int, target: Array, start: Array, row: str) -> NoReturn:
 
 
 def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """`values` as contiguous float64 of `shape`; the compiled loops check the numbers."""
+    """Convert `values` to contiguous float64 of `shape`; the compiled loops validate the numbers."""
     array = _stack(values, name)
     if array.shape != shape:
         raise ConfigurationError(f"{name}: expected shape {shape}, got {array.shape}")
@@ -397,5 +439,5 @@ def _as_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _stack(values: ArrayLike, name: str) -> Array:
-    """`values` as contiguous float64 of any shape."""
+    """Convert `values` to contiguous float64 of any shape."""
     return np.ascontiguousarray(real_array(values, name))

@@ -1,1 +1,1 @@
-"""The parts of the inverse kinematics `controllers.mkps`: chains, and one compiled solver a file."""
+"""Parts of the inverse kinematics `controllers.mkps`: chains, and one compiled solver per file."""

@@ -1,7 +1,7 @@
-"""Serial chains for the inverse kinematics in `controllers.mkps`, and the doors that build them.
+"""Serial chains for the inverse kinematics of `controllers.mkps`, built from DH rows, vectors, MJCF or URDF.
 
-Joints are hinges [rad], slides [m] and pantograph links [rad] (a link that swings while what it carries keeps its
-direction). The base frame is whatever the chain was given in; the tip frame is the tool G of `design`.
+Joints are hinges [rad], slides [m] and pantograph links [rad]. A pantograph link swings while the body that it carries
+keeps its orientation. The base frame is the one that the chain was given in; the tip frame is the tool frame G.
 """
 
 from collections.abc import Iterable, Sequence
@@ -45,15 +45,15 @@ class Chain:
 
     joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
     axes: Array  # (n, 3) unit joint axes
-    points: Array  # (n, 3) [m] a point on each axis
+    points: Array  # (n, 3) [m] one point on each axis
     links: Array  # (n, 3) [m] the swinging vector of each pantograph link, zero elsewhere
     X_base_tip0: Array  # (4, 4) tip pose at zero
-    limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
+    limits: Array  # (n, 2) [rad] or [m] lower and upper joint limits, infinite for none
     names: tuple[str, ...]  # of the joints
     n: int = field(init=False)  # number of joint values
     _scale: float = field(init=False, repr=False)
-    _memory: Array = field(init=False, repr=False)  # of the kernels; touched by calls that hold the GIL only
-    _single: list[NDArray[np.float32]] = field(init=False, repr=False)  # the same in single precision, if asked for
+    _memory: Array = field(init=False, repr=False)  # kernel memory; only calls that hold the GIL may use it
+    _single: list[NDArray[np.float32]] = field(init=False, repr=False)  # the same in single precision, once needed
     _no_trail: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,13 +79,22 @@ class Chain:
         limits: ArrayLike | None = None,
         tool: ArrayLike | None = None,
     ) -> Self:
-        """A chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]).
+        """Build a chain from standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]).
 
-        `dh` is (n, 4); row i moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha), a slide by Tz(d + q) instead, a pantograph
-        link by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha). `joint_types` has a letter a row: r, p or o, default all r.
-        `limits` is (n, 2) [rad] or [m], infinite (and by default) for none; `tool` (4, 4) is the tip in the last frame.
+        A hinge row moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha). A slide has Tz(d + q) instead. A pantograph link
+        moves by Rz(theta0 + q) Tz(d) Tx(a) Rz(-q) Rx(alpha).
 
-        Raises ConfigurationError for wrong shapes, numbers that are not finite, unknown letters and crossed limits.
+        Args:
+            dh: (n, 4) rows, base to tip.
+            joint_types: one letter per row: r (hinge), p (slide) or o (pantograph link); default all r.
+            limits: (n, 2) [rad] or [m] lower and upper limits, infinite for none; default none.
+            tool: (4, 4) pose of the tip in the last frame; default that frame.
+
+        Returns:
+            The chain, its joints named joint1 to jointn.
+
+        Raises:
+            ConfigurationError: for wrong shapes, numbers that are not finite, unknown letters, or crossed limits.
         """
         rows = checked_rows(dh, 4, "dh")
         if np.abs(rows).max() > FARTHEST:
@@ -112,16 +121,25 @@ class Chain:
     def from_vectors(
         cls, M: ArrayLike, e: ArrayLike, p: ArrayLike, L: ArrayLike | None = None, tool: ArrayLike | None = None
     ) -> Self:
-        """A chain from the vector model of paper 003 (chapter 2, fig. 1), in its initial position.
+        """Build a chain from the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial position.
 
-        `M` (n, 3) [m] is the link vector from each joint to the next (the last to the tip), `e` (n, 3) the joint axes
-        (any length but zero), `p` (n,) the kinds: 1 hinge, 0 slide, 2 pantograph link; `L` (2, n) the lower limits over
-        the upper ones [rad] or [m], default none. A slide moves its link by +q e. Joint 1 is at the base origin. The
-        tip's z is along the last link (the paper's E_x), its x along the part of e_n across it (the paper's E_z), or,
-        if they are parallel, along the base axis most across it. `tool` (4, 4) is a last move from there.
+        Joint 1 is at the base origin. A slide moves its link by +q e. The tip's z is along the last link (E_x of
+        [Danilov 2021]). Its x is along the part of e_n perpendicular to z (E_z of [Danilov 2021]). If the two are
+        parallel, x is derived from the base axis most perpendicular to z.
 
-        Raises ConfigurationError for wrong shapes, zero axes, a last link without length, unknown kinds and crossed
-        limits.
+        Args:
+            M: (n, 3) [m] link vector from each joint to the next, the last one to the tip.
+            e: (n, 3) joint axes, of any length but zero.
+            p: (n,) joint kinds: 1 hinge, 0 slide, 2 pantograph link.
+            L: (2, n) [rad] or [m] lower limits over upper ones; default none.
+            tool: (4, 4) pose of the tip in the frame described above; default that frame.
+
+        Returns:
+            The chain, its joints named joint1 to jointn.
+
+        Raises:
+            ConfigurationError: for wrong shapes, zero axes, a last link without length, unknown kinds, or crossed
+                limits.
         """
         vectors = checked_rows(M, 3, "M")
         n = len(vectors)
@@ -158,14 +176,24 @@ class Chain:
 
     @classmethod
     def from_mjcf(cls, model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str] = ()) -> Self:
-        """The chain of joints between a body and a site of a compiled model, in the frame of that body.
+        """Build the chain of joints between a body and a site of a compiled model, in the frame of that body.
 
-        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Joints
-        named in `exclude` (springs, compliant tools) stay at their `qpos0` and take no part. Two hinges in a row,
-        turned against each other by an active joint equality, are one pantograph link, named and measured by the first.
+        The body's own joints do not count. Joint values are MuJoCo's (`qpos`), limits its ranges where limited. Two
+        consecutive hinges that an active joint equality turns against each other are one pantograph link. It has the
+        name and the joint value of the first hinge.
 
-        Raises ConfigurationError for an unknown body, site or joint, a site that is not beyond the body, ball and free
-        joints and other couplings of two joints on the way, and a chain without joints.
+        Args:
+            model: compiled model.
+            base_body: name of the body whose frame is the base.
+            tip_site: name of the site that is the tip.
+            exclude: names of joints (springs, compliant tools) that stay at their `qpos0` and take no part.
+
+        Returns:
+            The chain, its joints named as in the model.
+
+        Raises:
+            ConfigurationError: for an unknown body, site or joint, a site that is not beyond the body, ball and free
+                joints or other couplings of two joints between them, or a chain without joints.
         """
         base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
         site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
@@ -232,12 +260,23 @@ class Chain:
 
     @classmethod
     def from_urdf(cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()) -> Self:
-        """The chain of joints between two links of a URDF (a file, or its text), from frame to frame, by `from_mjcf`.
+        """Build the chain of joints between two links of a URDF, from link frame to link frame, by `from_mjcf`.
 
-        Fixed joints take no part, `continuous` ones have no limits; two hinges in a row of which the second mimics the
-        first, turning the other way about the same direction, are one pantograph link.
+        Fixed joints take no part, `continuous` ones have no limits. Two consecutive hinges are one pantograph link
+        where the second mimics the first, turning the other way about the same direction.
 
-        Raises ConfigurationError as `from_mjcf`, and for what is not a URDF of one tree (see `mkps_urdf`).
+        Args:
+            urdf: path of a file, or its text.
+            base_link: name of the link whose frame is the base.
+            tip_link: name of the link whose frame is the tip.
+            exclude: names of joints that stay at zero and take no part.
+
+        Returns:
+            The chain, its joints named as in the URDF.
+
+        Raises:
+            ConfigurationError: as `from_mjcf`, and for a file that is not a URDF of one tree (see
+                `controllers.ik.urdf`).
         """
         model, root = model_from_urdf(urdf, base_link, tip_link)
         return cls.from_mjcf(model, "world" if base_link == root else base_link, TIP_SITE, exclude)
@@ -251,7 +290,7 @@ class Chain:
         return self.kinematics(q)[1]
 
     def kinematics(self, q: ArrayLike) -> tuple[Array, Array]:
-        """`forward` and `jacobian` at once, for the price of one."""
+        """Return `forward` and `jacobian` at `q` (n,) from one computation."""
         X_base_tip, J = np.empty((4, 4)), np.empty((6, self.n))
         entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
         return X_base_tip, J
@@ -273,24 +312,31 @@ class Chain:
 
 
 def _scale(chain: Chain) -> float:
-    """The power of two that makes the chain about one unit long."""
+    """Power of two by which lengths are multiplied, so that the chain is about one unit long."""
     size = _length(chain)
     return 2.0 ** -round(np.log2(size)) if size > 0.0 else 1.0
 
 
 def _length(chain: Chain) -> float:
+    """Length [m] of the line from joint to joint to the tip, at zero."""
     path = np.vstack([chain.points, chain.X_base_tip0[:3, 3]])
     return float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
 
 
 def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArray[np.float32]) -> None:
-    """Write the limits (n,) of one `column`, LOWER or UPPER, into kernel memory."""
+    """Write joint limits into kernel memory.
+
+    Args:
+        memory: kernel memory of a chain (see `controllers.ik.kinematics`), changed in place.
+        column: LOWER or UPPER of `controllers.ik.kinematics`.
+        bounds: (n,) [rad] or [m] the limits.
+    """
     n = len(bounds)
     memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)[kernels.HEAD :, column] = bounds
 
 
 def memory_of(chain: Chain, scale: float) -> Array:
-    """Kernel memory (see `mkps_kinematics`) for a chain, its lengths multiplied by `scale`."""
+    """Build kernel memory (see `controllers.ik.kinematics`) for a chain, its lengths multiplied by `scale`."""
     n = chain.n
     memory = np.zeros(kernels.memory_size(n))
     table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)
@@ -303,7 +349,7 @@ def memory_of(chain: Chain, scale: float) -> Array:
         following = chain.axes[i + 1] if i + 1 < n else axis
         across = np.cross(axis, following)
         sine = float(np.linalg.norm(across))
-        # Parallel axes leave x free; any small cross product still gives an exact, if arbitrary, common normal.
+        # Parallel axes have no unique common normal: keep x. A small cross product still gives an exact normal.
         x_after = across / sine if sine > 1e-15 else x
         x_after = x_after - (x_after @ axis) * axis
         x_after /= np.linalg.norm(x_after)
@@ -327,19 +373,21 @@ def memory_of(chain: Chain, scale: float) -> Array:
     strokes = [np.max(np.abs(chain.limits[i])) for i in range(n) if chain.joint_types[i] == "p"]
     table[0, kernels.SCALE] = scale
     table[0, kernels.REACH] = scale * (_length(chain) + sum(strokes)) * (1.0 + 1e-9)
-    # Measured: full sweeps curl the tip of long chains, and drive joints onto narrow limits.
+    # Measured: full sweeps curl the tip of chains of more than 8 joints, and drive joints onto narrow limits.
     turns = chain.limits[:, 1] - chain.limits[:, 0] >= 2.0 * np.pi - 1e-9
     table[1, kernels.SWEEPS] = n <= 8 and all(turns[i] for i in range(n) if chain.joint_types[i] != "p")
     return memory
 
 
 def _frame_with_z(z: Array) -> Array:
+    """A rotation (3, 3) whose third column is the unit vector `z` (3,)."""
     across = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x = across / np.linalg.norm(across)
     return readonly(np.column_stack([x, np.cross(z, x), z]))
 
 
 def _letters(joint_types: str | None, n: int) -> str:
+    """Validated joint letters, one per joint; all hinges where none are given."""
     if joint_types is None:
         return "r" * n
     if not isinstance(joint_types, str) or len(joint_types) != n or not set(joint_types) <= set(_KINDS):
@@ -348,13 +396,14 @@ def _letters(joint_types: str | None, n: int) -> str:
 
 
 def _bounds(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Like `checked`, but infinities mean "no limit"."""
+    """Validate like `checked`, except that infinities mean "no limit"."""
     given = real_array(values, name, f"{shape} numbers")
     checked(np.nan_to_num(given, nan=np.nan, posinf=0.0, neginf=0.0), shape, name)
     return readonly(given)
 
 
 def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
+    """Validated joint limits (n, 2); infinite where none are given."""
     if limits is None:
         return readonly(np.tile([-np.inf, np.inf], (n, 1)))
     bounds = _bounds(limits, (n, 2), "limits")
@@ -367,14 +416,14 @@ def _checked_limits(limits: ArrayLike | None, n: int) -> Array:
 
 
 def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int, float, float]]:
-    """Hinges that follow the one before: {follower: (leader, constant, ratio)}, q = constant + ratio * q_leader."""
+    """Hinges coupled to the one before: {follower: (leader, constant, ratio)}, q = constant + ratio * q_leader."""
     followers = {}
     for e in range(model.neq):
         pair = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
         coupled = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT and model.eq_active0[e]
         if not coupled or not set(pair) <= set(joints):
             continue
-        # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., with q_0 the joint's value at qpos0
+        # MuJoCo: q1 - q1_0 = c0 + c1 (q2 - q2_0) + ..., where q_0 is the joint's value at qpos0.
         c0, c1 = model.eq_data[e, :2]
         first, second = sorted(pair, key=joints.index)
         hinges = all(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE for j in pair)
@@ -395,9 +444,10 @@ def _followers(model: mujoco.MjModel, joints: list[int]) -> dict[int, tuple[int,
 
 
 def _find(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, argument: str) -> int:
+    """Index of the named element of a model; ConfigurationError with the known names if there is none."""
     if not isinstance(model, mujoco.MjModel):
         raise ConfigurationError(f"model: expected a mujoco.MjModel, got {shown(model)}")
-    if not isinstance(name, str) or not name.isprintable():  # MuJoCo does not survive None
+    if not isinstance(name, str) or not name.isprintable():  # None would crash MuJoCo
         raise ConfigurationError(f"{argument}: expected a name, got {shown(name)}")
     found = mujoco.mj_name2id(model, kind, name)
     if found < 0:

@@ -1,6 +1,6 @@
-"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), begun by a combined sweep where that pays.
+"""Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), after a combined sweep where that pays off.
 
-Arrays are those of `mkps_kinematics`.
+Arrays are those of `controllers.ik.kinematics`.
 """
 
 import numpy as np
@@ -43,24 +43,43 @@ from controllers.ik.kinematics import (
 )
 from controllers.ik.sweeps import sweep
 
-# Chosen on the arms of facts/ik.md; rates and times change little within a factor of two of each.
-DAMPING = 0.1  # of the squared error
-LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and on its branch
-FAR = 0.1  # squared error of a start from which a sweep pays off before a descent
-FAR_WEIGHT = 0.1  # [1/rad^2] of the tool axes against the scaled position in that sweep
-STALL_WINDOW, STALL_FACTOR = 4, 0.5  # when a descent with restarts left is given up
-SETTLE_STEPS = 200  # longest creep to the nearest pose
-SETTLE_GAIN = 1e-7  # of the squared error, under which the creep is over
+# Tuned on several arms; success rates and times change little within a factor of two of each value.
+DAMPING = 0.1  # share of the squared error that is the damping
+LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and while keeping the branch
+FAR = 0.1  # squared error of a start, above which a sweep before the descent pays off
+FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled position in that sweep
+STALL_WINDOW, STALL_FACTOR = 4, 0.5  # [steps], [1] a descent stalls if its error does not halve in four steps
+SETTLE_STEPS = 200  # largest number of steps of `settle`
+SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `settle` counts as quiet
 
 
 @jit
 def damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work):
-    """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`; returns its largest entry.
+    """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`.
 
-    A joint that stands on a limit and would leave it leaves the problem instead (its column is set to zero).
+    A joint that stands on a limit and would leave its range is removed from the problem: its column is set to zero.
+
+    Args:
+        table: the chain.
+        q: (n,) joint values.
+        limited: the limits of hinges count; those of slides always do.
+        damping: added to the diagonal of J J^T.
+        px: x of the tip position [scaled], base axes; py and pz likewise.
+        py: see px.
+        pz: see px.
+        ex: x of the position error [scaled]; ey and ez likewise.
+        ey: see ex.
+        ez: see ex.
+        wx: x of the orientation error (see `turn_left`); wy and wz likewise.
+        wy: see wx.
+        wz: see wx.
+        work: scratch values, filled by `trace`; columns 0 to 5 and STEP are overwritten.
+
+    Returns:
+        Largest absolute entry of the step.
     """
     n = q.shape[0]
-    # J J^T by its lower half, row by row. Scalars, for they stay in registers: twice as fast as an array.
+    # Lower half of J J^T, row by row. Scalars stay in registers: twice as fast as an array.
     none = damping - damping
     a10 = a20 = a21 = a30 = a31 = a32 = a40 = a41 = a42 = a43 = a50 = a51 = a52 = a53 = a54 = none
     a00 = a11 = a22 = a33 = a44 = a55 = damping
@@ -92,7 +111,7 @@ def damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, 
         a53 += c5 * c3
         a54 += c5 * c4
         a55 += c5 * c5
-    # L D L^T by columns: l = a / d, then the rest less l times the column; the right-hand side goes along.
+    # L D L^T factorisation by columns, l = a / d; forward substitution of the right-hand side in the same pass.
     one = table.dtype.type(1.0)
     d = one / a00
     l1, l2, l3, l4, l5 = a10 * d, a20 * d, a30 * d, a40 * d, a50 * d
@@ -171,7 +190,16 @@ def damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, 
 
 @jit
 def take_step(table, cap, largest, mode, work, q):
-    """Move `q` by `work[:, STEP]`, shortened so that no joint moves by more than `cap`, as `mode` allows."""
+    """Move `q` by `work[:, STEP]`, scaled down to a longest joint step, with the limits treated as `mode` says.
+
+    Args:
+        table: the chain.
+        cap: [rad] or [m] longest step of a joint.
+        largest: largest absolute entry of the step.
+        mode: ALONG, WITHIN or THROUGH, see `descend`.
+        work: scratch values with the step.
+        q: (n,) joint values, changed in place.
+    """
     real = q.dtype.type
     limited = mode != THROUGH
     factor = real(1.0) if largest <= real(cap) else real(cap) / largest
@@ -186,20 +214,32 @@ def take_step(table, cap, largest, mode, work, q):
 
 @jit
 def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail, row):
-    """Levenberg-Marquardt from `q` until the squared errors are within `near_p` and `near_r`, their sum stalls, or
-    `limit` steps are spent.
+    """Levenberg-Marquardt iterations from `q` until the pose is met, the error stalls, or `limit` steps are spent.
 
-    `mode`: ALONG moves within the limits without leaps, WITHIN also leaps by whole turns, THROUGH lets hinges pass
-    their limits on the way and only asks that the answer fits them. No joint steps by more than `cap`. A stall is a
-    squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps. `trail` takes the joint values
-    from its row `row` on, one a step, as far as it has rows.
+    A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps.
 
-    Returns (code, steps, least squared error, squared position error, squared chord); `q` is where the last two were
-    measured. `work[:, BEST]` takes the joint values of the least error if it is under `best2` and within the limits.
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        near_p: squared position tolerance [scaled].
+        near_r: squared chord of the orientation tolerance.
+        limit: largest number of steps.
+        cap: [rad] or [m] longest step of a joint.
+        mode: ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets hinges pass
+            their limits on the way; only the solution must lie within them.
+        best2: least squared error so far.
+        work: scratch values; column BEST takes joint values whose error is under `best2` and which are within the
+            limits.
+        q: (n,) start; on return the joint values of the last two results.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        row: first row of `trail` to write.
+
+    Returns:
+        (code, steps, least squared error, squared position error, squared chord).
     """
     real = q.dtype.type
     limited = mode != THROUGH
-    # Rounding of J J^T must stay under the damping, or a singular one is no longer positive.
+    # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive definite.
     floor = real(4.0) * np.finfo(q.dtype).eps
     mark = real(np.inf)
     steps = 0
@@ -231,9 +271,21 @@ def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail
 
 @jit
 def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
-    """From the best joint values seen to the bottom of their valley, within the limits: every step goes down.
+    """Descend from the best joint values so far to the nearest local minimum within the limits; the error never grows.
 
-    Returns (code, steps, squared position error, squared chord).
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        near_p: squared position tolerance [scaled].
+        near_r: squared chord of the orientation tolerance.
+        best2: least squared error so far; not used.
+        work: scratch values; column BEST holds the best joint values.
+        q: (n,) out.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        row: first row of `trail` to write.
+
+    Returns:
+        (code, steps, squared position error, squared chord).
     """
     real = q.dtype.type
     n = q.shape[0]
@@ -257,7 +309,7 @@ def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
             for i in range(n):
                 work[i, BEST] = q[i]
             share = max(share * real(0.2), real(1e-9))
-        else:  # too far: back, and a shorter step
+        else:  # the step was too long: go back and take a shorter one
             share *= real(5.0)
             for i in range(n):
                 q[i] = work[i, BEST]
@@ -274,10 +326,23 @@ def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
 
 @jit
 def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
-    """A combined sweep from a far start, then Levenberg-Marquardt, then restarts, every other one THROUGH the limits.
+    """Hybrid method: a combined sweep from a far start, Levenberg-Marquardt, then restarts.
 
-    Target `X` (4, 4) in [m], tolerances in [m] and [rad]; the answer goes to `out` (n,).
-    Returns (code, steps, restarts, position error [m], orientation error [rad]).
+    Every second restart lets hinges pass their limits on the way (THROUGH).
+
+    Args:
+        memory: kernel memory of the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] or [m] start.
+        tol_p: [m] position tolerance.
+        tol_r: [rad] orientation tolerance.
+        limit: largest number of steps, restarts included.
+        restarts: largest number of restarts.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        out: (n,) takes the solution.
+
+    Returns:
+        (code, steps, restarts, position error [m], orientation error [rad]).
     """
     table, goal, _, work, _, q = partition(memory, out.shape[0])
     options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
@@ -315,7 +380,22 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
 
 @jit
 def solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
-    """Levenberg-Marquardt by short steps from `q0`, without leaps or restarts. As `solve_hybrid`."""
+    """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or restarts.
+
+    Args:
+        memory: kernel memory of the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] or [m] start.
+        tol_p: [m] position tolerance.
+        tol_r: [rad] orientation tolerance.
+        limit: largest number of steps.
+        restarts: only validated, must be >= 0.
+        trail: (rows, n) takes the joint values of every step that it has a row for.
+        out: (n,) takes the solution.
+
+    Returns:
+        As `solve_hybrid`.
+    """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
     options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
     fault = begin(table, X, q0, options_good, False, goal, work, q)

@@ -1,7 +1,8 @@
-"""What Python calls of the compiled inverse kinematics, behind `controllers.mkps`: the cached entries.
+"""Compiled, cached entry points of the inverse kinematics, called from Python by `controllers.mkps`.
 
-The entries for one target hold the GIL on purpose: they may then share the memory of their chain, and a solve is far
-shorter than the switch to another thread. The entry for many targets releases it, and wants memory of its own.
+The entries for one target hold the GIL on purpose. They may then share the memory of their chain, and one solution
+takes far less time than a switch to another thread. The entry for many targets releases the GIL and needs memory of its
+own.
 """
 
 import math
@@ -20,7 +21,7 @@ from sim.interfaces.kernels import imports_stamp
 HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2
 
 _VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
-_GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # takes writable ones too
+_GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # writable arrays are accepted too
 _REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
 _ONE = (_GIVEN[2], _GIVEN[1], _REAL, _REAL)
 _holding = njit(cache=True, error_model="numpy")
@@ -28,10 +29,10 @@ _releasing = njit(cache=True, nogil=True, error_model="numpy")
 
 
 def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
-    """The entries with the types of their arguments after `memory`.
+    """Build the entries, each with the types of its arguments after `memory`.
 
-    Numba keys its cache by the file of a function and by the variables that it closes over: so each closes over
-    `stamp`, or a change in another file would go unseen.
+    Numba keys its cache by the file of a function and by the variables that it closes over. Each entry therefore closes
+    over `stamp`; without it numba would not detect a change in another file.
     """
 
     @_holding
@@ -74,7 +75,10 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
 
     @_holding
     def goals(memory, X, tip_axes, trail, out):
-        """F_R [m], F_alpha1 and F_alpha2 [rad] (paper 003, (6)) of each row of `trail` (N, n) into `out` (N, 3)."""
+        """Evaluate the three goals of [Danilov 2021, eq. 6] for each row of a trail.
+
+        F_R [m], F_alpha1 and F_alpha2 [rad] of each row of `trail` (N, n) go to `out` (N, 3).
+        """
         _ = stamp
         table, goal, _, work, _, q = partition(memory, trail.shape[1])
         set_goal(table, X, goal)
@@ -89,8 +93,9 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
     def many(
         memory, method, X, q0, tol_p, tol_r, tol_1, tol_2, limit, restarts, keep, tip_axes, first, last, trail, q, out
     ):
-        """Targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n) into `q` (N, n) and, what the solver of one
-        target returns, `out` (N, 5).
+        """Solve for the targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n).
+
+        Joint values go to `q` (N, n), the five numbers that the solver of one target returns to `out` (N, 5).
         """
         _ = stamp
         for i in range(first, last):
@@ -127,10 +132,10 @@ _ENTRIES = _make_entries(int(imports_stamp(globals()), 16))
 
 
 def entry(name: str, precision: DTypeLike = np.float64) -> Any:
-    """The entry `name`, compiled for memory of `precision` or loaded from numba's cache.
+    """Return the entry `name`, compiled for memory of `precision` or loaded from numba's cache.
 
-    It has these types and no others: it refuses strange arguments by TypeError, at no cost to the good ones, where
-    numba would compile another copy of the solver for each.
+    Compilation for other argument types is disabled: the entry raises TypeError for them. Numba would otherwise compile
+    another copy of the solver for each new combination of types.
     """
     function, rest = _ENTRIES[name]
     memory = types.float32[::1] if np.dtype(precision) == np.float32 else _VECTOR

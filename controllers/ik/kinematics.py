@@ -1,16 +1,23 @@
-"""Compiled kinematics of a serial chain, shared by the solvers behind `controllers.mkps`. Nothing here allocates.
+"""Compiled kinematics of a serial chain, shared by the solvers of `controllers.ik`; allocation-free.
 
-A chain and the memory to solve for it are one array, `memory`, of `memory_size(n)` numbers, for one thread at a time.
+A chain and its solver's working memory are one array, `memory`, of `memory_size(n)` numbers, for one thread at a time.
 Its type, float64 or float32, is the precision of all arithmetic. `partition` cuts it into views:
-`table` (HEAD + n, COLUMNS): row 0 the pose of the first joint frame in the base (3 rows of 4), row 1 the rotation of
-the tip in the last joint frame (3 rows of 3), then the marks named below; then a row per joint, columns as named below.
+
+- `table` (HEAD + n, COLUMNS): the chain. Row 0 is the pose of the first joint frame in the base (3 rows of 4), row 1
+  the rotation of the tip in the last joint frame (3 rows of 3). Both end with the scalars named below. Then one row per
+  joint, its columns named below.
+- `goal` (4, 3): the scaled tip position, then the wanted axes of the last joint frame, one per row.
+- `normal` (6, 8): normal equations.
+- `work` (n, WORK): scratch values per joint, columns named below.
+- `past` (n, PAST): values of earlier iterations, kept by a solver.
+- `q` (n,): the joint values.
+
 The frame of a joint turns about its z axis by offset + q, moves by the link vector, then turns about its x axis by
-alpha to reach the next joint axis. With the link vector free this form takes any two axes, parallel ones too, and costs
-two plane rotations a joint. Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one
-unit long, so that metres and radians can share one norm.
-`goal` (4, 3): the scaled tip position, then the wanted axes of the last joint frame, one a row. `normal` (6, 8): normal
-equations. `work` (n, WORK): columns as named below. `past` (n, PAST): what a solver remembers of earlier iterations.
-`q` (n,): the joint values. A `trail` takes the joint values of every iteration that it has a row for.
+alpha to reach the next joint axis. With a free link vector this form describes any two axes, also parallel ones, and
+costs two plane rotations per joint.
+
+Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one unit long. Metres and radians
+can then share one norm. A `trail` takes the joint values of every iteration that it has a row for.
 """
 
 import math
@@ -32,37 +39,38 @@ KIND, OFFSET, COS_ALPHA, SIN_ALPHA, LINK, LOWER, UPPER, COS_OFFSET, SIN_OFFSET, 
     11,
     14,
 )
-HEAD = 2
-SCALE, REACH = 12, 13  # in row 0; REACH: the farthest that the tip can get from the first joint
-SWEEPS = 9  # in row 1: 1 where a far start deserves a sweep
-HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0
+HEAD = 2  # rows of `table` before those of the joints
+SCALE, REACH = 12, 13  # columns of row 0; REACH: largest distance [scaled] of the tip from the first joint
+SWEEPS = 9  # column of row 1: 1 where a sweep from a far start pays off
+HINGE, SLIDE, PANTOGRAPH = 0.0, 1.0, 2.0  # values of column KIND
 
-COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 6, 9, 12, 13, 14, 15
-PAST = 15
+COLUMN, AXIS, POINT, STEP, BEST, START, WORK = 0, 6, 9, 12, 13, 14, 15  # columns of `work`, and their number
+PAST = 15  # columns of `past`
 
-CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4
-BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7
-ALONG, WITHIN, THROUGH = 0, 1, 2
+CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4  # why a solver ended
+BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7  # input that a solver refuses
+ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik.damped_descent.descend`
 
-TWO_PI = 2.0 * math.pi
-_WALK = 0.1  # [rad] longest step of a joint between two looks at the branch
-# Not cached: numba would not see that a function of another file has changed. What Python calls is (`mkps_entries`).
+TWO_PI = 2.0 * math.pi  # [rad]
+_WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
+# Not cached, for numba would not detect changes in other files. The entry points of `controllers.ik.entries` are.
 jit = njit(nogil=True, error_model="numpy", fastmath={"contract"})
 
 
 def cosine_and_sine(angle):
-    """(cos, sin) of `angle` [rad]."""
+    """Return (cos, sin) of `angle` [rad]."""
     return math.cos(angle), math.sin(angle)
 
 
 @overload(cosine_and_sine)
 def _compiled_cosine_and_sine(angle):
+    """Compiled `cosine_and_sine`: library functions in single, polynomials in double precision."""
     if angle == types.float32:
         return lambda angle: (math.cos(angle), math.sin(angle))
 
     def both(angle):
-        # A third of the time of the two library functions: Cody and Waite's reduction by quarter turns, and the minimax
-        # polynomials of Cephes (sin.c). Measured: 1.1e-16 from the library's.
+        # A third of the time of the two library functions: reduction by quarter turns [Cody 1980] and the minimax
+        # polynomials of Cephes, sin.c [Moshier 1989]. Measured: within 1.1e-16 of the library's values.
         if not abs(angle) < 1e5:
             return math.cos(angle), math.sin(angle)
         quarter = math.floor(angle * 0.6366197723675814 + 0.5)
@@ -86,13 +94,13 @@ def _compiled_cosine_and_sine(angle):
 
 
 def memory_size(n: int) -> int:
-    """Numbers in the `memory` of a chain of `n` joints."""
+    """Length of the `memory` of a chain of `n` joints."""
     return (HEAD + n) * COLUMNS + 12 + 48 + n * (WORK + PAST + 1)
 
 
 @jit
 def partition(memory, n):
-    """`table`, `goal`, `normal`, `work`, `past` and `q` (see above), as views of `memory`."""
+    """Views `table`, `goal`, `normal`, `work`, `past` and `q` (see the module) of `memory`."""
     goal = (HEAD + n) * COLUMNS
     work = goal + 60
     past = work + n * WORK
@@ -109,9 +117,9 @@ def partition(memory, n):
 
 @jit
 def trace(table, q, work):
-    """Walk the chain at `q`: write every joint's axis and point to `work`, return the tip (p, x, y, z) as 12 numbers.
+    """Forward kinematics at `q`: joint axes and points into `work`, the tip's p, x, y, z returned as 12 numbers.
 
-    A pantograph link has the vector of the link, not its joint's point, in `work[i, POINT:]`.
+    For a pantograph link, `work[i, POINT:]` holds its link vector instead of its joint's point.
     """
     xx, yx, zx, px = table[0, 0], table[0, 1], table[0, 2], table[0, 3]
     xy, yy, zy, py = table[0, 4], table[0, 5], table[0, 6], table[0, 7]
@@ -156,7 +164,19 @@ def trace(table, q, work):
 
 @jit
 def column(table, work, i, px, py, pz):
-    """Column `i` of the Jacobian (linear; angular) at the tip p, from what `trace` wrote."""
+    """Column of the Jacobian (linear; angular) at the tip, from the values that `trace` wrote.
+
+    Args:
+        table: the chain.
+        work: scratch values, filled by `trace`.
+        i: index of the joint.
+        px: x of the tip position [scaled], base axes.
+        py: y of the tip position [scaled].
+        pz: z of the tip position [scaled].
+
+    Returns:
+        Six numbers; the first three in scaled length per [rad] or [m].
+    """
     kind = table[HEAD + i, KIND]
     ex, ey, ez = work[i, AXIS], work[i, AXIS + 1], work[i, AXIS + 2]
     if kind == HINGE:
@@ -172,7 +192,15 @@ def column(table, work, i, px, py, pz):
 
 @jit
 def forward(table, q, work, X, J):
-    """Tip pose into `X` (4, 4) and Jacobian into `J` (6, n), both unscaled."""
+    """Write tip pose and Jacobian, both unscaled.
+
+    Args:
+        table: the chain.
+        q: (n,) [rad] or [m] joint values.
+        work: scratch values, overwritten.
+        X: (4, 4) tip pose in the base frame, out.
+        J: (6, n) Jacobian (linear; angular) at the tip in base axes, out.
+    """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     scale = table[0, SCALE]
     for i in range(q.shape[0]):
@@ -189,9 +217,24 @@ def forward(table, q, work, X, J):
 
 @jit
 def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """The turn that is left from the tip axes to the goal axes: its axis times its chord, 2 sin(angle/2), and chord^2.
+    """Orientation error from the tip axes to the goal axes: rotation axis times chord, 2 sin(angle/2), and chord^2.
 
-    Near the goal that is the rotation vector; farther away it is cheaper, and shorter.
+    Near the goal this is the rotation vector; farther away it is shorter, and cheaper to compute.
+
+    Args:
+        goal: (4, 3) the goal, of which rows 1 to 3 are used.
+        xx: x component of the tip's x axis in base axes; xy and xz are its y and z components.
+        xy: see xx.
+        xz: see xx.
+        yx: x component of the tip's y axis; yy and yz likewise.
+        yy: see yx.
+        yz: see yx.
+        zx: x component of the tip's z axis; zy and zz likewise.
+        zy: see zx.
+        zz: see zx.
+
+    Returns:
+        The three components of the error in base axes, and the squared chord.
     """
     real = goal.dtype.type
     half, one = real(0.5), real(1.0)
@@ -207,7 +250,7 @@ def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
         factor2 = real(2.0) / (one + cosine)  # chord^2 / sine^2
         factor = math.sqrt(factor2)
         return wx * factor, wy * factor, wz * factor, sine2 * factor2
-    # Near half a turn the skew part vanishes, but R + 1 = 2 a a^T, nearly; take its longest column.
+    # Near half a turn the skew part vanishes, and R + 1 is nearly 2 a a^T: take its longest column as the axis.
     rx = one + xx * tx + yx * ux + zx * vx
     ry = one + xy * ty + yy * uy + zy * vy
     rz = one + xz * tz + yz * uz + zz * vz
@@ -226,21 +269,30 @@ def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
 
 @jit
 def angle_of(chord2):
-    """Angle [rad] with the chord^2 `chord2`, by atan2."""
+    """Angle [rad] of a squared chord `chord2`, by atan2."""
     return 2.0 * math.atan2(math.sqrt(chord2), math.sqrt(max(4.0 - chord2, 0.0)))
 
 
 @jit
 def chord_squared(angle):
-    """Square of the chord of `angle` [rad], for comparisons with that of `turn_left`."""
+    """Squared chord of `angle` [rad], to compare with that of `turn_left`."""
     chord = 2.0 * math.sin(0.5 * min(angle, math.pi))
     return chord * chord
 
 
 @jit
 def set_goal(table, X, goal):
-    """Fold the tip's rotation and the scale into the target `X` (4, 4); False if it is not a finite pose."""
-    # Rows orthonormal to 1e-6 and right-handed; a NaN fails every comparison, so it fails here.
+    """Write the target into `goal`, the tip's rotation and the scale folded in.
+
+    Args:
+        table: the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        goal: (4, 3) out.
+
+    Returns:
+        False if `X` is not a finite pose.
+    """
+    # Axes orthonormal to 1e-6 and right-handed. A NaN fails every comparison, so it is rejected too.
     xx, xy, xz = X[0, 0], X[1, 0], X[2, 0]
     yx, yy, yz = X[0, 1], X[1, 1], X[2, 1]
     zx, zy, zz = X[0, 2], X[1, 2], X[2, 2]
@@ -265,7 +317,21 @@ def set_goal(table, X, goal):
 
 @jit
 def begin(table, X, q0, options_good, leaps, goal, work, q):
-    """Set goal and start; returns a BAD_ code, OUT_OF_REACH or CONVERGED (nothing is wrong)."""
+    """Validate the input of a solver and set goal and start.
+
+    Args:
+        table: the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] or [m] start.
+        options_good: False if an option is out of its range.
+        leaps: a hinge beyond its limits may be turned by a whole turn; else it is clamped.
+        goal: (4, 3) out.
+        work: scratch values; its column START takes the start.
+        q: (n,) out, the start within the limits.
+
+    Returns:
+        A BAD_ code, OUT_OF_REACH, or CONVERGED if the input is valid.
+    """
     if not options_good:
         return BAD_OPTION
     if X.shape[0] != 4 or X.shape[1] != 4 or not set_goal(table, X, goal):
@@ -285,7 +351,18 @@ def begin(table, X, q0, options_good, leaps, goal, work, q):
 
 @jit
 def admit(value, lower, upper, hinge, full_turn):
-    """`value` if the limits allow it, else the same hinge angle a `full_turn` away, else the nearer limit."""
+    """Bring a joint value within its limits.
+
+    Args:
+        value: [rad] or [m].
+        lower: [rad] or [m] lower limit.
+        upper: [rad] or [m] upper limit.
+        hinge: the joint may be turned by a whole turn.
+        full_turn: 2 pi in the precision of the chain.
+
+    Returns:
+        `value` if the limits allow it, else the same hinge angle a `full_turn` away, else the nearer limit.
+    """
     if lower <= value <= upper:
         return value
     if hinge:
@@ -297,7 +374,7 @@ def admit(value, lower, upper, hinge, full_turn):
 
 @jit
 def fold(table, q):
-    """Bring hinges that wound up within their limits by whole turns; False if a joint cannot be."""
+    """Bring wound-up hinges of `q` within their limits by whole turns; False if that fails for a joint."""
     turn = q.dtype.type(TWO_PI)
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
@@ -315,7 +392,7 @@ def fold(table, q):
 
 @jit
 def restart_angle(restart, joint):
-    """A number in [0, 1) that depends on nothing but its two arguments (splitmix64)."""
+    """Pseudorandom number in [0, 1) that depends on its two arguments only (splitmix64 [Steele 2014])."""
     z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
     z *= np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -326,7 +403,16 @@ def restart_angle(restart, joint):
 
 @jit
 def scatter(table, restart, work, q):
-    """Start number `restart` into `q`: even over the limits, or a turn about the start (a slide: a unit of length)."""
+    """Write the start of a restart into `q`, spread evenly over the limits.
+
+    The range is at most one turn about the first start (for a slide: one unit of length to either side).
+
+    Args:
+        table: the chain.
+        restart: number of the restart.
+        work: scratch values; column START holds the first start.
+        q: (n,) out.
+    """
     for i in range(q.shape[0]):
         lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
         half = math.pi if table[HEAD + i, KIND] != SLIDE else 1.0 / table[0, SCALE]
@@ -337,7 +423,13 @@ def scatter(table, restart, work, q):
 
 @jit
 def note(q, trail, row):
-    """Joint values into a row of `trail`, if it has that row."""
+    """Copy joint values into a row of a trail, if the trail has that row.
+
+    Args:
+        q: (n,) joint values.
+        trail: (rows, n) out.
+        row: index of the row.
+    """
     if row < trail.shape[0]:
         for i in range(q.shape[0]):
             trail[row, i] = q[i]
@@ -345,7 +437,17 @@ def note(q, trail, row):
 
 @jit
 def errors(table, goal, q, work):
-    """Squares of the position error [scaled] and of the chord of the orientation error at `q`."""
+    """Squared pose errors at `q`.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        q: (n,) joint values.
+        work: scratch values, overwritten.
+
+    Returns:
+        Squared position error [scaled] and squared chord of the orientation error.
+    """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
     return ex * ex + ey * ey + ez * ez, turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
@@ -353,7 +455,17 @@ def errors(table, goal, q, work):
 
 @jit
 def recall(table, goal, work, q):
-    """The best joint values seen into `q`; returns their `errors`."""
+    """Copy the best joint values so far into `q`.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        work: scratch values; column BEST holds the best joint values.
+        q: (n,) out.
+
+    Returns:
+        Their `errors`.
+    """
     for i in range(q.shape[0]):
         q[i] = work[i, BEST]
     return errors(table, goal, q, work)
@@ -361,9 +473,20 @@ def recall(table, goal, work, q):
 
 @jit
 def turned_over(work, past, normal, n):
-    """Whether the Jacobian in `work` is turned over against that in `past`: the sign of det(J_past J^T), for n < 6 of
-    det(J_past^T J). By Cauchy and Binet it is the product of the two determinants for n = 6, and otherwise the inner
-    product of their minors, which changes sign only across a singular configuration if the two are close together.
+    """Test for a change of orientation between two Jacobians, that is, for a singular configuration between them.
+
+    The test is the sign of det(J_past J^T), for n < 6 of det(J_past^T J). By Cauchy and Binet it is the product of the
+    two determinants for n = 6. Otherwise it is the inner product of their minors, which changes sign only across a
+    singular configuration if the two are close together.
+
+    Args:
+        work: (n, WORK) the new Jacobian in its first six columns, transposed.
+        past: (n, PAST) the Jacobian before, likewise.
+        normal: (6, 8) scratch values.
+        n: number of joints.
+
+    Returns:
+        True if the sign is negative; False if it is positive or cannot be told (a pivot under 1e-12).
     """
     m = min(n, 6)
     for a in range(m):
@@ -395,7 +518,21 @@ def turned_over(work, past, normal, n):
 
 @jit
 def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
-    """`q` into `out`; returns (code, iterations, restarts, position error [m], orientation error [rad])."""
+    """Copy the solution into `out` and convert its errors to [m] and [rad].
+
+    Args:
+        table: the chain.
+        q: (n,) joint values.
+        p2: squared position error [scaled].
+        chord2: squared chord of the orientation error.
+        code: why the solver ended.
+        iterations: steps or sweeps.
+        restarts: other starts tried.
+        out: (n,) out, float64.
+
+    Returns:
+        (code, iterations, restarts, position error [m], orientation error [rad]).
+    """
     for i in range(q.shape[0]):
         out[i] = q[i]
     return code, iterations, restarts, math.sqrt(p2) / float(table[0, SCALE]), angle_of(float(chord2))
@@ -403,10 +540,21 @@ def hand_over(table, q, p2, chord2, code, iterations, restarts, out):
 
 @jit
 def branch_left(table, q, near, work, past, normal):
-    """Whether the straight way from the start in `work` to `q` crosses a singular configuration.
+    """Test for a singular configuration on the straight line in joint space from the start in `work` to `q`.
 
-    A way on which no joint moves more than `near` is taken as short, not looked at. Where the Jacobian is singular all
-    over (a planar arm of four joints) no crossing can be seen.
+    A line on which no joint moves more than `near` counts as clear without this test. Where the Jacobian is singular
+    everywhere (a planar arm of four joints) no crossing can be detected.
+
+    Args:
+        table: the chain.
+        q: (n,) joint values of the solution; unchanged on return.
+        near: [rad] or [scaled length] joint motion up to which the branch counts as kept.
+        work: scratch values; column START holds the start, column BEST is overwritten.
+        past: scratch values, overwritten.
+        normal: scratch values, overwritten.
+
+    Returns:
+        True if the line crosses a singular configuration.
     """
     n = q.shape[0]
     far = 0.0

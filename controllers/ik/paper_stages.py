@@ -1,8 +1,10 @@
-"""Compiled loops of plain MKPS: the three stages of paper 003, chapter 3, with the signs of its formulas put right.
+"""Compiled loops of plain MKPS: the three stages of [Danilov 2021, chapter 3], the signs of its formulas corrected.
 
-In formula (2) the modulus loses the sign of the step, which is atan2(e.(S x K), S.K - (e.S)(e.K)); its check (1) takes
-the farthest position of a joint for the nearest. Turning all links beyond a joint is O(n) a step: carrying only the tip
-point and the tool axes gives the same iterates in O(n) a sweep. Arrays are those of `mkps_kinematics`.
+In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which is atan2(e.(S x K), S.K - (e.S)(e.K)).
+Its test (1) mistakes the farthest position of a joint for the nearest.
+
+Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes gives the same
+iterates in O(n) per sweep. Arrays are those of `controllers.ik.kinematics`.
 """
 
 import math
@@ -39,14 +41,24 @@ from controllers.ik.kinematics import (
 )
 from controllers.ik.sweeps import SHORT_WAY, turn
 
-STAGE_SWEEPS = 10  # longest run of one stage
+STAGE_SWEEPS = 10  # largest number of sweeps of one stage before the next one begins
 
 
 @jit
 def place(table, goal, near_p, q, work):
-    """One sweep of the position stage, base to tip: formulas (2) to (4) of paper 003; returns F_R^2, scaled.
+    """One sweep of the position stage, base to tip: [Danilov 2021, eq. 2 to 4].
 
-    The target is carried instead of the links: turning all that lies beyond a joint by d is turning the target by -d.
+    The target is moved instead of the links: turning everything beyond a joint by d equals turning the target by -d.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        near_p: squared position tolerance [scaled], at which the sweep ends early.
+        q: (n,) joint values, changed in place.
+        work: scratch values, overwritten.
+
+    Returns:
+        F_R^2 [scaled] after the sweep.
     """
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
@@ -85,7 +97,23 @@ def place(table, goal, near_p, q, work):
 
 @jit
 def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
-    """One sweep of an axis stage, tip to base: bring the axis u of the last joint frame to t; returns their angle."""
+    """One sweep of an axis stage, tip to base: turn an axis of the last joint frame towards a target axis.
+
+    Args:
+        table: the chain.
+        ux: x of the axis, in the last joint frame; uy and uz likewise.
+        uy: see ux.
+        uz: see ux.
+        tx: x of the target axis, in base axes; ty and tz likewise.
+        ty: see tx.
+        tz: see tx.
+        tolerance: [rad] angle at which the sweep ends early.
+        q: (n,) joint values, changed in place.
+        work: scratch values, overwritten.
+
+    Returns:
+        Angle [rad] between the two axes after the sweep.
+    """
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
@@ -109,22 +137,63 @@ def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
 
 @jit
 def angle_between(ax, ay, az, tx, ty, tz):
+    """Angle between two vectors of equal length, by atan2.
+
+    Args:
+        ax: x of the first vector; ay and az likewise.
+        ay: see ax.
+        az: see ax.
+        tx: x of the second vector; ty and tz likewise.
+        ty: see tx.
+        tz: see tx.
+
+    Returns:
+        The angle [rad] in [0, pi].
+    """
     cx, cy, cz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
     return math.atan2(math.sqrt(cx * cx + cy * cy + cz * cz), ax * tx + ay * ty + az * tz)
 
 
 @jit
 def in_frame(vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """The vector with components v along the axes x, y and z."""
+    """Vector with given components along three axes.
+
+    Args:
+        vx: component along the x axis; vy and vz likewise.
+        vy: see vx.
+        vz: see vx.
+        xx: x component of the x axis; xy and xz are its y and z components.
+        xy: see xx.
+        xz: see xx.
+        yx: x component of the y axis; yy and yz likewise.
+        yy: see yx.
+        yz: see yx.
+        zx: x component of the z axis; zy and zz likewise.
+        zy: see zx.
+        zz: see zx.
+
+    Returns:
+        The three components of the vector.
+    """
     return vx * xx + vy * yx + vz * zx, vx * xy + vy * yy + vz * zy, vx * xz + vy * yz + vz * zz
 
 
 @jit
 def stage_axes(table, tip_axes, q, work):
-    """The axes E_x and E_z of the two axis stages, in the last joint frame.
+    """Axes E_x and E_z of the two axis stages, in the last joint frame.
 
-    With `tip_axes` the tool's own, z along and x across. Else E_z is the axis of the last hinge and E_x an axis across
-    it: unless one tool axis is parallel to that axis, the two stages undo each other.
+    By default E_z is the axis of the last hinge and E_x an axis perpendicular to it. The last hinge then turns E_x
+    without moving E_z. With the tool's own axes the two stages undo each other, unless one of these is parallel to that
+    hinge's axis.
+
+    Args:
+        table: the chain.
+        tip_axes: take the tool's own axes instead: its z (along the tool) as E_x, its x (across) as E_z.
+        q: (n,) joint values.
+        work: scratch values, overwritten.
+
+    Returns:
+        Six numbers: E_x, then E_z.
     """
     if tip_axes:
         return table[1, 2], table[1, 5], table[1, 8], table[1, 0], table[1, 3], table[1, 6]
@@ -133,7 +202,7 @@ def stage_axes(table, tip_axes, q, work):
         last -= 1
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
-    # z, unless slides or pantograph links lie beyond the hinge
+    # This is the z axis, unless slides or pantograph links lie beyond the hinge.
     ux, uy, uz = ex * xx + ey * xy + ez * xz, ex * yx + ey * yy + ez * yz, ex * zx + ey * zy + ez * zz
     none = ux - ux
     if abs(ux) < abs(uy):
@@ -145,7 +214,23 @@ def stage_axes(table, tip_axes, q, work):
 
 @jit
 def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
-    """F_R^2 [scaled], F_alpha1 and F_alpha2 [rad] of formula (6), and the squared chord of the whole rotation error."""
+    """Goal functions of [Danilov 2021, eq. 6] at `q`, and the whole rotation error.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        lx: x of the first stage axis in the last joint frame; ly and lz likewise.
+        ly: see lx.
+        lz: see lx.
+        ux: x of the second stage axis in the last joint frame; uy and uz likewise.
+        uy: see ux.
+        uz: see ux.
+        q: (n,) joint values.
+        work: scratch values, overwritten.
+
+    Returns:
+        F_R^2 [scaled], F_alpha1 [rad], F_alpha2 [rad], and the squared chord of the rotation error.
+    """
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
     ax, ay, az = in_frame(lx, ly, lz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
@@ -165,10 +250,24 @@ def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
 
 @jit
 def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out):
-    """The stages of paper 003, chapter 3, in turn until all three inequalities (6) hold.
+    """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its three inequalities (6) hold.
 
-    Axis tolerances `tol_1` and `tol_2` [rad]; a whole rotation error within `tol_r` will do too. `tip_axes` as for
-    `stage_axes`. Else as `solve_hybrid`.
+    Args:
+        memory: kernel memory of the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] or [m] start.
+        tol_p: [m] position tolerance.
+        tol_r: [rad] whole rotation error that suffices in place of the two axis tolerances.
+        tol_1: [rad] tolerance of F_alpha1.
+        tol_2: [rad] tolerance of F_alpha2.
+        limit: largest number of sweeps.
+        keep: keep the branch of `q0`.
+        tip_axes: as in `stage_axes`.
+        trail: (rows, n) takes the joint values of every sweep that it has a row for.
+        out: (n,) takes the solution.
+
+    Returns:
+        (code, sweeps, 0, position error [m], orientation error [rad]).
     """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
     options_good = tol_p > 0.0 and tol_r > 0.0 and tol_1 > 0.0 and tol_2 > 0.0 and limit >= 1

@@ -1,6 +1,6 @@
-"""Compiled loops of the Jacobian-free method: combined sweeps of paper 003's steps, under Anderson acceleration.
+"""Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson acceleration.
 
-Arrays are those of `mkps_kinematics`.
+Arrays are those of `controllers.ik.kinematics`.
 """
 
 import math
@@ -44,21 +44,35 @@ from controllers.ik.kinematics import (
     turn_left,
 )
 
-AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of Anderson's memory `past`, DEPTH each for the last two
-DEPTH = 6  # of the Anderson acceleration
-# [1/rad^2] of the tool axes against the scaled position, which must lead; another at each restart, for what one weight
-# is slow at is often easy for the next.
+AT, SWEPT, RESIDUAL, STEPS, TURNS = 0, 1, 2, 3, 9  # columns of `past`; the last two are DEPTH columns wide
+DEPTH = 6  # sweeps that the Anderson acceleration remembers
+# [1/rad^2] weight of the tool axes against the scaled position, which must dominate. Each restart takes the next
+# weight, for a pose that converges slowly with one often converges fast with another.
 SWEEP_WEIGHT, LIGHTER, HEAVIER = 0.01, 0.003, 0.03
-SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # a stall: the objective does not fall to this factor in so many sweeps
-# Near singular configurations the objective falls slowly: under CLOSE, patience pays, and so does a mixed step that
-# raises it by less than LENIENT.
+SWEEP_WINDOW, SWEEP_FACTOR = 10, 0.8  # a stall: in 10 sweeps the objective does not fall to 0.8 times itself
+# Near singular configurations the objective falls slowly. Below CLOSE the stall factor is therefore CLOSE_FACTOR, and
+# an accelerated step may raise the objective by up to the factor LENIENT.
 CLOSE, CLOSE_FACTOR, LENIENT = 1e-5, 0.95, 20.0
-SHORT_WAY = 0.5  # [rad] that keeps the branch unlooked
+SHORT_WAY = 0.5  # [rad] joint motion up to which the branch counts as kept without a test
 
 
 @jit
 def turn(vx, vy, vz, ex, ey, ez, c, s):
-    """The vector v turned about the unit axis e (paper 003, formula (5))."""
+    """Rotate a vector about a unit axis ([Danilov 2021, eq. 5]).
+
+    Args:
+        vx: x of the vector; vy and vz likewise.
+        vy: see vx.
+        vz: see vx.
+        ex: x of the unit axis; ey and ez likewise.
+        ey: see ex.
+        ez: see ex.
+        c: cosine of the angle.
+        s: sine of the angle.
+
+    Returns:
+        The three components of the rotated vector.
+    """
     along = ex * vx + ey * vy + ez * vz
     along -= c * along
     return (
@@ -72,10 +86,19 @@ def turn(vx, vy, vz, ex, ey, ez, c, s):
 def sweep(table, goal, weight, mode, q, work):
     """One combined sweep, tip to base: each joint takes the exact minimiser of |R|^2 + weight sum |a_k - t_k|^2.
 
-    This joins the three stages of paper 003, formulas (2), (4) and (5), into one. Joints above the moving one keep
-    their axes and points, so only the tip point and the tool axes are carried: O(n). `mode` as in `descend`.
+    This joins the three stages of [Danilov 2021, eq. 2, 4 and 5] into one. Joints between the moving one and the base
+    keep their axes and points. Only the tip point and the tool axes are carried along, so a sweep costs O(n).
 
-    Returns the squared position error and chord before the sweep.
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        weight: [1/rad^2] of the tool axes against the scaled position.
+        mode: ALONG, WITHIN or THROUGH, as in `controllers.ik.damped_descent.descend`.
+        q: (n,) joint values, changed in place.
+        work: scratch values, overwritten.
+
+    Returns:
+        Squared position error [scaled] and squared chord before the sweep.
     """
     nothing, full_turn = q.dtype.type(64.0) * np.finfo(q.dtype).eps, q.dtype.type(TWO_PI)
     px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
@@ -121,7 +144,7 @@ def sweep(table, goal, weight, mode, q, work):
                 + ez * (xx * ty - xy * tx + yx * uy - yy * ux + zx * vy - zy * vx)
             )
         length = math.sqrt(near * near + across * across)
-        if length < nothing:  # the joint cannot change the objective
+        if length < nothing:  # this joint cannot change the objective
             continue
         c, s = near / length, across / length
         wanted = q[i] + math.atan2(across, near)
@@ -143,7 +166,14 @@ def sweep(table, goal, weight, mode, q, work):
 
 @jit
 def mix(count, past, normal, q):
-    """Anderson's step: g - dG argmin |f - dF y|, from `count` pairs of differences, by regularised normal equations."""
+    """Anderson's step, g - dG argmin |f - dF y|, by regularised normal equations.
+
+    Args:
+        count: number of pairs of differences in `past`.
+        past: (n, PAST) memory of the acceleration, columns as named above.
+        normal: (6, 8) scratch values, overwritten.
+        q: (n,) joint values, out.
+    """
     real = q.dtype.type
     n = q.shape[0]
     zero = real(0.0)
@@ -186,14 +216,35 @@ def mix(count, past, normal, q):
 
 @jit
 def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, work, past, q, trail, row):
-    """Combined sweeps as a fixed-point map g(q) under Anderson acceleration. Arguments and returns as `descend`.
+    """Combined sweeps as a fixed-point map g(q) with Anderson acceleration.
 
-    A mixed step that raises the objective too far, which plain sweeps never do, is taken back and the memory dropped.
+    An accelerated step that raises the objective too far, which plain sweeps never do, is undone and the memory of the
+    acceleration is cleared.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        weight: [1/rad^2] as in `sweep`.
+        near_p: squared position tolerance [scaled].
+        near_r: squared chord of the orientation tolerance.
+        limit: largest number of sweeps.
+        mode: as in `sweep`.
+        best2: least squared error so far.
+        normal: (6, 8) scratch values, overwritten.
+        work: scratch values; column BEST takes joint values whose error is under `best2` and which are within the
+            limits.
+        past: (n, PAST) memory of the acceleration.
+        q: (n,) start; after convergence the solution.
+        trail: (rows, n) takes the joint values of every sweep that it has a row for.
+        row: first row of `trail` to write.
+
+    Returns:
+        (code, sweeps, least squared error, squared position error, squared chord).
     """
     real = q.dtype.type
     n = q.shape[0]
     sweeps, count, slot = 0, 0, 0
-    known = False  # whether the memory holds the sweep before this one
+    known = False  # the memory holds the sweep before this one
     reference, mark = real(np.inf), real(np.inf)
     rounding = real(1.0) + real(1.0 / 16.0) * math.sqrt(np.finfo(q.dtype).eps)
     while True:
@@ -244,7 +295,25 @@ def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, 
 
 @jit
 def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out):
-    """Accelerated combined sweeps with restarts, every other one THROUGH the limits. As `solve_hybrid`."""
+    """Jacobian-free method: accelerated combined sweeps with restarts.
+
+    Every second restart lets hinges pass their limits on the way (THROUGH).
+
+    Args:
+        memory: kernel memory of the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] or [m] start.
+        tol_p: [m] position tolerance.
+        tol_r: [rad] orientation tolerance.
+        limit: largest number of sweeps, restarts included.
+        restarts: largest number of restarts.
+        keep: keep the branch of `q0`: no restart, no jump by a whole turn.
+        trail: (rows, n) takes the joint values of every sweep that it has a row for.
+        out: (n,) takes the solution.
+
+    Returns:
+        (code, sweeps, restarts, position error [m], orientation error [rad]).
+    """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
     options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)

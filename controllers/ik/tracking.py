@@ -1,18 +1,19 @@
-"""Tracking of a tool pose, through singular configurations too (paper 003, chapter 4, figs. 6 and 7).
+"""Tracking of a sequence of tool poses, also through singular configurations [Danilov 2021, chapter 4, figs. 6 and 7].
 
     path = track(chain, X_base_tip, q0, period=0.01)                   # a whole sequence of poses
     tracker = Tracker(chain, period=0.01); state = tracker.init(q0)    # or one pose at a time
     state, step = tracker.step(state, X_base_tip)
 
 Each pose is solved for from the last joint values, by short steps on their branch. Near a singular configuration this
-may spin some joints ("looping" in the paper), so there the arm passes in one of the paper's two ways: `limit` clamps
-the joints to what they can travel in a period, `hold` keeps the joint that would spin constant. The tool then leaves
-its path, by the least that this allows, its position less than its direction, and comes back at the same speed limits.
+may spin some joints ("looping" in [Danilov 2021]). There the arm passes in one of its two ways. `limit` clamps the
+joints to their travel in one period at the speed limits. `hold` keeps the joint that would spin constant. The tool then
+leaves its path by the least amount that this allows, in position less than in orientation. It returns at the same speed
+limits.
 
-Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain, so that it counts
-metres of an arm's length and radians alike: 0 is singular, and 1/nearness bounds the joint speed [rad/s] that a tool
-speed of 1 may ask for. Passing begins where it is under `near` and the plain answer is too fast for `speed_limits`. It
-is `hold` under a quarter of `near`, else `limit`. It ends where the plain answer is slow enough again.
+Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain. Lengths thus count
+in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness bounds the joint speed [rad/s] for a tool
+speed of 1. Passing begins where nearness is under `near` and the plain solution exceeds `speed_limits`. It is `hold`
+under a quarter of `near`, else `limit`. It ends where the plain solution is within `speed_limits` again.
 """
 
 from dataclasses import dataclass
@@ -31,37 +32,37 @@ Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
 TrackingMethod = Literal["hybrid", "jacobian_free", "plain"]
 
-_HOLD_SHARE = 0.25  # of `near`, under which a joint is held
-_STEPS = 400  # of the solver a pose
-_LEAD = 8.0  # weight of the position against the orientation where the tool must leave its path
+_HOLD_SHARE = 0.25  # share of `near` under which a joint is held
+_STEPS = 400  # largest number of solver steps per pose
+_LEAD = 8.0  # factor of position against orientation errors where the tool must leave its path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackState:
-    """All that a `Tracker` remembers from pose to pose."""
+    """Memory of a `Tracker` from pose to pose."""
 
     q: Array  # (n,) [rad] or [m]
-    way: Way = "none"  # how it passes a singular configuration, if it does
+    way: Way = "none"  # active way of passing a singular configuration
     held: int | None = None  # index of the joint that is held
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackStep:
-    """One pose tracked."""
+    """Result of one tracked pose."""
 
     q: Array  # (n,) [rad] or [m]
     qd: Array  # (n,) [rad/s] or [m/s] mean speed since the last pose
     position_error: float  # [m]
     orientation_error: float  # [rad]
     converged: bool  # both errors within their tolerances
-    nearness: float  # to singular configurations, at the start of the step
-    way: Way  # the passing that was active
+    nearness: float  # to singular configurations, at the start of the step (see the module)
+    way: Way  # active way of passing
     restricted: NDArray[np.bool_]  # (n,) joints that passing held or clamped
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """A sequence of poses tracked, one row a pose; the fields of `TrackStep`."""
+    """Result of a tracked sequence, one row per pose; fields as in `TrackStep`."""
 
     time: Array  # (N,) [s], the first pose at one period
     q: Array  # (N, n)
@@ -75,7 +76,10 @@ class Track:
 
 
 class Tracker:
-    """Follows tool poses given every `period` [s]. Holds no state of its own: one may serve many arms and threads."""
+    """Tracks tool poses given every `period` [s].
+
+    It has no state of its own: one tracker may serve many arms and threads.
+    """
 
     def __init__(
         self,
@@ -89,14 +93,22 @@ class Tracker:
         orientation_tolerance: float = 1e-5,
         method: TrackingMethod = "hybrid",
     ) -> None:
-        """`speed_limits` [rad/s] or [m/s], one or (n,), are kept while a singular configuration is passed.
+        """Validate and store the options of the tracking.
 
-        `passing`: "auto" chooses, "limit" never holds a joint, "hold" holds one while the arm is near, "off" tracks
-        the pose whatever the speed. `near` is the nearness (see the module) under which passing may begin; infinite
-        where the speed limits are to be kept everywhere. Tolerances in [m] and [rad].
+        Args:
+            chain: the serial chain.
+            period: [s] between poses.
+            speed_limits: [rad/s] or [m/s], one or (n,), kept while a singular configuration is passed.
+            passing: "auto" chooses between the two ways. "limit" never holds a joint. "hold" holds one while the arm is
+                near a singular configuration. "off" tracks the pose at any joint speed.
+            near: nearness (see the module) under which passing may begin; infinite to keep the speed limits everywhere.
+            position_tolerance: [m] of each pose.
+            orientation_tolerance: [rad] of each pose.
+            method: solver, as in `controllers.mkps.solve`.
 
-        Raises ConfigurationError for a period, speed limit, nearness or tolerance that is not positive and finite, and
-        for an unknown passing or method.
+        Raises:
+            ConfigurationError: for a period, speed limit, nearness or tolerance that is not positive and finite, or for
+                an unknown passing or method.
         """
         given = {
             "period": period,
@@ -123,7 +135,7 @@ class Tracker:
         self._rank = _generic_rank(chain)
 
     def init(self, q0: ArrayLike) -> TrackState:
-        """The state at joint values `q0` (n,) [rad] or [m]; ConfigurationError if they are bad or beyond the limits."""
+        """State at joint values `q0` (n,) [rad] or [m]; ConfigurationError if they are bad or beyond the limits."""
         q = checked(q0, (self.chain.n,), "q0")
         lower, upper = self.chain.limits.T
         for i in np.flatnonzero((q < lower - 1e-9) | (q > upper + 1e-9)):
@@ -162,14 +174,14 @@ class Tracker:
         return TrackState(q=q, way=way, held=held), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
-        """The way to pass, and the joint to hold: the one that moves most in the weakest motion."""
+        """The way of passing, and the joint to hold: the one that moves most in the weakest motion."""
         near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
         if self.passing == "limit" or not nearness < near:
-            return "limit", None  # the way back from holding too
+            return "limit", None  # also on the way back after a joint was held
         return "hold", int(np.argmax(np.abs(motion))) if state.held is None else state.held
 
     def _weakest(self, q: Array) -> tuple[float, Array]:
-        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least though it should."""
+        """Nearness at `q`, and the unit joint motion (n,) that moves the tool least: the singular vector."""
         J = self.chain.jacobian(q)
         J[:3] *= self.chain._scale
         slides = np.array([letter == "p" for letter in self.chain.joint_types])
@@ -178,7 +190,7 @@ class Tracker:
         return float(values[self._rank - 1]), motions[self._rank - 1]
 
     def _solve(self, target: Array, q0: Array, limits: Array) -> tuple[Array, tuple[float, float], bool]:
-        """The nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad], converged)."""
+        """Nearest pose within `limits`, by short steps from `q0`: (q, errors [m] [rad], converged)."""
         chain, memory = self.chain, self._memory.copy()
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
@@ -211,7 +223,26 @@ def track(
     orientation_tolerance: float = 1e-5,
     method: TrackingMethod = "hybrid",
 ) -> Track:
-    """Follow the poses `X_base_tip` (N, 4, 4), one every `period` [s], from `q0` (n,); options as for `Tracker`."""
+    """Track a whole sequence of tool poses.
+
+    Args:
+        chain: the serial chain.
+        X_base_tip: (N, 4, 4) tip poses in the base frame.
+        q0: (n,) [rad] or [m] joint values one period before the first pose.
+        period: [s] between poses.
+        speed_limits: [rad/s] or [m/s], as in `Tracker`.
+        passing: as in `Tracker`.
+        near: as in `Tracker`.
+        position_tolerance: [m] as in `Tracker`.
+        orientation_tolerance: [rad] as in `Tracker`.
+        method: as in `Tracker`.
+
+    Returns:
+        Joint values, speeds and errors, one row per pose.
+
+    Raises:
+        ConfigurationError: as `Tracker`, and for poses or joint values that are not valid.
+    """
     tracker = Tracker(
         chain,
         period,
@@ -243,7 +274,7 @@ def track(
 
 
 def _generic_rank(chain: Chain) -> int:
-    """Rank that the Jacobian of the chain has almost everywhere (3 for a planar arm)."""
+    """Rank of the chain's Jacobian almost everywhere (3 for a planar arm)."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(-3.0, 3.0, (8, chain.n))
     return max(int(np.linalg.matrix_rank(chain.jacobian(q), tol=1e-9 * max(1.0, 1.0 / chain._scale))) for q in samples)

@@ -1,1 +1,1 @@
-"""Tasks of an intervention: contact work, insertion, inspection, seabed work, touching, and reactions to faults."""
+"""Task planners of an intervention: contact work, insertion, inspection, seabed work, touching, fault responses."""

@@ -1,8 +1,8 @@
-"""Work that lets a tool in along its axis, by what is felt: what holes and soil share.
+"""Base of work that moves a tool in along its axis under admittance control: insertion into holes, penetration of soil.
 
-The way to the stand-off is that of `controllers.tasks.supervisor`. From there the advance is a damping law: the wanted
-speed at no force, less as the force against the motion grows, none at the set force and back beyond it, so that what
-stops the tool is pressed with the set force. The way out is that of the way in, as far as the stand-off.
+`controllers.tasks.supervisor` brings the tool to the stand-off. From there the advance is a damping law. At zero force
+the tool has the wanted speed; the speed falls as the opposing force grows, is zero at the set force and negative above
+it. A tool that is stopped is thus pressed with the set force. The tool leaves by the same way, back to the stand-off.
 """
 
 import math
@@ -22,59 +22,59 @@ _OVER = (WorkState.WITHDRAW, WorkState.DONE, WorkState.ABORT)
 
 
 class AxialJob(Protocol):
-    """What the job of such work says, whatever else it says."""
+    """Parameters that every job of axial work has."""
 
     @property
     def standoff(self) -> float:
-        """[m] before the surface, from which the tool approaches."""
+        """Distance [m] before the surface from which the tool approaches."""
         ...
 
     @property
     def approach_speed(self) -> float:
-        """[m/s] of the tool outside."""
+        """Speed [m/s] of the tool outside."""
         ...
 
     @property
     def speed(self) -> float:
-        """[m/s] of the tool inside."""
+        """Speed [m/s] of the tool inside."""
         ...
 
     @property
     def acceleration(self) -> float:
-        """[m/s^2] of the tool."""
+        """Acceleration limit [m/s^2] of the tool."""
         ...
 
     @property
     def yielding(self) -> float:
-        """[m/s^2] of the tool where a force is felt."""
+        """Acceleration limit [m/s^2] of the tool while a force opposes its motion."""
         ...
 
     @property
     def longest(self) -> float:
-        """[s] from the stand-off to the work, and of the way out."""
+        """Time limit [s] from the stand-off to the work, and of the way out."""
         ...
 
     @property
     def force_limit(self) -> float:
-        """[N] felt in any direction that ends the work."""
+        """Estimated contact force [N], in any direction, above which the work ends."""
         ...
 
     @property
     def lost_place(self) -> float:
-        """[m] off its place at which the hull counts as carried away."""
+        """Position error [m] of the hull above which the work ends."""
         ...
 
 
 @dataclass(slots=True, eq=False)
 class AxialState:
-    """Where such work stands."""
+    """State of axial work."""
 
     arrival: SupervisorState
     state: WorkState
-    since: float  # [s] the state was entered
-    began: float = 0.0  # [s] the stand-off was left
-    depth: float = 0.0  # [m] of the tip below the surface as found; negative before it
-    speed: float = 0.0  # [m/s] of its advance
+    since: float  # [s] time at which the state was entered
+    began: float = 0.0  # [s] time at which the stand-off was left
+    depth: float = 0.0  # [m] of the tip below the surface as identified; negative before it
+    speed: float = 0.0  # [m/s] of the advance
     reason: str = ""  # why the work was broken off
 
 
@@ -83,17 +83,23 @@ StateT = TypeVar("StateT", bound=AxialState)
 
 
 class AxialWork(Generic[JobT, StateT]):
-    """Base of planners whose tool goes in along its axis; a planner adds its own states."""
+    """Base of planners that move a tool in along its axis; a planner adds states of its own."""
 
     def __init__(self, job: JobT, arrival: SurfaceWork, *, too_long: str) -> None:
-        """Take the job, the way to its stand-off, and what to say where the work is not begun in time."""
+        """Store the job and the planner of the way to the stand-off.
+
+        Args:
+            job: parameters of the work.
+            arrival: planner that brings the tool to the stand-off.
+            too_long: first words of the reason given when `longest` is exceeded before the work begins.
+        """
         self.period = arrival.period
         self._job, self._arrival, self._too_long = job, arrival, too_long
 
     def _arrive(
         self, state: StateT, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> Reference | None:
-        """The reference on the way to the stand-off, and where that is not reached; None from there on."""
+        """Reference on the way to the stand-off, or after a failure to reach it; None once the tool is there."""
         under_way = state.state in _UNDER_WAY
         if not under_way and state.arrival.path is not None:
             return None
@@ -103,7 +109,7 @@ class AxialWork(Generic[JobT, StateT]):
         if state.arrival.state in _UNDER_WAY:
             state.state, state.since = state.arrival.state, state.arrival.since
             return reference
-        if state.arrival.state is not WorkState.APPROACH:  # it could not come there
+        if state.arrival.state is not WorkState.APPROACH:  # the stand-off could not be reached
             state.state, state.reason = state.arrival.state, state.arrival.reason
             return reference
         state.depth, state.began = -self._job.standoff, estimate.time
@@ -111,14 +117,16 @@ class AxialWork(Generic[JobT, StateT]):
         return None
 
     def _enter(self, state: StateT, what: WorkState, time: float) -> None:
+        """Change to another state."""
         state.state, state.since = what, time
 
     def _break_off(self, state: StateT, time: float, reason: str) -> None:
+        """Withdraw the tool, for the given reason."""
         state.reason = reason
         self._enter(state, WorkState.WITHDRAW, time)
 
     def _advance(self, state: StateT, wanted: float, resisted: float = 0.0) -> None:
-        """Move the depth by one period, at `wanted` [m/s] less what `resisted` takes of it, see `next_speed`."""
+        """Move the depth by one period at `wanted` [m/s], reduced by the force share `resisted` (see `next_speed`)."""
         job = self._job
         state.speed = next_speed(
             state.speed, wanted, resisted, acceleration=job.acceleration, yielding=job.yielding, period=self.period
@@ -126,7 +134,10 @@ class AxialWork(Generic[JobT, StateT]):
         state.depth += state.speed * self.period
 
     def _draw_out(self, state: StateT, time: float, *, mouth: float, resisted: float) -> None:
-        """Out along the axis, with the pull bounded as the push was; beyond `mouth` [m], back to the stand-off."""
+        """Move out along the axis, with the pull bounded as the push was.
+
+        Outside `mouth` [m] the tool moves freely, back to the stand-off.
+        """
         job = self._job
         inside = state.depth > mouth
         self._advance(state, -job.speed if inside else -job.approach_speed, resisted if inside else 0.0)
@@ -139,7 +150,7 @@ class AxialWork(Generic[JobT, StateT]):
             self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _watch(self, state: StateT, estimate: StateEstimate, force: float) -> None:
-        """Draw the tool out when the hull is carried away, the force [N] is too large, or it takes too long."""
+        """Withdraw the tool if the hull drifts off, the force [N] is above its limit, or time runs out."""
         job, time = self._job, estimate.time
         if state.state in _OVER:
             return
@@ -155,10 +166,19 @@ class AxialWork(Generic[JobT, StateT]):
 def next_speed(
     speed: float, wanted: float, resisted: float, *, acceleration: float, yielding: float, period: float
 ) -> float:
-    """Speed [m/s] one `period` [s] after `speed`, where `wanted` [m/s] is the speed at no force.
+    """Damping law of the advance: speed one period later.
 
-    `resisted` is the force against the motion as a share of that at which it stands still; beyond, the tool gives way,
-    no faster than it came. It changes by at most `acceleration` [m/s^2], or `yielding` [m/s^2] where a force is felt.
+    Args:
+        speed: [m/s] now.
+        wanted: [m/s] speed at zero force.
+        resisted: force against the motion as a share of the force at which the tool stands still. Above 1 the tool
+            moves back, at most at the speed `wanted`.
+        acceleration: [m/s^2] limit of the change of speed.
+        yielding: [m/s^2] the same limit while a force opposes the motion.
+        period: [s].
+
+    Returns:
+        The speed [m/s].
     """
     wanted *= min(max(1.0 - resisted, -1.0), 1.0)
     most = (yielding if resisted > 0.0 else acceleration) * period
@@ -166,9 +186,17 @@ def next_speed(
 
 
 def felt_by_tool(last: Command | None, axis_W: Array) -> tuple[float, float]:
-    """Force [N] felt against the advance along `axis_W` (3,), and across it.
+    """Estimated contact force along and across the direction of advance.
 
-    Raises ConfigurationError if the controller does not say what it feels.
+    Args:
+        last: the controller's last command.
+        axis_W: (3,) unit direction of advance in W.
+
+    Returns:
+        Force [N] against the advance, and magnitude [N] of the force across it.
+
+    Raises:
+        ConfigurationError: if the controller does not estimate the contact force.
     """
     if last is None or not math.isfinite(last.felt_normal) or "f_tip_W" not in last.believed:
         raise ConfigurationError(

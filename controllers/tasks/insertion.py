@@ -1,12 +1,11 @@
-"""Insertion: a sampler put into a hole of a known object, and drawn out (the sampling holes of paper 002's manifolds).
+r"""Insertion: puts a sampler into a hole of a known object and withdraws it (the sampling holes of [Konoplin 2022]).
 
-settle -> scan -> close-in -> tare -> approach -> insert -> work (its stay) -> withdraw -> done
-                                         \\-> search -/       any of these -> withdraw -> abort
+settle -> scan -> close-in -> tare -> approach -> insert -> work (stays in the hole) -> withdraw -> done
+                                         \-> search -/       any of these -> withdraw -> abort
 
-The way to the stand-off is that of `controllers.tasks.supervisor`; from there on it goes along the axis of the hole as
-it was found. The advance is a damping law: the wanted speed at no force, less as the axial force grows, none at the set
-force and back beyond it, so that what stops the tool is pressed with the set force; and it waits while the tool is
-pressed aside, until the lateral compliance of the controller has brought it to the middle.
+`controllers.tasks.supervisor` brings the tool to the stand-off. From there it moves along the axis of the hole as
+identified, by the damping law of `controllers.tasks.axial_work`. While a side force acts, the advance waits until the
+lateral compliance of the controller has centred the tool.
 """
 
 import math
@@ -31,38 +30,38 @@ _ZERO = readonly(np.zeros(3))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionJob:
-    """How far, how fast, how hard; and when to give up. Depths are those of the tip below the mouth as found."""
+    """Depths, speeds, forces and limits of an insertion; depths are of the tip below the mouth as identified."""
 
-    depth: float = 0.06  # [m] to be reached
-    stay: float = 2.0  # [s] at that depth
-    standoff: float = 0.06  # [m] before the mouth, from which the tool approaches
+    depth: float = 0.06  # [m] to reach
+    stay: float = 2.0  # [s] time at that depth
+    standoff: float = 0.06  # [m] distance before the mouth from which the tool approaches
     approach_speed: float = 0.02  # [m/s] up to `guard` before the mouth
     touch_speed: float = 0.008  # [m/s] from there on
-    guard: float = 0.02  # [m]
-    early: float = 0.012  # [m] before the mouth at which nothing may yet be touched
-    entry: float = 0.005  # [m] before the mouth from which the tool gives way
-    touch: float = 5.0  # [N] felt along the axis that counts as touch
-    touch_time: float = 0.04  # [s] that it must be felt
-    force: float = 15.0  # [N] along the axis at which the entry stands still
-    speed: float = 0.006  # [m/s] of the entry, and of the way out
-    side_easy: float = 5.0  # [N] felt across the axis up to which the entry goes at full speed,
-    side_full: float = 10.0  # [N] and at which it waits
-    acceleration: float = 0.03  # [m/s^2]
-    yielding: float = 0.3  # [m/s^2] where a force is felt
-    nose: float = 0.018  # [m] depth at which the tool's nose is in: before, a stop is the rim, after, the wall
-    stall: float = 2.0  # [s] within which the tool must gain
-    gain: float = 0.0015  # [m]; else it is stopped
-    search_force: float = 8.0  # [N] with which the rim is felt for the hole
+    guard: float = 0.02  # [m] distance before the mouth at which the slower speed begins
+    early: float = 0.012  # [m] contact farther than this before the mouth is an obstacle
+    entry: float = 0.005  # [m] distance before the mouth from which the tool is compliant
+    touch: float = 5.0  # [N] axial force that counts as contact
+    touch_time: float = 0.04  # [s] for which it must last
+    force: float = 15.0  # [N] axial force at which the advance stops
+    speed: float = 0.006  # [m/s] in the hole, in and out
+    side_easy: float = 5.0  # [N] side force up to which the advance has full speed,
+    side_full: float = 10.0  # [N] and from which it waits
+    acceleration: float = 0.03  # [m/s^2] limit
+    yielding: float = 0.3  # [m/s^2] limit while a force opposes the motion
+    nose: float = 0.018  # [m] length of the tool's nose: a stop at less depth is the rim, at more the wall
+    stall: float = 2.0  # [s] in which the tool must advance by `gain`, else it counts as stopped
+    gain: float = 0.0015  # [m]
+    search_force: float = 8.0  # [N] pressed on the rim while the hole is searched for
     search_speed: float = 0.008  # [m/s] along the spiral
     search_pitch: float = 0.004  # [m] between its turns
-    search_radius: float = 0.016  # [m] around the hole as found
-    dip: float = 0.003  # [m] by which the tool must drop for the hole to be found
-    back: float = 0.01  # [m] by which a jammed tool is drawn back to try again
-    tries: int = 3
-    longest: float = 90.0  # [s] from the stand-off to the depth
-    compliance: bool = True  # False: the tool does not give way (ablation)
-    force_limit: float = 60.0  # [N] felt in any direction that ends the work
-    lost_place: float = 0.08  # [m] off its place at which the hull counts as carried away: the arm has that in hand
+    search_radius: float = 0.016  # [m] around the hole as identified
+    dip: float = 0.003  # [m] drop of the tool by which the hole is found
+    back: float = 0.01  # [m] by which a jammed tool backs off before the next try
+    tries: int = 3  # stops after which the insertion is tried again
+    longest: float = 90.0  # [s] limit from the stand-off to the depth
+    compliance: bool = True  # False: no lateral compliance (ablation)
+    force_limit: float = 60.0  # [N] contact force, in any direction, above which the work ends
+    lost_place: float = 0.08  # [m] position error of the hull above which the work ends; up to it the arm compensates
 
     def __post_init__(self) -> None:
         for name in ("depth", "standoff", "speed", "approach_speed", "touch_speed", "force", "search_force"):
@@ -83,20 +82,29 @@ class InsertionJob:
 
 @dataclass(slots=True, eq=False)
 class InsertionState(AxialState):
-    """Where the insertion stands; the depth is below the mouth."""
+    """State of the insertion; the depth is below the mouth."""
 
-    aside: tuple[float, float] = (0.0, 0.0)  # [m] off the axis as found, along the tool's x and y
+    aside: tuple[float, float] = (0.0, 0.0)  # [m] offset from the axis as identified, along the tool's x and y
     angle: float = 0.0  # [rad] along the spiral
     touched_at: float = 0.0  # [m] depth at which the search began
-    felt_for: float = 0.0  # [s] that a touch has been felt
-    deepest: float = 0.0  # [m] since `gained`
-    gained: float = 0.0  # [s] of the last gain in depth
-    backing_to: float = -np.inf  # [m] depth to which a jammed tool is being drawn back
-    tries: int = 0
+    felt_for: float = 0.0  # [s] for which contact has lasted
+    deepest: float = 0.0  # [m] depth at the last gain
+    gained: float = 0.0  # [s] time of the last gain in depth
+    backing_to: float = -np.inf  # [m] depth to which a jammed tool backs off; -inf: it does not
+    tries: int = 0  # stops so far
 
 
 def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
-    """The way of the tip from the mouth to `depth` [m] along the bore of a target at `X_WT` (4, 4), in W."""
+    """Path of the tip along the bore, from the mouth to a depth.
+
+    Args:
+        X_WT: (4, 4) pose of the target in W.
+        hole: the bore.
+        depth: [m] end of the path below the mouth.
+
+    Returns:
+        The path in W, with samples at most some 5 mm apart.
+    """
     X_WH = hole.pose(X_WT)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
     ones = np.ones((len(s), 1))
@@ -112,7 +120,7 @@ def axis_path(X_WT: Array, hole: Hole, depth: float) -> ToolPath:
 
 
 class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
-    """Planner (`sim.interfaces.protocols.Planner`) that puts the tool into one hole of one known object."""
+    """Planner (`sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one known object."""
 
     def __init__(
         self,
@@ -127,9 +135,21 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         period: float = 0.01,
         search: PlacementSearch | None = None,
     ) -> None:
-        """As `controllers.tasks.supervisor.SurfaceWork`, for `hole` of `target` in place of a path.
+        """Set up the planner; arguments as `controllers.tasks.supervisor.SurfaceWork`, with a hole instead of a path.
 
-        Raises ConfigurationError if the hole is not as deep as the job asks for.
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            target: model of the object.
+            hole: hole of that object.
+            job: depths, speeds, forces and limits.
+            X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
+            hull_box: (2, 3) [m] corners of the hull in B.
+            period: [s] of the planner.
+            search: hull placements that are tried.
+
+        Raises:
+            ConfigurationError: if the hole is not deeper than the job's depth.
         """
         if not job.depth < hole.depth:
             raise ConfigurationError(f"insertion depth: must be below the hole's {hole.depth} m, got {job.depth}")
@@ -147,12 +167,27 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         super().__init__(job, arrival, too_long="the depth was not reached")
 
     def init(self, estimate: StateEstimate) -> InsertionState:
+        """State at the start: settling before the scan."""
         arrival = self._arrival.init(estimate)
         return InsertionState(arrival=arrival, state=arrival.state, since=arrival.since)
 
     def step(
         self, state: InsertionState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[InsertionState, Reference]:
+        """Advance the insertion by one period.
+
+        Args:
+            state: state of the insertion, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command, with its estimate of the contact force.
+
+        Returns:
+            The state and the reference for the controller.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force.
+        """
         time, job = estimate.time, self._job
         if target is not None and target.accepted:
             target = replace(target, path=axis_path(target.X_WT, self._hole, job.depth))
@@ -179,11 +214,12 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
     # -- states ----------------------------------------------------------------------------------------------------
 
     def _enter(self, state: InsertionState, what: WorkState, time: float) -> None:
+        """Change to another state and restart its counters."""
         super()._enter(state, what, time)
         state.felt_for, state.deepest, state.gained = 0.0, state.depth, time
 
     def _approach(self, state: InsertionState, time: float, axial: float) -> None:
-        """To just before the mouth; there the tool begins to give way."""
+        """Advance to just before the mouth, where compliance begins."""
         job = self._job
         wanted = job.approach_speed if state.depth < -job.guard else job.touch_speed
         self._advance(state, wanted, max(0.0, axial) / job.force)
@@ -196,7 +232,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             self._enter(state, WorkState.INSERT, time)
 
     def _insert(self, state: InsertionState, time: float, axial: float, aside: float) -> None:
-        """In, with the axial force below its set value and the side force below its own; stopped: search, or again."""
+        """Advance with axial and side force below their set values; a stopped tool searches or tries again."""
         job = self._job
         if np.isfinite(state.backing_to):
             self._advance(state, -job.speed, -axial / job.force)
@@ -214,6 +250,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             self._stopped(state, time)
 
     def _stopped(self, state: InsertionState, time: float) -> None:
+        """After a stop: search for the hole at the rim, back off inside the bore, or give up."""
         job = self._job
         state.tries += 1
         if state.tries > job.tries:
@@ -224,13 +261,14 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             state.backing_to = max(state.depth - job.back, -job.entry)
 
     def _begin_search(self, state: InsertionState, time: float) -> None:
+        """Start the spiral at the present depth."""
         state.touched_at, state.angle = state.depth, 0.0
         self._enter(state, WorkState.SEARCH, time)
 
     def _search(self, state: InsertionState, time: float, axial: float) -> None:
-        """A spiral around the hole as found, pressed lightly on the rim, until the tool drops.
+        """Spiral around the hole as identified, with a light force on the rim, until the tool drops.
 
-        Where it loses touch it may be over the hole, and goes down before it goes on.
+        A loss of contact may mean that the tool is over the hole. The spiral then waits while the tool moves down.
         """
         job = self._job
         self._advance(state, job.touch_speed, axial / job.search_force)
@@ -245,16 +283,18 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             self._break_off(state, time, f"no hole within {job.search_radius * 1e3:.0f} mm of where it was found")
 
     def _withdraw(self, state: InsertionState, time: float, axial: float) -> None:
+        """Move out of the hole, back to the stand-off."""
         self._draw_out(state, time, mouth=-self._job.entry, resisted=-axial / self._job.force)
 
     def _touched(self, state: InsertionState, axial: float) -> bool:
+        """True once the axial force has been above `touch` for `touch_time`."""
         state.felt_for = state.felt_for + self.period if axial > self._job.touch else 0.0
         return state.felt_for >= self._job.touch_time
 
     # -- references ------------------------------------------------------------------------------------------------
 
     def _pose(self, state: InsertionState) -> Array:
-        """Tool pose (4, 4) at the depth, off the axis by the search."""
+        """Tool pose X_WG (4, 4) at the present depth, offset across the axis by the search."""
         arrival = state.arrival
         assert arrival.path is not None
         assert arrival.placement is not None
@@ -263,6 +303,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         return X
 
     def _reference(self, state: InsertionState, time: float) -> Reference:
+        """Reference for the controller in the present state."""
         X_WG = self._pose(state)
         at_rest = state.state in (WorkState.DONE, WorkState.ABORT)
         touching = not at_rest and state.depth > -self._job.early

@@ -1,11 +1,11 @@
-"""Inspection flight: the hull goes once around a found object at a set distance and keeps looking at it.
+"""Inspection flight: the hull orbits a found object once, at a set distance, with the camera facing it.
 
-Paper 004, second section: the trajectory is laid on the model and carried to the real object by the pose that was
-found, eq. (6): x'(t) = H + M_r (x(t) + p_1 - H) + p_2, which is R x + p with the pose of the model frame, X_WT.
+The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin 2019, section 2].
+Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT of the model frame.
 
-On the model it is the line of a set level distance from its outline, as seen from above: straight along the outline's
-sides and round about its corners. Along it goes the camera; the hull is level and turned so that the camera looks
-straight at the outline. A periodic cubic B-spline takes away the jumps of curvature.
+On the model the line has a set horizontal distance from the object's outline, as seen from above. It is straight along
+the sides of the outline and circular around its corners. The camera moves along it. The hull is level and has the
+heading at which the camera faces the outline. A periodic cubic B-spline removes the jumps of curvature.
 
 settle -> scan -> close-in -> work -> done
             any of these -> abort
@@ -27,28 +27,28 @@ from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
 
-_STEP = 0.02  # [m] between samples of the line
-_SMOOTH = 0.002  # [m] RMS by which the spline may leave it
-_LEVEL_VIEW = 0.2  # least level part of the camera's axis: one that looks straight down sees no side
-_CHECKED = 0.1  # [m] between the poses at which the hull's clearance is checked
+_STEP = 0.02  # [m] distance between samples of the line
+_SMOOTH = 0.002  # [m] RMS distance of the spline from the line
+_LEVEL_VIEW = 0.2  # least horizontal part of the camera's unit axis: facing straight down it sees no side
+_CHECKED = 0.1  # [m] distance between the poses whose clearance is tested
 _ZERO = readonly(np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionJob:
-    """What is to be kept on the way around."""
+    """Distances, speeds and limits of an inspection."""
 
-    distance: float = 1.4  # [m] camera to the object's outline at half its height, along the camera's axis
-    clearance: float = 0.3  # [m] hull and folded arm to the object, and to the seabed
+    distance: float = 1.4  # [m] camera to outline at half the object's height, along the camera's axis
+    clearance: float = 0.3  # [m] least distance of hull and folded arm to object and seabed
     speed: float = 0.15  # [m/s] of the hull
-    acceleration: float = 0.05  # [m/s^2]
-    turn_rate: float = 0.1  # [rad/s]
-    settle_speed: float = 0.03  # [m/s] and
-    settle_turn: float = 0.02  # [rad/s] below which the hull counts as quiet,
-    settle_time: float = 3.0  # [s] that it must be, within
-    settle_limit: float = 60.0  # [s]
-    behind: tuple[float, float] = (0.1, 0.25)  # [m] how far the hull is behind where the way slows down, and waits
-    lost_place: float = 0.8  # [m] off its place at which it counts as carried away
+    acceleration: float = 0.05  # [m/s^2] of the hull
+    turn_rate: float = 0.1  # [rad/s] of the hull
+    settle_speed: float = 0.03  # [m/s] below which the hull counts as at rest, together with
+    settle_turn: float = 0.02  # [rad/s]
+    settle_time: float = 3.0  # [s] for which it must be at rest
+    settle_limit: float = 60.0  # [s] within which that must be reached
+    behind: tuple[float, float] = (0.1, 0.25)  # [m] lag of the hull at which progress slows down, and stops
+    lost_place: float = 0.8  # [m] position error of the hull above which the inspection ends
 
     def __post_init__(self) -> None:
         for name in ("distance", "clearance", "speed", "acceleration", "turn_rate", "lost_place"):
@@ -61,15 +61,18 @@ class InspectionJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Orbit:
-    """A closed line around an object, once, as the camera and the hull go; the last sample is the first."""
+    """Closed line around an object, travelled once, of camera and hull; the last sample equals the first."""
 
-    s: Array  # (N,) [m] arc length of the camera's way
-    p_WC: Array  # (N, 3) [m] the camera
-    p_WB: Array  # (N, 3) [m] the hull
-    yaw: Array  # (N,) [rad] of the hull, without jumps
+    s: Array  # (N,) [m] arc length of the camera's line
+    p_WC: Array  # (N, 3) [m] positions of the camera
+    p_WB: Array  # (N, 3) [m] positions of the hull
+    yaw: Array  # (N,) [rad] heading of the hull, unwrapped
 
     def at(self, s: float) -> tuple[Array, Array, Array]:
-        """Hull pose (4, 4) at `s` [m], and its change with s: of the origin (3,), and of the turn (3,) [rad/m]."""
+        """Hull pose X_WB (4, 4) at arc length `s` [m], and its derivatives with respect to s.
+
+        The derivatives are those of the origin (3,) and of the orientation (3,) [rad/m], in W.
+        """
         i = int(np.clip(np.searchsorted(self.s, s) - 1, 0, len(self.s) - 2))
         h = self.s[i + 1] - self.s[i]
         share = (s - self.s[i]) / h
@@ -79,25 +82,31 @@ class Orbit:
         return pose(exp_so3([0.0, 0.0, yaw]), p), (self.p_WB[i + 1] - self.p_WB[i]) / h, turn
 
     def pace(self, job: InspectionJob) -> Progress:
-        """From rest to rest along it within the job's speed, acceleration and turn rate."""
+        """Progress from rest to rest along the orbit, within the job's speed, acceleration and turn rate."""
         way, yaw = (np.gradient(values, self.s, axis=0) for values in (self.p_WB, self.yaw))
         longest = float(np.linalg.norm(way, axis=1).max())
         bend = float(np.linalg.norm(np.gradient(way, self.s, axis=0), axis=1).max())
-        half = job.acceleration / np.sqrt(2.0)  # along the way and across it together
+        half = job.acceleration / np.sqrt(2.0)  # the components along and across the line add up to the limit
         rate = min(job.speed / longest, job.turn_rate / max(float(np.abs(yaw).max()), 1e-9), np.sqrt(half / bend))
         return Progress(float(self.s[-1]), rate, rate * longest / half)
 
 
 def around(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
-    """The closed line (N, 3) [m] of level `distance` [m] around the outline of `vertices_T` (V, 3), its last point its
-    first, and the level unit ways (N, 3) to the outline; frame T, `up_T` (3,) the vertical. Counter-clockwise from
-    above, at half the object's height.
+    """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
+
+    Args:
+        vertices_T: (V, 3) [m] vertices of the object in T.
+        up_T: (3,) vertical direction in T.
+        distance: [m] horizontal distance from the outline.
+
+    Returns:
+        The line (N, 3) [m] in T, its last point its first, and the horizontal unit directions (N, 3) to the outline.
     """
     axes = rotation_from_z(up_T, np.eye(3)[int(np.argmin(np.abs(up_T)))]).T
     seen = vertices_T @ axes.T
     outline = seen[ConvexHull(seen[:, :2]).vertices, :2]
     sides = np.roll(outline, -1, axis=0) - outline
-    out = np.arctan2(-sides[:, 0], sides[:, 1])  # of each side's outward normal
+    out = np.arctan2(-sides[:, 0], sides[:, 1])  # [rad] direction of each side's outward normal
     points: list[Array] = []
     for corner, side, before, after in zip(outline, sides, np.roll(out, 1), out, strict=True):
         turn = (after - before) % (2.0 * np.pi)
@@ -119,17 +128,27 @@ def around(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Arra
 
 
 def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, near_W: Array) -> Orbit:
-    """The line around `target` at `X_WT` (4, 4) for a camera at `X_BC` (4, 4) in the hull, z its axis.
+    """Orbit of a camera on the hull around an object.
 
-    It begins where the camera is nearest to `near_W` (3,) [m]. Raises ConfigurationError for a camera that looks
-    straight down or up.
+    Args:
+        target: model of the object.
+        X_WT: (4, 4) its pose in W.
+        job: distances and limits.
+        X_BC: (4, 4) pose of the camera in the hull, z its axis.
+        near_W: (3,) [m] the orbit begins where the camera is nearest to this point.
+
+    Returns:
+        The orbit in W.
+
+    Raises:
+        ConfigurationError: for a camera that faces straight down or up.
     """
     view = X_BC[:3, 2]
     level = float(np.hypot(view[0], view[1]))
     if level < _LEVEL_VIEW:
         raise ConfigurationError("inspection: the camera looks straight down or up, it does not see an object's sides")
     line_T, inward_T = around(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level * job.distance)
-    p_WC = transform_points(X_WT, line_T) - [0.0, 0.0, view[2] * job.distance]  # eq. (6)
+    p_WC = transform_points(X_WT, line_T) - [0.0, 0.0, view[2] * job.distance]  # [Konoplin 2019, eq. 6]
     inward_W = inward_T @ X_WT[:3, :3].T
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))
     p_WC, inward_W = (np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W))
@@ -148,24 +167,24 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
 
 @dataclass(slots=True, eq=False)
 class InspectionState:
-    """Where the inspection stands."""
+    """State of the inspection."""
 
     state: WorkState
-    since: float  # [s] the state was entered
-    X_WB: Array  # (4, 4) hull pose asked for
-    v_WB_W: Array  # (3,) [m/s] of it
-    w_WB_W: Array  # (3,) [rad/s]
-    quiet_since: float = np.inf  # [s]
+    since: float  # [s] time at which the state was entered
+    X_WB: Array  # (4, 4) hull pose reference
+    v_WB_W: Array  # (3,) [m/s] its velocity
+    w_WB_W: Array  # (3,) [rad/s] its angular velocity
+    quiet_since: float = np.inf  # [s] time since when the hull is at rest; inf: it is not
     orbit: Orbit | None = None
     progress: Progress | None = None  # along the orbit
     move: PoseMove | None = None
-    worked: float = 0.0  # [s] along the orbit's law of motion
-    path_s: float = 0.0  # [m]
-    reason: str = ""  # why it was broken off
+    worked: float = 0.0  # [s] time argument of `progress`
+    path_s: float = 0.0  # [m] arc length along the orbit
+    reason: str = ""  # why the inspection was broken off
 
 
 class Inspection:
-    """Planner (`sim.interfaces.protocols.Planner`) that looks at one known object from all around, its arm folded."""
+    """Planner (`sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
 
     def __init__(
         self,
@@ -180,16 +199,25 @@ class Inspection:
         floor: float = -np.inf,
         period: float = 0.01,
     ) -> None:
-        """Take the vehicle and its arm, the object's model, the job, and where to scan from, (4, 4) in W.
+        """Set up the planner.
 
-        `hull_box` (2, 3) [m] are the corners of the hull in B, `X_BC` (4, 4) is the camera in it, `floor` [m] the
-        height of the seabed in W.
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            target: model of the object.
+            job: distances, speeds and limits.
+            X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
+            hull_box: (2, 3) [m] corners of the hull in B.
+            X_BC: (4, 4) pose of the camera in the hull.
+            floor: [m] height of the seabed in W.
+            period: [s] of the planner.
         """
         self.period = period
         self._vehicle, self._chain, self._target, self._job = vehicle, chain, target, job
         self._X_WB_scan, self._hull_box, self._X_BC, self._floor = np.array(X_WB_scan), hull_box, X_BC, floor
 
     def init(self, estimate: StateEstimate) -> InspectionState:
+        """State at the start: settling before the scan."""
         return InspectionState(
             state=WorkState.SETTLE, since=estimate.time, X_WB=self._X_WB_scan, v_WB_W=_ZERO, w_WB_W=_ZERO
         )
@@ -197,6 +225,17 @@ class Inspection:
     def step(
         self, state: InspectionState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[InspectionState, Reference]:
+        """Advance the inspection by one period.
+
+        Args:
+            state: state of the inspection, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command; not used.
+
+        Returns:
+            The state and the reference for the controller.
+        """
         del last
         time = estimate.time
         over = state.state in (WorkState.DONE, WorkState.ABORT)
@@ -216,15 +255,17 @@ class Inspection:
         return state, self._reference(state, time)
 
     def _enter(self, state: InspectionState, what: WorkState, time: float) -> None:
+        """Change to another state, the hull reference at rest."""
         state.state, state.since, state.quiet_since = what, time, np.inf
         state.v_WB_W = state.w_WB_W = _ZERO
 
     def _give_up(self, state: InspectionState, time: float, reason: str) -> None:
+        """End the inspection where the vehicle is, for the given reason."""
         state.reason = reason
         self._enter(state, WorkState.ABORT, time)
 
     def _quiet(self, state: InspectionState, estimate: StateEstimate) -> bool:
-        """Whether the hull has been still for long enough; gives up where it never is."""
+        """True once the hull has been at rest for `settle_time`; gives up after `settle_limit`."""
         job, time = self._job, estimate.time
         moving = float(np.linalg.norm(estimate.v_WB_B)) > job.settle_speed
         if moving or float(np.linalg.norm(estimate.w_WB_B)) > job.settle_turn:
@@ -236,6 +277,7 @@ class Inspection:
         return time - state.quiet_since > job.settle_time
 
     def _scan(self, state: InspectionState, time: float, target: Target | None) -> None:
+        """Plan the orbit and the move to its start from the first identification; give up without one."""
         if target is None or target.time < state.since:
             if time - state.since > 5.0:
                 self._give_up(state, time, "no depth frame arrived within 5 s")
@@ -263,7 +305,7 @@ class Inspection:
         state.orbit, state.progress, state.move = found, found.pace(self._job), move
 
     def _check_clear(self, found: Orbit, move: PoseMove, X_WT: Array) -> None:
-        """Raise ReachError where hull or folded arm would come too near to the object or the seabed."""
+        """Raise ReachError if hull or folded arm would come too near to the object or the seabed."""
         obstacle = transform_points(X_WT, self._target.vertices)
         passing = HullPath(self._vehicle, self._chain, self._hull_box, obstacle)
         ways = {
@@ -285,13 +327,14 @@ class Inspection:
                     )
 
     def _close_in(self, state: InspectionState, estimate: StateEstimate) -> None:
+        """Move to the start of the orbit and wait there until the hull is at rest."""
         assert state.move is not None
         state.X_WB, state.v_WB_W = state.move.at(estimate.time)
         if state.move.done(estimate.time) and self._quiet(state, estimate):
             self._enter(state, WorkState.WORK, estimate.time)
 
     def _work(self, state: InspectionState, time: float, behind: float) -> None:
-        """On along the orbit, no faster than the hull follows."""
+        """Advance along the orbit, no faster than the hull follows."""
         assert state.orbit is not None
         assert state.progress is not None
         near, far = self._job.behind
@@ -304,6 +347,7 @@ class Inspection:
             self._enter(state, WorkState.DONE, time)
 
     def _reference(self, state: InspectionState, time: float) -> Reference:
+        """Reference for the controller in the present state."""
         n = len(self._vehicle.q_home)
         return Reference(
             time=time,

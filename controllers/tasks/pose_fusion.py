@@ -1,8 +1,8 @@
-"""Several finds of one object, some seconds apart, as one.
+"""Fusion of several identifications of one object, taken some seconds apart, into one pose.
 
-What a find says of the world holds two errors: the matcher's, new in every frame, and that of where the vehicle
-believes to be, which forgets itself within seconds. The second goes into the path as it is, for the tool is later
-re-aimed by a belief whose error has become another. A mean of finds that lie apart in time makes both smaller.
+An identification in W has two errors. That of the registration is independent in every frame. That of the believed hull
+position is correlated over some seconds. The path inherits it unchanged, while the tool is later aimed with a position
+estimate whose error has become another. Averaging identifications that lie apart in time reduces both errors.
 """
 
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ import numpy as np
 from sim.interfaces.messages import Target
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, readonly, transform_points
 
-AGREE = (0.05, 0.1)  # [m], [rad] from the last find; one further off is of something else, or of another turn
+AGREE = (0.05, 0.1)  # [m], [rad] from the last one; one farther off is of another object, or of a wrong orientation
 
 
 def fuse_poses(finds: Sequence[Target]) -> Target:
-    """The last of `finds`, moved with its path to the mean of all that agree with it.
+    """Move the last identification, with its path, to the mean of all that agree with it.
 
-    Moves are taken at the middle of the path, or of the object where there is none, so that what a find errs in turning
-    does not count by the distance to the world's origin.
+    Displacements are taken at the middle of the path, or at the object's origin where there is no path. Orientation
+    errors then do not grow with the distance to the origin of W.
     """
     last = finds[-1]
     middle = last.X_WT[:3, 3] if last.path is None else last.path.p.mean(axis=0)
@@ -40,4 +40,5 @@ def fuse_poses(finds: Sequence[Target]) -> Target:
 
 
 def _turned(R: Array, axes: Array) -> Array:
+    """Rotate axes (N, 3) by `R` (3, 3)."""
     return readonly(axes @ R.T)

@@ -1,17 +1,17 @@
-"""What the supervisor watches for, and what it does then.
+"""Fault responses of the supervisor to reported faults, drift of the hull, and wrong contact forces.
 
-| found | reaction |
+| condition | response |
 |---|---|
-| vision too old | the path waits at half the force, and goes on when vision is back; after `blind_time` retreat |
-| one torque sensor wrong | the work goes on, the motor's word in its place (`safety_wrapper`); two: retreat |
-| an encoder wrong | the arm holds still, the hull withdraws the tool along its axis |
-| a thruster lost | no more push, retreat along the tool axis, then off and up, as well as the other thrusters can |
+| vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
+| one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
+| an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
+| a thruster lost | no more push, retreat along the tool axis, then ascent off the object on the other thrusters |
 | hull off its place | the same, with all thrusters |
-| hull does not become quiet, or not come along | the work is given up |
+| hull does not come to rest, or lags behind its move | the work is given up |
 | force above its limit, or long above the set one; contact lost | retreat along the tool axis |
-| the estimate or the controller gives no numbers | arm braked, thrusters off (`safety_wrapper`), abort |
+| estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
 
-A retreat ends in ABORT. Before there is anything to retreat from, the work is given up where the vehicle is.
+A retreat ends in ABORT. Up to CLOSE_IN there is no contact to retreat from: the work then ends where the vehicle is.
 """
 
 import math
@@ -24,14 +24,14 @@ from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
 
 
 class Reaction(StrEnum):
-    """What to do."""
+    """Fault response, the mildest first."""
 
     GO_ON = "go on"
-    PAUSE = "pause"  # the path waits, the tool presses less
-    RETREAT = "retreat"  # the arm draws the tool off along its axis
-    RISE = "retreat and rise"  # and then the hull goes off and up, the arm held, out of reach of anything
-    WITHDRAW = "withdraw"  # the hull does, the arm holds still
-    STOP = "stop"  # nothing can be controlled
+    PAUSE = "pause"  # the path waits at a reduced force
+    RETREAT = "retreat"  # the arm withdraws the tool along its axis
+    RISE = "retreat and rise"  # then the hull ascends off the object
+    WITHDRAW = "withdraw"  # the hull withdraws the tool, the arm holds its joint angles
+    STOP = "stop"  # no control is possible
 
 
 REACTIONS = {
@@ -43,7 +43,7 @@ REACTIONS = {
     FaultKind.CONTROLLER: Reaction.STOP,
 }
 _SEVERITY = tuple(Reaction)
-_AGAIN = {FaultKind.TORQUE_SENSOR: Reaction.RETREAT}  # where it is the second of its kind
+_AGAIN = {FaultKind.TORQUE_SENSOR: Reaction.RETREAT}  # response to the second fault of a kind
 _SAID = {
     FaultKind.VISION: "vision is lost",
     FaultKind.TORQUE_SENSOR: "torque sensors of {} are wrong",
@@ -58,7 +58,7 @@ _TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The hardest reaction that anything asks for, and why."""
+    """The most severe response that any condition asks for, and the reason."""
 
     reaction: Reaction
     reason: str = ""
@@ -70,7 +70,18 @@ _SOUND = Verdict(Reaction.GO_ON)
 def choose_reaction(
     job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate, felt: float, faults: Sequence[Fault]
 ) -> Verdict:
-    """What is to be done now; `felt` [N], `faults` as the controller reports them. Counts times in `state`."""
+    """Choose the response to faults, drift of the hull, and the contact force.
+
+    Args:
+        job: limits of the work.
+        state: state of the supervisor; times of contact, excess force and rest are updated in place.
+        estimate: estimated state of the vehicle.
+        felt: [N] normal force at the tool as the controller estimates it.
+        faults: faults that the controller reports.
+
+    Returns:
+        The response with its reason.
+    """
     found = (
         _of_faults(job, faults, estimate.time),
         _of_place(job, state, estimate),
@@ -82,6 +93,7 @@ def choose_reaction(
 
 
 def _of_faults(job: SurfaceTaskConfig, faults: Sequence[Fault], time: float) -> Verdict:
+    """Response to the reported faults, the reason naming all faults of that kind."""
     if not math.isfinite(time):
         return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
     hardest, seen = _SOUND, []
@@ -99,7 +111,7 @@ def _of_faults(job: SurfaceTaskConfig, faults: Sequence[Fault], time: float) -> 
 
 
 def _of_place(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate) -> Verdict:
-    """The hull is carried away, or does not come to rest where it waits for that."""
+    """Response to a hull that drifts off, or does not come to rest in a state that waits for it."""
     time = estimate.time
     off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
     waiting = state.state in (WorkState.SETTLE, WorkState.CLOSE_IN) and state.hull_move is None
@@ -118,7 +130,7 @@ def _of_place(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEst
 
 
 def _of_contact(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate, felt: float) -> Verdict:
-    """The force is too large, or the contact is gone."""
+    """Response to a force that is too large, or to a lost contact."""
     if state.state in _TOUCHING and felt > job.force_limit:
         return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
     working = state.state is WorkState.WORK and job.force_control and job.contactless is None

@@ -1,13 +1,15 @@
-"""Work in the seabed: a core taken with a set push, or a tool dragged along a profile at a set depth (paper 004).
+"""Seabed work: takes a core with a set push, or drags a tool along a path at a set depth [Konoplin 2019].
 
 settle (-> settle, nearer) -> scan -> close-in -> tare -> approach -> insert (-> press) -> work -> withdraw -> done
                                              any of these -> withdraw -> abort
 
-The way to the stand-off is that of `controllers.tasks.supervisor`, from where `controllers.planning.seabed_height`
-says. A core is let in by the damping law of `controllers.tasks.axial_work` until the soil bears nearly the set push;
-then the force loop closes, and it stays a while under it. A tool that is dragged goes down to its depth, slower as the
-soil resists, and along the path at that depth. The controller feels the soil through the joints and gives its push to
-the thrusters.
+`controllers.tasks.supervisor` brings the tool to the stand-off, from the hull pose that
+`controllers.planning.seabed_height` chooses.
+
+A core enters by the damping law of `controllers.tasks.axial_work` until the soil bears nearly the set push. Then the
+force loop closes, and the tool stays for some time under that push. A dragged tool descends to its depth, slower as the
+soil resists, and then follows the path at that depth. The controller estimates the soil's force from the joint torques
+and feeds its push forward to the thrusters.
 """
 
 import math
@@ -33,28 +35,28 @@ _ZERO = readonly(np.zeros(3))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeabedJob:
-    """What is to be done in the soil. Depths are those of the tip below the surface as it was scanned."""
+    """Parameters of seabed work; depths are of the tip below the surface as scanned."""
 
-    depth: float = 0.18  # [m] dragged at; of a core: the tube is full
-    push: float = 50.0  # [N] of a core; of a tool that is dragged: at which its descent stands still
-    drag: bool = False  # along the path, else a core at its start
-    standoff: float = 0.1  # [m] over the surface, from which the tool approaches
-    guard: float = 0.05  # [m] over it, from which the ground is expected
-    approach_speed: float = 0.03  # [m/s] up to there
-    speed: float = 0.015  # [m/s] into the soil and out of it
+    depth: float = 0.18  # [m] of the dragged tool; of a core: depth at which the tube is full
+    push: float = 50.0  # [N] on a core; of a dragged tool: axial force at which its descent stops
+    drag: bool = False  # True: drag along the path; False: take a core at its start
+    standoff: float = 0.1  # [m] height over the surface from which the tool approaches
+    guard: float = 0.05  # [m] height over the surface below which contact is expected
+    approach_speed: float = 0.03  # [m/s] down to that height
+    speed: float = 0.015  # [m/s] in the soil, in and out
     drag_speed: float = 0.02  # [m/s] along the path
-    ramp: float = 2.0  # [s] from rest to that speed
-    acceleration: float = 0.03  # [m/s^2]
-    yielding: float = 0.3  # [m/s^2] where a force is felt
-    close: float = 0.9  # share of the push at which the force loop is closed
-    near: float = 0.05  # share of the push within which it counts as reached,
-    held: float = 1.0  # [s] that it must be,
-    press_time: float = 10.0  # [s] within which it must be reached
-    stay: float = 3.0  # [s] under the push
-    touch: float = 8.0  # [N] felt above `guard` that counts as something in the way
-    longest: float = 60.0  # [s] from the stand-off to the work
-    force_limit: float = 160.0  # [N] felt in any direction that ends the work
-    lost_place: float = 0.08  # [m] off its place at which the hull counts as carried away: the arm has that in hand
+    ramp: float = 2.0  # [s] time from rest to that speed
+    acceleration: float = 0.03  # [m/s^2] limit
+    yielding: float = 0.3  # [m/s^2] limit while a force opposes the motion
+    close: float = 0.9  # share of the push at which the force loop closes
+    near: float = 0.05  # tolerance of the push, as a share of it
+    held: float = 1.0  # [s] for which the push must be within that tolerance
+    press_time: float = 10.0  # [s] limit for reaching that
+    stay: float = 3.0  # [s] time under the push
+    touch: float = 8.0  # [N] axial force above `guard` that counts as an obstacle
+    longest: float = 60.0  # [s] limit from the stand-off to the work
+    force_limit: float = 160.0  # [N] contact force, in any direction, above which the work ends
+    lost_place: float = 0.08  # [m] position error of the hull above which the work ends; up to it the arm compensates
     scans: int = 3  # views taken before giving up
 
     def __post_init__(self) -> None:
@@ -72,15 +74,15 @@ class SeabedJob:
 
 @dataclass(slots=True, eq=False)
 class SeabedWorkState(AxialState):
-    """Where the work stands; the depth is below the surface as scanned."""
+    """State of seabed work; the depth is below the surface as scanned."""
 
-    path_s: float = 0.0  # [m] along the path
-    rate: float = 0.0  # [m/s]
-    borne_for: float = 0.0  # [s] that the soil has borne the push
+    path_s: float = 0.0  # [m] arc length along the path
+    rate: float = 0.0  # [m/s] speed along the path
+    borne_for: float = 0.0  # [s] for which the soil has borne the push
 
 
 class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
-    """Planner (`sim.interfaces.protocols.Planner`) of one operation in the seabed."""
+    """Planner (`sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a dragged tool."""
 
     def __init__(
         self,
@@ -94,10 +96,17 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         coarse: GroundApproach | None = None,
         period: float = 0.01,
     ) -> None:
-        """Take the vehicle and its arm, the job, and the level hull pose (4, 4) over the site to scan from.
+        """Set up the planner.
 
-        `hull_box` (2, 3) [m] are the corners of the hull in B; `search` says what must be kept over the ground. With
-        `coarse` it first comes near on the word of the Doppler log, and scans from there.
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            job: depths, push, speeds and limits.
+            X_WB_scan: (4, 4) level hull pose in W over the site, from which it is scanned.
+            hull_box: (2, 3) [m] corners of the hull in B.
+            search: heights that are tried, and clearances and margins to keep there.
+            coarse: if given, the vehicle first descends over the plane that the Doppler log sees, and scans from there.
+            period: [s] of the planner.
         """
         self._vehicle, self._chain = vehicle, chain
         self._X_WB_scan, self._hull_box, self._search = np.array(X_WB_scan), hull_box, search
@@ -114,7 +123,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         super().__init__(job, arrival, too_long="it was not in the soil")
 
     def _stand(self, target: Target, path: ToolPath) -> tuple[Placement, ToolPath, float]:
-        """A place over the seabed (`controllers.tasks.supervisor.Standing`) from which the tool reaches its depth."""
+        """Hull placement over the seabed from which the tool reaches its depth (a `Standing` of the supervisor)."""
         if target.ground is None:
             raise ReachError("no place to stand: nothing is known of the ground around the target")
         job = self._job
@@ -133,12 +142,27 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         return found.placement, path, 1.0
 
     def init(self, estimate: StateEstimate) -> SeabedWorkState:
+        """State at the start: settling before the scan."""
         arrival = self._arrival.init(estimate)
         return SeabedWorkState(arrival=arrival, state=arrival.state, since=arrival.since)
 
     def step(
         self, state: SeabedWorkState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SeabedWorkState, Reference]:
+        """Advance the work by one period.
+
+        Args:
+            state: state of the work, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command, with its estimate of the contact force.
+
+        Returns:
+            The state and the reference for the controller.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force.
+        """
         time = estimate.time
         on_the_way = self._arrive(state, estimate, target, last)
         if on_the_way is not None:
@@ -161,10 +185,12 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
     # -- states ----------------------------------------------------------------------------------------------------
 
     def _enter(self, state: SeabedWorkState, what: WorkState, time: float) -> None:
+        """Change to another state and restart its counter."""
         super()._enter(state, what, time)
         state.borne_for = 0.0
 
     def _approach(self, state: SeabedWorkState, time: float, axial: float) -> None:
+        """Advance to `guard` over the ground; contact before that is an obstacle."""
         job = self._job
         self._advance(state, job.approach_speed)
         if axial > job.touch:
@@ -173,6 +199,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             self._enter(state, WorkState.INSERT, time)
 
     def _insert(self, state: SeabedWorkState, time: float, axial: float) -> None:
+        """Penetrate the soil to the depth (dragged tool), or until the soil bears nearly the push (core)."""
         job = self._job
         self._advance(state, job.speed, axial / job.push)
         if job.drag:
@@ -187,6 +214,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             self._break_off(state, time, f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N")
 
     def _press(self, state: SeabedWorkState, time: float, axial: float) -> None:
+        """Wait under force control until the push has been reached for long enough."""
         job = self._job
         borne = abs(axial - job.push) <= job.near * job.push
         state.borne_for = state.borne_for + self.period if borne else 0.0
@@ -198,6 +226,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             )
 
     def _work(self, state: SeabedWorkState, time: float) -> None:
+        """Stay under the push (core), or follow the path (dragged tool)."""
         job, path = self._job, state.arrival.path
         assert path is not None
         if not job.drag:
@@ -210,13 +239,14 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             self._enter(state, WorkState.WITHDRAW, time)
 
     def _withdraw(self, state: SeabedWorkState, time: float, axial: float) -> None:
+        """Move out of the soil, back to the stand-off."""
         state.rate = 0.0
         self._draw_out(state, time, mouth=-self._job.guard, resisted=-axial / self._job.push)
 
     # -- references ------------------------------------------------------------------------------------------------
 
     def _on_path(self, state: SeabedWorkState) -> tuple[Array, Array, Array]:
-        """Tool pose (4, 4) at its depth on the path; change of place (3,) and turn (3,) [rad/m] along it."""
+        """Tool pose X_WG (4, 4) at its depth; derivatives of position (3,) and orientation (3,) [rad/m] with s."""
         arrival = state.arrival
         assert arrival.path is not None
         assert arrival.placement is not None
@@ -225,6 +255,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         return X, tangent + state.depth * np.cross(turn, X[:3, 2]), turn
 
     def _reference(self, state: SeabedWorkState, time: float) -> Reference:
+        """Reference for the controller in the present state."""
         X_WG, tangent, turn = self._on_path(state)
         over = state.state in (WorkState.DONE, WorkState.ABORT)
         in_soil = not over and state.depth > -self._job.guard

@@ -1,9 +1,9 @@
-"""The supervisor of contact work: which state the vehicle is in, and the reference that follows from it.
+r"""Supervisor of contact work: the state machine of the vehicle, and the reference of each state.
 
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
-             \\-> other view -> scan ...          any state with contact -> retreat -> abort
+             \-> other view -> scan ...          any state with contact -> retreat -> abort
 
-Work without contact (paper 004) goes from approach to work: there is nothing to press on.
+Work without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press on.
 """
 
 import math
@@ -29,28 +29,28 @@ from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate
 from sim.interfaces.spatial import Array, checked, exp_so3, pose, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
-_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # of the way between a path's ends that the hull may go with the tool
-_SHORTER = 0.04  # of a path that is left out, step by step, where it is too long
+_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
+_SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
 
-# Where to stand for a path on a target, the part of it that is worked from there, and its share; raises ReachError.
+# Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
-# The hull pose to scan from, once the vehicle is quiet at the one that it was told; raises ReachError.
+# Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
 ComingNear = Callable[[StateEstimate, Array], Array]
 
 
 class SurfaceWork:
-    """Planner (`sim.interfaces.protocols.Planner`) that works one tool path on one known object."""
+    """Planner (`sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
 
-    _APPROACH_ACCELERATION = 0.03  # [m/s^2]
-    _PAUSED_FORCE = 0.5  # of the set force
-    _PACE_TIME = 0.5  # [s] in which the path comes to a stop, and goes on
+    _APPROACH_ACCELERATION = 0.03  # [m/s^2] of the tool
+    _PAUSED_FORCE = 0.5  # share of the set force during a pause
+    _PACE_TIME = 0.5  # [s] for motion along the path to stop, and to resume
     _BEHIND = (
         0.3,
         0.7,
-    )  # of `SurfaceTaskConfig.lost_place`: how far the hull is behind where its move slows down, and waits
-    _HALT = 3.0  # [s] that a vehicle without control is given to come to rest
+    )  # shares of `SurfaceTaskConfig.lost_place`: lag of the hull at which its move slows down, and stops
+    _HALT = 3.0  # [s] for a vehicle without control to come to rest before ABORT
 
     def __init__(
         self,
@@ -68,12 +68,21 @@ class SurfaceWork:
         come_near: ComingNear | None = None,
         holding: ThrustMargin | None = None,
     ) -> None:
-        """Take the vehicle and its arm, the object's model or who says where to stand, the job, and where to scan from.
+        """Set up the planner.
 
-        `X_WB_scan` (4, 4) is in W; from there `come_near`, if given, is asked for a nearer place to scan from.
-        `hull_box` (2, 3) [m] are the corners of the hull in B, kept clear of the object and of the seabed at the height
-        `floor` [m] in W; `view_B` (3,) is the way that the camera looks, in B. `holding` says what the thrusters can
-        bear where the hull stands beside the object; without it they are not asked.
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            target: model of the object, or a function that chooses the hull placement.
+            job: set forces, speeds and limits.
+            X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
+            hull_box: (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed.
+            view_B: (3,) direction of the camera's axis in B.
+            floor: [m] height of the seabed in W.
+            period: [s] of the planner.
+            search: hull placements that are tried.
+            come_near: if given, chooses a nearer hull pose to scan from, once the hull is at rest at `X_WB_scan`.
+            holding: thrust margin of the hull beside the object; without it placements are not tested for it.
         """
         self.period = period
         self._vehicle, self._chain, self._job = vehicle, chain, job
@@ -85,6 +94,7 @@ class SurfaceWork:
         self._view_B = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
 
     def init(self, estimate: StateEstimate) -> SupervisorState:
+        """State at the start: settling before the scan."""
         return SupervisorState(
             state=WorkState.SETTLE, since=estimate.time, X_WB=self._X_WB_scan, q=np.array(self._vehicle.q_home)
         )
@@ -92,6 +102,20 @@ class SurfaceWork:
     def step(
         self, state: SupervisorState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[SupervisorState, Reference]:
+        """Advance the work by one period.
+
+        Args:
+            state: state of the supervisor, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command, with its estimate of the contact force and its faults.
+
+        Returns:
+            The state and the reference for the controller.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force during approach, press and work.
+        """
         felt = self._felt(state, last)
         time = estimate.time if math.isfinite(estimate.time) else state.since
         self._watch(state, estimate, felt, last)
@@ -125,10 +149,11 @@ class SurfaceWork:
 
     @staticmethod
     def _enter(state: SupervisorState, what: WorkState, time: float) -> None:
+        """Change to another state."""
         state.state, state.since, state.quiet_since = what, time, np.inf
 
     def _quiet(self, state: SupervisorState, estimate: StateEstimate) -> bool:
-        """Whether the hull has been still, and where it should be, for long enough."""
+        """True once the hull has been at rest within `settle_error` of its reference for `settle_time`."""
         error = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
         job = self._job
         moving = math.hypot(*estimate.v_WB_B.tolist()) > job.settle_speed
@@ -140,6 +165,7 @@ class SurfaceWork:
         return estimate.time - state.quiet_since > self._job.settle_time
 
     def _settle(self, state: SupervisorState, estimate: StateEstimate) -> None:
+        """Wait until the hull is at rest, then come nearer or scan."""
         if state.hull_move is not None and state.hull_move.done(estimate.time):
             self._end_hull_move(state, state.hull_move)
         if state.hull_move is None and self._quiet(state, estimate):
@@ -151,6 +177,7 @@ class SurfaceWork:
             self._enter(state, WorkState.SCAN, estimate.time)
 
     def _come_nearer(self, state: SupervisorState, estimate: StateEstimate, come_near: ComingNear) -> None:
+        """Move the hull to the nearer pose to scan from; give up if there is none."""
         try:
             state.X_WB_near = come_near(estimate, self._X_WB_scan)
         except ReachError as error:
@@ -160,7 +187,7 @@ class SurfaceWork:
         self._move_hull(state, estimate.time, state.X_WB_near)
 
     def _scan(self, state: SupervisorState, time: float, target: Target | None) -> None:
-        """Look until the object was found often enough; where the first look does not find it, from another place."""
+        """Take depth frames until the object is identified often enough; change the view if the first one fails."""
         if target is None or target.time < state.look_from:
             if time - max(state.since, state.look_from) > 5.0:
                 self._give_up(state, time, "no depth frame arrived within 5 s")
@@ -180,7 +207,7 @@ class SurfaceWork:
             self._other_view(state, time)
 
     def _other_view(self, state: SupervisorState, time: float) -> None:
-        """Move the hull sideways, to look again from another place."""
+        """Move the hull sideways, to scan from another view."""
         side = 0.3 * (1.0 if state.scans % 2 else -1.0)
         X = np.array(self._X_WB_scan if state.X_WB_near is None else state.X_WB_near)
         X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], self._view_B)
@@ -189,6 +216,7 @@ class SurfaceWork:
         self._enter(state, WorkState.SETTLE, time)
 
     def _plan(self, state: SupervisorState, time: float, target: Target, path: ToolPath) -> None:
+        """Choose the hull placement for the path and start the move there; give up if there is none."""
         job = self._job
         try:
             placement, path, worked = self._stand(target, path)
@@ -202,7 +230,7 @@ class SurfaceWork:
         state.path, state.placement = path, placement
         state.progress = Progress(float(path.s[-1]), job.speed, job.ramp)
         before = np.array(placement.X_WB)
-        away = -(placement.X_WB @ self._vehicle.X_BA)[:3, 2]  # against the axis of the arm's base, which faces the work
+        away = -(placement.X_WB @ self._vehicle.X_BA)[:3, 2]  # against the arm base's axis, which points to the work
         before[:3, 3] += away * max(job.lift, float(away @ (state.X_WB - before)[:3, 3]))
         state.hull_way = [before]
         if self._known is not None:
@@ -212,7 +240,11 @@ class SurfaceWork:
         self._enter(state, WorkState.CLOSE_IN, time)
 
     def _beside(self, model: TargetModel, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
-        """Where to stand beside a known object, for as much of the path as is within reach (a `Standing`)."""
+        """Hull placement beside a known object, for as much of the path as is within reach (a `Standing`).
+
+        A placement without thrust margin against the worst friction is accepted as a second choice, marked
+        `held=False`.
+        """
         obstacle = transform_points(target.X_WT, model.vertices)
         holding = self._holding if self._job.contactless is None else None
         try:
@@ -220,13 +252,14 @@ class SurfaceWork:
         except ReachError:
             if holding is None:
                 raise
-        # Friction may be less than the worst, and a hull that is pushed off its place retreats.
+        # Friction may be less than the worst case, and a hull that is pushed off its place retreats.
         placement, path, worked = self._stand_beside(obstacle, whole, holding.without_friction())
         return replace(placement, held=False), path, worked
 
     def _stand_beside(
         self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None
     ) -> tuple[Placement, ToolPath, float]:
+        """Best placement over shares of the path and travels of the hull; raises ReachError if none exists."""
         job = self._job
         best: tuple[Placement, ToolPath, float] | None = None
         failure: ReachError | None = None
@@ -260,7 +293,7 @@ class SurfaceWork:
         return best
 
     def _ways_to_stand(self) -> Iterator[tuple[float, float]]:
-        """Shares of the path to work, and of its length for the hull to travel meanwhile, the most wanted first."""
+        """Candidates (share of the path to work, travel of the hull as a share of it), the best first."""
         yield from ((1.0, travel) for travel in _TRAVELS)
         share = 1.0 - _SHORTER
         while share >= self._job.least_share - 1e-9:
@@ -268,6 +301,7 @@ class SurfaceWork:
             share -= _SHORTER
 
     def _move_hull(self, state: SupervisorState, time: float, X_WB: Array) -> None:
+        """Start a hull move from the present reference pose to `X_WB` (4, 4)."""
         job, state.hull_waited = self._job, 0.0
         state.hull_move = PoseMove.between(
             time,
@@ -280,13 +314,19 @@ class SurfaceWork:
 
     @staticmethod
     def _end_hull_move(state: SupervisorState, move: PoseMove) -> None:
-        """The reference was last asked for a moment before the end; it stays at the end itself."""
+        """Set the reference to the exact end of the hull move.
+
+        The last reference was computed up to one period before the end.
+        """
         state.X_WB, state.hull_move = move.X_to, None
 
     def _wait_for_hull(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Let the hull's move go on no faster than the hull follows, which a current may not let it."""
+        """Slow the hull move down to the motion of the hull.
+
+        In a current the hull may be unable to follow.
+        """
         state.hull_pace = 1.0
-        if state.hull_move is None or state.state in _OVER:  # what retreats does not wait
+        if state.hull_move is None or state.state in _OVER:  # a retreat does not wait
             return
         near, far = (share * self._job.lost_place for share in self._BEHIND)
         behind = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
@@ -296,7 +336,7 @@ class SurfaceWork:
             state.hull_move, state.hull_waited = state.hull_move.later(late), state.hull_waited + late
 
     def _close_in(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """To before the work pose, then unfold the arm, then close; then wait until the hull is quiet."""
+        """Move to before the work pose, unfold the arm, move to the work pose, and wait until the hull is at rest."""
         time = estimate.time
         placement = state.placement
         assert placement is not None
@@ -317,6 +357,7 @@ class SurfaceWork:
             self._enter(state, WorkState.TARE, time)
 
     def _approach(self, state: SupervisorState, time: float, felt: float) -> None:
+        """Guarded move along the tool axis until contact."""
         job = self._job
         state.felt_for = state.felt_for + self.period if felt > job.touch else 0.0
         if job.contactless is not None:
@@ -331,7 +372,7 @@ class SurfaceWork:
             self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
 
     def _approach_without_contact(self, state: SupervisorState, time: float, depth: float) -> None:
-        """On to `depth` [m] from the stand-off, where the work begins; nothing may be felt on the way."""
+        """Move to `depth` [m] from the stand-off, where the work begins; any contact on the way ends it."""
         if state.felt_for >= self._job.touch_time:
             self._break_off(state, time, "the tool touched something on its way to the distance that it is to keep")
             return
@@ -341,7 +382,7 @@ class SurfaceWork:
             self._enter(state, WorkState.WORK, time)
 
     def _advance(self, state: SupervisorState, depth: float) -> None:
-        """One step of the approach, slow over the last of `depth` [m]."""
+        """One period of the approach, at `touch_speed` from `guard` before `depth` [m] on."""
         job = self._job
         wanted = job.approach_speed if state.depth < depth - job.guard else job.touch_speed
         wanted = 0.0 if state.paused else wanted
@@ -350,6 +391,7 @@ class SurfaceWork:
         state.depth += state.speed * self.period
 
     def _press(self, state: SupervisorState, time: float, felt: float) -> None:
+        """Ramp the force to its first set value, and wait until it is reached."""
         job = self._job
         state.contact_at = time
         if state.paused:
@@ -369,6 +411,7 @@ class SurfaceWork:
             self._break_off(state, time, f"the force of {first} N was not reached in {job.press_time} s: {felt:.1f} N")
 
     def _work(self, state: SupervisorState, time: float) -> None:
+        """Advance along the path with the set force of the present part; retreat at its end."""
         progress = state.progress
         assert progress is not None
         most = self.period / self._PACE_TIME
@@ -383,15 +426,17 @@ class SurfaceWork:
             self._enter(state, WorkState.RETREAT, time)
 
     def _ramp_force(self, state: SupervisorState, wanted: float) -> None:
+        """Change the set force towards `wanted` [N] at `force_rate`."""
         most = self._job.force_rate * self.period
         state.force += min(max(wanted - state.force, -most), most)
 
     def _retreat(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Off along the tool axis by the arm, or, where that is held, by the hull; then off and up if it drifts.
+        """Withdraw the tool along its axis, by the arm or (if it is held) by the hull; then ascend if adrift.
 
-        What rises on the thrusters that are left tilts: held to the hull, the tool would be swung into the object, so
-        it is held in W and goes along with the hull's way. Once the work is done the force is let go first: what is
-        dropped at 90 N rebounds from a hard surface.
+        During an ascent on the remaining thrusters the hull tilts. The tool pose is therefore kept in W, moved along
+        with the hull's displacement; a tool fixed to the hull would swing into the object.
+
+        After finished work the force is ramped down first. A tool released at 90 N rebounds from a hard surface.
         """
         time = estimate.time
         if state.unloading:
@@ -409,12 +454,12 @@ class SurfaceWork:
         if state.adrift and not (rising or state.arm_held):
             self._rise(state, estimate)
             return
-        if rising:  # clear of everything now
+        if rising:  # the ascent is finished: hold the joint angles
             state.q, state.arm_held = np.array(estimate.q), True
         self._enter(state, WorkState.ABORT if state.reason else WorkState.DONE, time)
 
     def _rise(self, state: SupervisorState, estimate: StateEstimate) -> None:
-        """Off the object and up from where the hull has come to."""
+        """Start the ascent off the object from the present hull position."""
         state.rising_from = np.array(estimate.X_WB[:3, 3])
         state.X_WB = pose(state.X_WB[:3, :3], state.rising_from)
         normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
@@ -422,12 +467,12 @@ class SurfaceWork:
         self._move_hull(state, estimate.time, clear)
 
     def _way_back(self, state: SupervisorState) -> float:
-        """Length [m] of the retreat: off the surface where it was met, and off where it was expected."""
+        """Length [m] of the retreat: the depth of the approach, at least the stand-off distance."""
         return max(state.depth, self._job.standoff)
 
     @staticmethod
     def _felt(state: SupervisorState, last: Command | None) -> float:
-        """Normal force [N] that the controller feels. Raises ConfigurationError if it does not say, in contact."""
+        """Normal force [N] as the controller estimates it; ConfigurationError without an estimate in contact."""
         if last is not None and math.isfinite(last.felt_normal):
             return last.felt_normal
         if last is not None and state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK):
@@ -435,7 +480,7 @@ class SurfaceWork:
         return 0.0
 
     def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float, last: Command | None) -> None:
-        """Break the work off, or let it wait, where `controllers.tasks.reactions` says so."""
+        """Apply the response of `controllers.tasks.reactions`: go on, pause, or break the work off."""
         time, faults = estimate.time, last.faults if last is not None else ()
         state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
         verdict = choose_reaction(self._job, state, estimate, felt, faults)
@@ -458,17 +503,19 @@ class SurfaceWork:
             self._break_off(state, time, verdict.reason)
 
     def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
+        """Retreat, for the given reason."""
         state.reason = reason
         self._enter(state, WorkState.RETREAT, time)
 
     def _give_up(self, state: SupervisorState, time: float, reason: str) -> None:
+        """End the work where the vehicle is, for the given reason."""
         state.reason = reason
         self._enter(state, WorkState.ABORT, time)
 
     # -- references ------------------------------------------------------------------------------------------------
 
     def _on_path(self, state: SupervisorState, s: float, offset: float) -> tuple[Array, Array, Array]:
-        """Tool pose at arc length `s`, moved by `offset` [m] along its axis; change of place and turn with `s`."""
+        """Tool pose at arc length `s`, moved by `offset` [m] along its axis; its derivatives with s."""
         assert state.path is not None
         assert state.placement is not None
         X, tangent, turn = tool_pose(state.path, s, state.placement.roll)
@@ -476,6 +523,7 @@ class SurfaceWork:
         return X, tangent, turn
 
     def _reference(self, state: SupervisorState, time: float) -> Reference:
+        """Reference for the controller in the present state."""
         job = self._job
         tare = state.state is WorkState.TARE and time - state.since > job.tare_after
         v_hull = _ZERO
@@ -506,7 +554,7 @@ class SurfaceWork:
                 state.X_WB, v_hull = state.placement.hull_at(done), rate / length * state.placement.travel_W
             force, force_control = state.force, job.contactless is None
         elif state.arm_held or math.isfinite(state.halted):
-            pass  # the angles are held
+            pass  # the joint angles are held
         elif state.state in _OVER and state.placement is not None:
             back = self._way_back(state)
             if state.state is WorkState.RETREAT:
@@ -540,8 +588,8 @@ class SurfaceWork:
 
 
 def off_and_up(normal_W: Array) -> Array:
-    """The way (3,) off a surface of that normal (3,) and upward: up, and by half as much off the surface.
+    """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and up to half as much along it.
 
-    Straight up a steep flank the tool would strike what bulges above it.
+    Straight up a steep flank the tool would strike parts of the object that bulge above it.
     """
     return np.array([0.0, 0.0, 1.0]) + max(0.0, 0.5 - normal_W[2]) * normal_W

@@ -1,4 +1,4 @@
-"""What contact work is to be done, within which limits, and how far it has come: the supervisor's job and memory."""
+"""Configuration and state of the contact-work supervisor: forces, speeds, limits, and progress."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,52 +11,52 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array
 
-_HEADROOM = 0.85  # of the force limit that a set force may take
+_HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is for overshoot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceTaskConfig:
-    """What is to be done, and within which limits."""
+    """Parameters of contact work: set forces, speeds, tolerances, time limits."""
 
-    forces: Sequence[float]  # [N] set normal force on equal parts of the path, one after another
+    forces: Sequence[float]  # [N] set normal forces on consecutive, equally long parts of the path
     speed: float = 0.02  # [m/s] along the path
-    ramp: float = 1.0  # [s] from rest to that speed
-    standoff: float = 0.1  # [m] from which the tool approaches
-    approach_speed: float = 0.03  # [m/s] while the surface is not yet expected, and of the retreat
-    touch_speed: float = 0.004  # [m/s] from `guard` before the expected surface on: 30 N at once on 3.6e5 N/m
-    guard: float = 0.03  # [m]
-    touch: float = 6.0  # [N] felt force that counts as contact
-    touch_time: float = 0.04  # [s] that it must be felt
-    search: float = 0.06  # [m] beyond the expected surface that the approach goes on
-    tare_after: float = 1.5  # [s] for the arm to come to rest before the torques' bias is taken
-    tare_time: float = 2.0  # [s] over which it is taken
+    ramp: float = 1.0  # [s] time from rest to that speed
+    standoff: float = 0.1  # [m] distance to the surface from which the tool approaches
+    approach_speed: float = 0.03  # [m/s] farther than `guard` from the expected surface, and of the retreat
+    touch_speed: float = 0.004  # [m/s] nearer than `guard`; gives 30 N at once on 3.6e5 N/m
+    guard: float = 0.03  # [m] distance before the expected surface
+    touch: float = 6.0  # [N] estimated normal force that counts as contact
+    touch_time: float = 0.04  # [s] for which it must last
+    search: float = 0.06  # [m] by which the approach goes beyond the expected surface
+    tare_after: float = 1.5  # [s] for the arm to come to rest before the torque bias is averaged
+    tare_time: float = 2.0  # [s] over which it is averaged
     force_rate: float = 60.0  # [N/s] at which a set force changes
-    force_limit: float = 160.0  # [N] felt force that ends the work
-    lost_time: float = 0.5  # [s] without contact that ends the work
-    excess: float = 0.3  # share of the set force, and `touch` more, by which the felt one may be above it
-    excess_time: float = 0.3  # [s] so long; else the work ends
-    blind_time: float = 5.0  # [s] without vision that the work waits
-    press_time: float = 6.0  # [s] within which the first set force must be reached
-    lift: float = 0.45  # [m] before the work pose, as the arm's base faces it, at which the arm unfolds
-    hull_speed: float = 0.25  # [m/s]
-    hull_acceleration: float = 0.08  # [m/s^2]
-    hull_turn_rate: float = 0.15  # [rad/s]
-    joint_speed: float = 0.5  # [rad/s]
-    settle_speed: float = 0.018  # [m/s] below which the hull counts as quiet,
-    settle_turn: float = 0.02  # [rad/s] and below which,
-    settle_error: float = 0.06  # [m] and within which of its place
-    settle_time: float = 4.0  # [s] that it must be quiet
-    settle_limit: float = 60.0  # [s] within which it must become quiet, else the current is too strong
-    lost_place: float = 0.6  # [m] off its place at which the hull counts as carried away,
-    lost_place_at_work: float = 0.04  # [m] and while the tool approaches or touches: a hull that holds stays in 0.025
+    force_limit: float = 160.0  # [N] estimated normal force above which the work ends
+    lost_time: float = 0.5  # [s] without contact after which the work ends
+    excess: float = 0.3  # share of the set force, `touch` added, by which the estimated force may exceed it
+    excess_time: float = 0.3  # [s] after which a larger excess ends the work
+    blind_time: float = 5.0  # [s] without vision after which the work ends; until then it waits
+    press_time: float = 6.0  # [s] limit for reaching the first set force
+    lift: float = 0.45  # [m] distance before the work pose, along the axis of the arm's base, at which the arm unfolds
+    hull_speed: float = 0.25  # [m/s] of a hull move
+    hull_acceleration: float = 0.08  # [m/s^2] of a hull move
+    hull_turn_rate: float = 0.15  # [rad/s] of a hull move
+    joint_speed: float = 0.5  # [rad/s] of the unfolding arm
+    settle_speed: float = 0.018  # [m/s] below which the hull counts as at rest, together with
+    settle_turn: float = 0.02  # [rad/s] and
+    settle_error: float = 0.06  # [m] position error
+    settle_time: float = 4.0  # [s] for which it must be at rest
+    settle_limit: float = 60.0  # [s] within which that must be reached, else the current is too strong
+    lost_place: float = 0.6  # [m] position error of the hull above which the work ends
+    lost_place_at_work: float = 0.04  # [m] the same from the approach on; in normal station-keeping it stays in 0.025
     scans: int = 3  # views taken before giving up
-    finds: int = 6  # of a known object from one view, of which the mean counts,
-    find_interval: float = 4.0  # [s] apart
-    least_share: float = 1.0  # of the path that must be reached; the rest is left out at both ends alike
-    roomy: float = 0.8  # margin of the placement under which the hull travels with the tool,
-    cramped: float = 0.6  # and under which less of the path is worked
-    force_control: bool = True  # False: go on after `press_time` whatever the force (ablation)
-    contactless: float | None = None  # [m] distance from the surface to work at without touching it; None: press
+    finds: int = 6  # identifications of a known object per view, of which the mean is used
+    find_interval: float = 4.0  # [s] between them
+    least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
+    roomy: float = 0.8  # placement margin under which the hull travels with the tool
+    cramped: float = 0.6  # placement margin under which part of the path is left out
+    force_control: bool = True  # False: work begins after `press_time` at any force (ablation)
+    contactless: float | None = None  # [m] distance at which the tool works without contact; None: it presses
 
     def __post_init__(self) -> None:
         if not self.forces:
@@ -84,45 +84,45 @@ class SurfaceTaskConfig:
 
 @dataclass(slots=True, eq=False)
 class SupervisorState:
-    """Where the work stands."""
+    """State of the supervisor of contact work."""
 
     state: WorkState
-    since: float  # [s] the state was entered
-    X_WB: Array  # (4, 4) hull pose held
-    q: Array  # (n,) joint angles held while the arm is not following the tool
-    X_WB_near: Array | None = None  # (4, 4) it scans from, where it first came nearer
-    quiet_since: float = np.inf  # [s]
-    still_since: float = 0.0  # [s] hull and arm are asked to stand still
-    scans: int = 0
-    looks: int = 0  # from this view
-    look_from: float = 0.0  # [s] of the next
-    finds: tuple[Target, ...] = ()  # from this view
-    path: ToolPath | None = None  # in W, as far as it is worked
-    placement: Placement | None = None
-    hull_move: PoseMove | None = None
-    hull_way: list[Array] = field(default_factory=list)  # poses (4, 4) to go through after it
-    hull_pace: float = 1.0  # share of its speed at which the hull's move goes on
-    hull_waited: float = 0.0  # [s] that it has waited for the hull
-    joint_moves: list[JointMove] = field(default_factory=list)
+    since: float  # [s] time at which the state was entered
+    X_WB: Array  # (4, 4) hull pose reference
+    q: Array  # (n,) [rad] joint angle reference while the arm does not follow the tool
+    X_WB_near: Array | None = None  # (4, 4) nearer hull pose to scan from, if there is one
+    quiet_since: float = np.inf  # [s] time since when the hull is at rest; inf: it is not
+    still_since: float = 0.0  # [s] time since when hull and arm are asked to stand still
+    scans: int = 0  # views so far
+    looks: int = 0  # depth frames from this view
+    look_from: float = 0.0  # [s] earliest time of the next depth frame
+    finds: tuple[Target, ...] = ()  # accepted identifications from this view
+    path: ToolPath | None = None  # in W, the part that is worked
+    placement: Placement | None = None  # hull pose to work from
+    hull_move: PoseMove | None = None  # present move of the hull
+    hull_way: list[Array] = field(default_factory=list)  # (4, 4) hull poses of the moves after it
+    hull_pace: float = 1.0  # speed of the hull move as a share of that planned
+    hull_waited: float = 0.0  # [s] by which the hull move is delayed
+    joint_moves: list[JointMove] = field(default_factory=list)  # present move of the arm, if any
     X_WG: Array | None = None  # (4, 4) tool reference while it is not on the path
     depth: float = 0.0  # [m] of the approach, from the stand-off
     speed: float = 0.0  # [m/s] of the approach
-    felt_for: float = 0.0  # [s] that the touch has been felt
-    path_s: float = 0.0  # [m]
-    work_start: float = 0.0  # [s]
-    progress: Progress | None = None
-    contact_at: float = 0.0  # [s] of the last felt contact
-    held_at: float = 0.0  # [s] the felt force was last no more than allowed
-    set_since: float = np.inf  # [s] the first force is held
-    force: float = 0.0  # [N] now asked for
-    unloading: bool = False  # the work is done, the force goes down
-    paused: bool = False
-    pace: float = 1.0  # share of its speed at which the path goes on
+    felt_for: float = 0.0  # [s] for which contact has lasted
+    path_s: float = 0.0  # [m] arc length reached on the path
+    work_start: float = 0.0  # [s] start of `progress`, later by every pause
+    progress: Progress | None = None  # along the path
+    contact_at: float = 0.0  # [s] time of the last contact
+    held_at: float = 0.0  # [s] time at which the force was last within its excess
+    set_since: float = np.inf  # [s] time since when the first set force is reached; inf: it is not
+    force: float = 0.0  # [N] set force now
+    unloading: bool = False  # the work is done, the force ramps down
+    paused: bool = False  # the path waits for vision
+    pace: float = 1.0  # speed along the path as a share of that planned
     arm_held: bool = False  # the hull withdraws the tool, the arm holds `q`
-    halted: float = np.inf  # [s] until it is over, once nothing can be controlled
-    lost_thrusters: tuple[int, ...] = ()
-    adrift: bool = False  # the hull cannot be held as it should be: rise, once the tool is off
-    rising_from: Array | None = None  # (3,) [m] where the hull was then, in W
-    risen: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] that it has come since
+    halted: float = np.inf  # [s] left until ABORT once no control is possible; inf: it is
+    lost_thrusters: tuple[int, ...] = ()  # indices
+    adrift: bool = False  # the hull cannot keep station: ascend once the tool is off the surface
+    rising_from: Array | None = None  # (3,) [m] position of the hull in W at the start of the ascent
+    risen: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] displacement since then, in W
     reason: str = ""  # why the work was broken off
-    note: str = ""  # what else the user should know
+    note: str = ""  # other message for the user

@@ -1,8 +1,8 @@
-"""Touching a fixed point by contact: the arm goes over a nest, gives way, and is pressed into it by its joint torques.
+"""Point touching for kinematic calibration: the arm presses its ball tip into fixed nests under joint-torque control.
 
-Free motion follows joint angles; over the nest the tip hangs on a soft spring, whose reference then follows the tip
-(nothing pulls aside), and a small constant force presses the ball home. The joint torques hold the arm's weight in
-water.
+Free motion follows joint angles. Over the nest the tip is held by a soft spring. In the nest the spring's end then
+follows the tip, so that no side force remains, and a small constant force presses the ball home. The joint torques bear
+the arm's weight in water.
 """
 
 from collections.abc import Sequence
@@ -23,49 +23,49 @@ from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
 
-LIFT = 0.05  # [m] above a nest between touches
-_STILL_WATER = np.zeros(3)  # the current's drag on the arm is small beside the push
+LIFT = 0.05  # [m] height above a nest between touches
+_STILL_WATER = np.zeros(3)  # [m/s] the current's drag on the arm is small against the push
 
 
-# A softer servo than for work on a stiff surface; filters, noise and friction are those of the same sensors and gears.
+# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).
 _DRIVES = Tuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TouchTuning:
-    """How the arm moves and gives way."""
+    """Motion, stiffness and force of the touches."""
 
-    lift: float = LIFT  # [m] above the nest between touches
-    descent: float = 0.03  # [m/s]
-    beyond: float = 0.012  # [m] the spring's end goes below the nest before it lets go
+    lift: float = LIFT  # [m] height above the nest between touches
+    descent: float = 0.03  # [m/s] of the spring's end; upwards twice that
+    beyond: float = 0.012  # [m] by which the spring's end moves below the nest before it follows the tip
     move_speed: float = 0.8  # [rad/s] of the fastest joint
-    settle: float = 1.5  # [s] pressed, before the reading
+    settle: float = 1.5  # [s] pressed before the reading
     reading: float = 0.5  # [s] over which encoders are averaged
-    believable: float = 0.03  # [m] a nest found farther off than this was missed
+    believable: float = 0.03  # [m] a tip farther than this from the nest has missed it
     stiffness: float = 600.0  # [N/m] of the spring at the tip
-    most: float = 12.0  # [N] of the spring
-    push: float = 10.0  # [N] into the nest
-    let_go: float = 0.3  # [s] in which the spring's end comes to the tip, and the push grows
-    turn_stiffness: float = 60.0  # [N m/rad] that hold the pin's direction
-    turn_most: float = 8.0  # [N m]
-    damping: float = 1.0  # joints: this many times their gears' own friction
-    drives: Tuning = _DRIVES  # the servo of free motion, and how torques are felt
+    most: float = 12.0  # [N] largest force of the spring
+    push: float = 10.0  # [N] constant force into the nest
+    let_go: float = 0.3  # [s] time constant with which the spring's end approaches the tip, and the push grows
+    turn_stiffness: float = 60.0  # [N m/rad] of the spring that holds the pin's direction
+    turn_most: float = 8.0  # [N m] largest moment of that spring
+    damping: float = 1.0  # joint damping as a multiple of the gears' viscous friction
+    drives: Tuning = _DRIVES  # servo of free motion, and filters of the force estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nest:
-    """A nest as the vehicle knows it, in the world."""
+    """Nest as the vehicle knows it, in W."""
 
-    p_WN: Array  # (3,) [m]
-    z_WN: Array  # (3,) the way it opens
+    p_WN: Array  # (3,) [m] position of a seated tip
+    z_WN: Array  # (3,) unit axis, out of the nest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Touch:
-    """One touch to make."""
+    """One touch: which nest, and the direction of the tool."""
 
-    nest: int
-    R_WG: Array  # (3, 3) wanted direction of the tool, z out of it
+    nest: int  # index
+    R_WG: Array  # (3, 3) wanted tool frame, z out of the tool
 
 
 def draw_touches(
@@ -80,9 +80,27 @@ def draw_touches(
     lift: float = LIFT,
     tries: int = 4000,
 ) -> list[Touch]:
-    """`count` touches a nest in random directions within `cone` [rad] of its axis, reachable at the nest and above it.
+    """Draw random, reachable tool directions for each nest.
 
-    Raises ReachError if a nest cannot be touched so often.
+    Every direction lies within `cone` of the nest's axis and is reachable at the nest and above it. Consecutive touches
+    of a nest are ordered by nearest joint angles.
+
+    Args:
+        chain: the arm, base to tool.
+        X_AW: (4, 4) pose of W in the arm's base frame A.
+        nests: the nests.
+        count: touches per nest.
+        rng: random generator.
+        q_start: (n,) [rad] start of the inverse kinematics.
+        cone: [rad] largest angle from the nest's axis.
+        lift: [m] height above the nest.
+        tries: largest number of directions drawn per nest.
+
+    Returns:
+        The touches, nest by nest.
+
+    Raises:
+        ReachError: if too few directions of a nest are within reach.
     """
     out = []
     for k, nest in enumerate(nests):
@@ -100,7 +118,7 @@ def draw_touches(
                 f"nest {k + 1} at {np.round(nest.p_WN, 2)} m: {len(found)} of {count} directions within reach"
             )
         at = q_start
-        while found:  # the nearest next
+        while found:  # next the one nearest in joint angles
             q, touch = found.pop(int(np.argmin([np.abs(q - at).max() for q, _ in found])))
             out.append(touch)
             at = q
@@ -108,7 +126,7 @@ def draw_touches(
 
 
 def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
-    """A random tool frame whose z points against `z` within `cone`, uniform over the cap, any turn about itself."""
+    """Random tool frame, its z against `z` within `cone`, uniform over the cap, with a uniform angle about itself."""
     height = rng.uniform(np.cos(cone), 1.0)
     turn, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     side = np.sqrt(1.0 - height**2)
@@ -121,19 +139,19 @@ def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
 
 @dataclass(slots=True, eq=False)
 class TouchState:
-    """Where the sequence is."""
+    """State of the touch sequence."""
 
-    at: int = 0  # the touch
+    at: int = 0  # index of the touch
     phase: int = 0  # 0 over the nest, 1 down, 2 press, 3 up
-    since: float = 0.0  # [s] when the phase began
-    q_from: Array = field(default_factory=lambda: np.zeros(0))
-    way: list[Array] = field(default_factory=list)  # (n,) joint angles still to pass, the last over the nest
+    since: float = 0.0  # [s] time at which the phase began
+    q_from: Array = field(default_factory=lambda: np.zeros(0))  # (n,) [rad] start of the joint motion
+    way: list[Array] = field(default_factory=list)  # (n,) [rad] joint angles still to reach, the last over the nest
     duration: float = 0.0  # [s] of the joint motion
-    offsets: dict[int, list[Array]] = field(default_factory=dict)  # [m] where nests were found, against where known
+    offsets: dict[int, list[Array]] = field(default_factory=dict)  # (3,) [m] per nest: found minus known position, W
 
 
 class TouchSequence:
-    """Asks for one touch after the other (`sim.interfaces.protocols.Planner`)."""
+    """Planner (`sim.interfaces.protocols.Planner`) that asks for one touch after the other."""
 
     period = 0.004
 
@@ -146,18 +164,32 @@ class TouchSequence:
         X_WB: Array,
         tuning: TouchTuning | None = None,
     ) -> None:
+        """Set up the planner.
+
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            nests: the nests.
+            touches: touches to make, in this order.
+            X_WB: (4, 4) hull pose in W, held throughout.
+            tuning: motion, stiffness and force of the touches.
+        """
         self._vehicle, self._chain, self._nests, self._touches = vehicle, chain, tuple(nests), tuple(touches)
         self._X_WB = X_WB
         self._X_WA = X_WB @ np.array(vehicle.X_BA)
         self.tuning = tuning or TouchTuning()
 
     def init(self, estimate: StateEstimate) -> TouchState:
+        """State at the start, with the joint motion to over the first nest planned."""
         state = TouchState(q_from=np.array(estimate.q))
         self._begin(state, estimate)
         return state
 
     def _begin(self, state: TouchState, estimate: StateEstimate) -> None:
-        """Plan the joint motion to over the next nest, by the ready posture where the straight way would strike one."""
+        """Plan the joint motion to over the next nest.
+
+        It passes through the ready posture if the straight motion would strike a nest.
+        """
         q, ready = np.array(estimate.q), np.array(self._vehicle.q_ready)
         if state.at < len(self._touches):
             touch = self._touches[state.at]
@@ -169,13 +201,13 @@ class TouchSequence:
         self._depart(state, estimate)
 
     def _depart(self, state: TouchState, estimate: StateEstimate) -> None:
-        """Begin the motion to the next joint angles on the way."""
+        """Begin the motion to the next joint angles of the plan."""
         state.phase, state.since, state.q_from = 0, estimate.time, np.array(estimate.q)
         # A quintic's peak speed is 15/8 of its mean.
         state.duration = max(0.5, 1.875 * float(np.abs(state.way[0] - state.q_from).max()) / self.tuning.move_speed)
 
     def _clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether the pin keeps off every nest on the straight way in joint angles."""
+        """True if the pin keeps clear of every nest on the straight line in joint space."""
         for share in np.linspace(0.0, 1.0, 30):
             X_WG = self._X_WA @ self._chain.forward(q_from + share * (q_to - q_from))
             for nest in self._nests:
@@ -185,7 +217,7 @@ class TouchSequence:
         return True
 
     def _aim(self, state: TouchState, touch: Touch) -> Array:
-        """The nest's point as the vehicle's own model of its arm finds it: where it was found before."""
+        """Position p_WN (3,) of the nest by the vehicle's own arm model: corrected by the last touches of it."""
         found = state.offsets.get(touch.nest)
         nest = self._nests[touch.nest].p_WN
         return nest if not found else nest + np.mean(found[-5:], axis=0)
@@ -193,6 +225,19 @@ class TouchSequence:
     def step(
         self, state: TouchState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[TouchState, Reference]:
+        """Advance the sequence by one period.
+
+        Args:
+            state: state of the sequence, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification; not used.
+            last: the controller's last command; not used.
+
+        Returns:
+            The state and the reference for the controller. While its `tare` is True the encoders are read, for the
+                touch of
+            index `path_s`.
+        """
         tuning, t = self.tuning, estimate.time - state.since
         if state.at >= len(self._touches):
             if state.phase == 0 and t >= state.duration:
@@ -240,6 +285,7 @@ class TouchSequence:
         return state, self._over(state, estimate, 0.0)
 
     def _over(self, state: TouchState, estimate: StateEstimate, t: float) -> Reference:
+        """Reference of the joint motion, `t` [s] after its start: a quintic in time."""
         s = min(1.0, t / state.duration)
         blend, rate = s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2 / state.duration
         way = state.way[0] - state.q_from
@@ -257,6 +303,7 @@ class TouchSequence:
         tare: bool = False,
         path_s: float = 0.0,
     ) -> Reference:
+        """Reference for the controller; the hull pose is always the same."""
         rest = np.zeros(len(estimate.q))
         return Reference(
             time=estimate.time,
@@ -278,24 +325,24 @@ class TouchSequence:
 
 @dataclass(slots=True, eq=False)
 class CompliantState:
-    """Everything that the controller remembers."""
+    """State of the controller."""
 
     hover: StationKeepingState
     propellers: ThrusterLeadState
-    tick: int
-    integral: Array  # (n,) [rad s]
-    qd_slow: Array  # (n,) [rad/s]
-    w_slow_B: Array  # (3,) [rad/s]
-    f_tip_B: Array  # (3,) [N]
-    thrusters: Array  # (m,)
-    p_WG_held: Array | None  # (3,) [m] the spring's end, once it was let go
-    push: float  # [N] reached
-    tau: Array  # (n,) [N m] last asked of the motors
-    friction: Array  # (n,) [N m] dry friction in the gears that the drives overcome
+    tick: int  # periods so far
+    integral: Array  # (n,) [rad s] of the joint servo
+    qd_slow: Array  # (n,) [rad/s] filtered joint velocity
+    w_slow_B: Array  # (3,) [rad/s] filtered angular velocity of the hull
+    f_tip_B: Array  # (3,) [N] estimated contact force at the tip
+    thrusters: Array  # (m,) last command
+    p_WG_held: Array | None  # (3,) [m] the spring's end in W while it follows the tip
+    push: float  # [N] present push
+    tau: Array  # (n,) [N m] last motor torque command
+    friction: Array  # (n,) [N m] estimated dry friction of the gears
 
 
 class CompliantTouch:
-    """Joint torques and thrusters for `TouchSequence` (`sim.interfaces.protocols.Controller`)."""
+    """Controller (`sim.interfaces.protocols.Controller`) for `TouchSequence`: joint torques and thrusters."""
 
     def __init__(
         self,
@@ -307,8 +354,16 @@ class CompliantTouch:
         tuning: TouchTuning | None = None,
         water_error: float = 0.0,
     ) -> None:
-        """Take the controller's own model; `clamped` leaves the thrusters still; `push_W` (3,) is the way into a nest
-        (default: down)."""
+        """Set up the controller.
+
+        Args:
+            model: the controller's own model of the vehicle.
+            clamped: True leaves the thrusters off.
+            push_W: (3,) unit direction into a nest in W; default down.
+            period: [s] of the controller.
+            tuning: motion, stiffness and force of the touches.
+            water_error: relative error of the believed hydrodynamic coefficients.
+        """
         self.period, self._clamped = period, clamped
         self._tuning = tuning or TouchTuning()
         self._vehicle = vehicle = Vehicle.of(model)
@@ -328,6 +383,7 @@ class CompliantTouch:
         self._most_friction = drives.friction_excess * vehicle.dry_friction.stiction
 
     def init(self, estimate: StateEstimate) -> CompliantState:
+        """State at the start: no contact force, no friction estimate, thrusters off."""
         n = len(estimate.q)
         return CompliantState(
             hover=self._hover.init(),
@@ -347,6 +403,16 @@ class CompliantTouch:
     def step(
         self, state: CompliantState, estimate: StateEstimate, reference: Reference
     ) -> tuple[CompliantState, Command]:
+        """Compute joint torques and thruster commands for one period.
+
+        Args:
+            state: state of the controller, changed in place.
+            estimate: estimated state of the vehicle.
+            reference: joint angles to follow, or the pose of the spring's end if `X_WG` is set.
+
+        Returns:
+            The state and the command, with the estimated normal force at the tip.
+        """
         arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
         felt = estimate_tip_force(
             arm.layout,
@@ -440,7 +506,7 @@ class CompliantTouch:
         )
 
     def _give_way(self, state: CompliantState, estimate: StateEstimate, reference: Reference) -> Array:
-        """Torques (n,) of the weight, of the spring at the tip, of the push, and of friction."""
+        """Joint torques (n,) [N m] of compliant motion: weight, tip spring, push, gear friction and damping."""
         tuning, vehicle, dt = self._tuning, self._vehicle, self.period
         assert reference.X_WG is not None
         X_WG = estimate.X_WB @ self._X_BG
@@ -473,5 +539,6 @@ class CompliantTouch:
 
 
 def _at_most(v: Array, most: float) -> Array:
+    """Scale the vector `v` down to the length `most`."""
     length = float(np.linalg.norm(v))
     return v if length <= most else v * (most / length)

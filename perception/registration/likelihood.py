@@ -27,7 +27,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
         X_ST: (4, 4) pose of T in S.
 
     Returns:
-        [nat]
+        The log likelihood [nat].
     """
     rows, columns = evidence.mask.shape
     step = int(np.ceil(np.sqrt(max(1.0, rows * columns / _PIXELS))))

@@ -58,7 +58,7 @@ def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         X_ST: (4, 4) pose of T in S.
 
     Returns:
-        [nat]; -inf if no such pose exists.
+        The log likelihood [nat]; -inf if no such pose exists.
     """
     best = -np.inf
     for G in ambiguous_poses(surface):

@@ -12,8 +12,10 @@ the model), or an occluder hides the model, which is no evidence.
 A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are compared with limits
 from the sensor's noise and resolution. Three further conditions:
 
-- ICP from the pose does not move it; - the object is as large as the model; - the scan is far less likely at every
-other pose that looks alike (an arm of a starfish further), and at every pose to which another ICP converged.
+- ICP from the pose does not move it.
+- The object is as large as the model.
+- The scan is far less likely at every other pose that looks alike (an arm of a starfish further), and at every pose to
+  which another ICP converged.
 """
 
 from dataclasses import dataclass

@@ -38,7 +38,7 @@ class SensorModel:
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
     noise_length: float = 5.0  # [px] correlation length of the depth errors: one independent reading
-    edge_sigma: float = 1.0  # [px] of a depth edge's position; for matchers with large windows half of these
+    edge_sigma: float = 1.0  # [px] of a depth edge's position; half the window for matchers with large windows
     max_incidence: float = np.deg2rad(75.0)  # [rad] of incidence, beyond which no echo is expected
 
     def __post_init__(self) -> None:

@@ -40,9 +40,9 @@ _UNEVEN = 4.0  # [-] largest ratio of the pitches of columns and rows
 class DepthGrid:
     """Depth image of a pinhole."""
 
-    depth: Array  # (H, W) [m] along the optical axis, NaN without echo
-    tangent_x: Array  # (W,) x/z of each column
-    tangent_y: Array  # (H,) y/z of each row
+    depth: Array  # (h, w) [m] along the optical axis, NaN without echo
+    tangent_x: Array  # (w,) x/z of each column
+    tangent_y: Array  # (h,) y/z of each row
 
 
 def jump(z: ArrayLike) -> Array:

@@ -73,8 +73,8 @@ class Scan:
     """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor frame S."""
 
     points: Array  # (h, w, 3) [m], NaN without echo
-    tangent_x: Array  # (W,) x/z of each column
-    tangent_y: Array  # (H,) y/z of each row
+    tangent_x: Array  # (w,) x/z of each column
+    tangent_y: Array  # (h,) y/z of each row
 
     @property
     def depth(self) -> Array:
@@ -119,6 +119,9 @@ class Scan:
             points: (n, 3) [m] in S.
             margin: [-] added on each side, as a share of the picture's size.
             pixels: Largest number of pixels, about, to which the steps thin the window.
+
+        Returns:
+            Slices of rows and of columns; empty if no point lies in front of the sensor.
         """
         row, column, _ = self.pixels(points[points[:, 2] > 0.0])
         if not len(row):
@@ -184,6 +187,9 @@ class Scan:
             depth: (h, w) [m], NaN without echo.
             tangent_x: (w,) x/z of each column.
             tangent_y: (h,) y/z of each row.
+
+        Returns:
+            The scan, its points in S.
         """
         points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
         return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
@@ -285,7 +291,7 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
 class _Plane:
     center: Array  # (3,) [m]
     normal: Array  # (3,) unit
-    inliers: np.ndarray  # (N,) bool
+    inliers: np.ndarray  # (n,) bool
 
 
 def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
@@ -322,7 +328,10 @@ def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
     Args:
         points: (h, w, 3) [m].
         centers: (k, 3) [m].
-        reach: [m]
+        reach: [m] largest distance.
+
+    Returns:
+        Mask (h, w).
     """
     near = np.zeros(points.shape[:2], dtype=np.bool_)
     for i in range(points.shape[0]):
@@ -359,6 +368,9 @@ def one_in(step: int, points: Array, size: float) -> np.ndarray:
         step: Inverse share of points kept.
         points: (n, 3) [m].
         size: [m] edge of the cubes.
+
+    Returns:
+        Mask (n,).
     """
     mixed = row_hash(np.floor(points / size).astype(np.int64)).astype(np.uint64)
     return (mixed >> np.uint64(32)) % np.uint64(step) == 0
@@ -430,11 +442,11 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
 class Contour:
     """Depth edges, each between a pixel on the near side and one of its four neighbours."""
 
-    rows: np.ndarray  # (N,) of the near pixel
-    columns: np.ndarray  # (N,)
-    steps: np.ndarray  # (N, 2) columns right and rows down to the neighbour
-    tangents: Array  # (N, 2) x/z and y/z of the edge
-    depth: Array  # (N,) [m] of the near pixel
+    rows: np.ndarray  # (n,) of the near pixel
+    columns: np.ndarray  # (n,)
+    steps: np.ndarray  # (n, 2) columns right and rows down to the neighbour
+    tangents: Array  # (n, 2) x/z and y/z of the edge
+    depth: Array  # (n,) [m] of the near pixel
 
 
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
@@ -448,6 +460,9 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
         scan: The scan.
         mask: (h, w) pixels of the object.
         depth_all: (h, w) [m] depth of all pixels, NaN without echo.
+
+    Returns:
+        The depth edges, one for each pair of pixels.
     """
     z = np.where(np.isfinite(depth_all), depth_all, np.inf)
     here = np.where(mask, scan.depth, np.inf)
@@ -479,7 +494,7 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
     Args:
         mask: (h, w) pixels of the object.
-        depth: (h, w) [m]
+        depth: (h, w) [m] of the pixels.
         rows: (n,) of the pixels.
         columns: (n,) of the pixels.
 

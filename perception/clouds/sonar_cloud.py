@@ -20,6 +20,9 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
         sigma: [m] standard deviation of the ranges.
         at: [m] range at which the model has this standard deviation.
 
+    Returns:
+        The sensor model.
+
     Raises:
         ConfigurationError: For values that are not positive.
     """

@@ -170,8 +170,8 @@ class Navigation:
     imu: ImuNoise = _IMU
     dvl: DvlNoise = _DVL
     vision: VisionNoise = _VISION
-    bias_walk: float = 5e-6  # [m/s^2] per square root of second
-    rate_bias_walk: float = 1e-7  # [rad/s] per square root of second
+    bias_walk: float = 5e-6  # [m/s^2/sqrt(s)] random walk of the accelerometer bias
+    rate_bias_walk: float = 1e-7  # [rad/s/sqrt(s)] random walk of the gyro bias
     adapt: bool = True  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
     gate: float = 27.9  # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)

@@ -44,8 +44,8 @@ class ModelSurface:
     """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T."""
 
     target: TargetModel
-    points: Array  # (M, 3) [m]
-    normals: Array  # (M, 3) unit
+    points: Array  # (m, 3) [m]
+    normals: Array  # (m, 3) unit
     spacing: float  # [m] between neighbouring points
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
@@ -93,6 +93,9 @@ class ModelSurface:
             scan: Scan whose pixel grid is the field of view.
             max_incidence: [rad] largest angle of incidence.
             step: Only every `step`-th point is judged, and the mask is of those.
+
+        Returns:
+            Mask (m,).
         """
         in_view = scan.pixels(transform_points(X_ST, self.points[::step]))[2]
         return self.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
@@ -107,6 +110,9 @@ class ModelSurface:
             max_incidence: [rad] largest angle of incidence.
             step: Only every `step`-th point is judged, and the mask is of those.
             among: Mask (m,) of the points to be judged; None: all.
+
+        Returns:
+            Mask (m,).
         """
         points, normals = self.points[::step], self.normals[::step]
         rays = points - origin
@@ -148,7 +154,7 @@ class Evidence:
     """The part of a scan that takes part in ICP."""
 
     scan: Scan
-    mask: np.ndarray  # (H, W) pixels that may belong to the object
+    mask: np.ndarray  # (h, w) pixels that may belong to the object
     points: Array  # (n, 3) [m] thinned, in S
     normals: Array  # (n, 3) unit, towards the sensor
     sigma: Array  # (n,) [m] standard deviation of depth
@@ -164,6 +170,9 @@ class Evidence:
             mask: (h, w) pixels that may belong to the object.
             spacing: [m] edge of the cubes.
             sensor: Accuracy of the sensor.
+
+        Returns:
+            The evidence, at most about _MAX_SCAN_POINTS points.
         """
         points = voxel_means(scan.points[mask], spacing)
         normals = facing_normals(points)
@@ -180,7 +189,7 @@ class _Edges:
 
     scan: Contour
     scan_outward: Array  # (n, 2) unit, across the edge in the image
-    model_points: Array  # (K, 3) [m] in T
+    model_points: Array  # (k, 3) [m] in T
     model_outward: Array  # (k, 2) unit
     model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE
 
@@ -205,6 +214,9 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
         X_ST: (4, 4) initial pose of T in S.
         rounds: Number of pairings with the visible model, each with a smaller gate.
         inner: Gauss-Newton steps in a round, at most.
+
+    Returns:
+        The pose at convergence, its free twists, residual and best scale.
     """
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
     pairing, X_paired = None, X_ST
@@ -236,8 +248,8 @@ class _Pairing:
 
     evidence: Evidence
     surface: ModelSurface
-    points: Array  # (M, 3) [m] visible, in T
-    normals: Array  # (M, 3)
+    points: Array  # (m, 3) [m] visible, in T
+    normals: Array  # (m, 3)
     grid: NearestPoint
     edges: _Edges | None
 

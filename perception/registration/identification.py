@@ -256,7 +256,7 @@ class _Found:
     fit: IcpFit | None  # ICP that converged there; None for another method
     X_start: Array
     log_likelihood: float
-    others: tuple[Hypothesis, ...] = ()  # most likely first
+    others: tuple[Hypothesis, ...] = ()  # the most likely first
     asks: str = ""  # reason for which the method requests a new scan
 
 
@@ -351,7 +351,7 @@ def _surface(target: Any, seed: int) -> ModelSurface:
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
     if hasattr(target, "vertices") and (hasattr(target, "faces") or hasattr(target, "triangles")):
-        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (T, 3, 3)
+        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (t, 3, 3)
         return ModelSurface.of(TargetModel(name="mesh", vertices=target.vertices, triangles=triangles), seed)
     raise ConfigurationError(
         f"target: expected a TargetModel, a mesh file or a mesh (vertices, faces), got {type(target).__name__}"

@@ -73,18 +73,18 @@ class Expected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Views:
-    """The model rendered from V sides, all in T."""
+    """The model rendered from v sides, all in T."""
 
-    points: Array  # (P, 3) [m]
-    normals: Array  # (P, 3)
+    points: Array  # (p, 3) [m]
+    normals: Array  # (p, 3)
     spacing: float  # [m]
     center: Array  # (3,) [m] of the model
     radius: float  # [m]
-    ways: Array  # (V, 3) unit, from the model's centre to the sensor
-    turns: Array  # (V, _SPINS, 3, 3) rotations that map a way to z, one for each spin about it
-    middles: Array  # (V, 3) [m] mean of the visible points
-    shown: np.ndarray  # (V, _SHOWN) indices of visible points
-    nearest: np.ndarray  # (V, nx, ny, nz) index of the visible point nearest to a cell
+    ways: Array  # (v, 3) unit, from the model's centre to the sensor
+    turns: Array  # (v, _SPINS, 3, 3) rotations that map a way to z, one for each spin about it
+    middles: Array  # (v, 3) [m] mean of the visible points
+    shown: np.ndarray  # (v, _SHOWN) indices of visible points
+    nearest: np.ndarray  # (v, nx, ny, nz) index of the visible point nearest to a cell
     corner: Array  # (3,) [m] of the table
     cell: float  # [m]
 
@@ -233,7 +233,7 @@ def _patches(points: Array, radius: float) -> list[np.ndarray]:
 
 
 def _turned(views: _Views, middle: Array) -> Array:
-    """Poses (V * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,) [m]."""
+    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,) [m]."""
     R = _facing(-middle) @ views.turns
     X = np.zeros((*R.shape[:2], 4, 4))
     X[..., :3, :3] = R
@@ -327,7 +327,7 @@ def _settle(
 
 @njit(cache=True)
 def _view(X_ST: Array, ways: Array, center: Array) -> int:
-    """Index of the `ways` (V, 3) closest to the direction from the model's centre to the sensor."""
+    """Index of the `ways` (v, 3) closest to the direction from the model's centre to the sensor."""
     p = X_ST[:3, 3]
     w = np.empty(3)
     for a in range(3):

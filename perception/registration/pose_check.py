@@ -69,7 +69,7 @@ class PoseCheck:
     """Figures of the verification with their limits; `reason` is empty if all hold."""
 
     decision: Decision
-    figure_m: float  # [m] trimmed rms distance of both projections along o; inf if it could not be made
+    figure_m: float  # [m] trimmed rms distance of both projections along o; inf without a verdict
     threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
     form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: more than noise
     form_threshold_m: float  # [m]

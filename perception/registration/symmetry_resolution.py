@@ -86,8 +86,8 @@ class _Pixels:
     """Pixels of the scan in which the parts appear at any of the angles."""
 
     rays: Array  # (p, 3) in S, scaled to a depth of 1 m
-    depth: Array  # (P,) [m]
-    sigma: Array  # (P,) [m]
+    depth: Array  # (p,) [m]
+    sigma: Array  # (p,) [m]
     weight: float  # [-] of a pixel, as a share of an independent error
 
     @classmethod

@@ -18,7 +18,7 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, transform_poi
 class SeabedFinderState:
     """State of SeabedFinder: clouds that wait to be merged, and the last plan for the log."""
 
-    waiting: tuple[Array, ...] = ()  # clouds (N, 3) [m] in W
+    waiting: tuple[Array, ...] = ()  # clouds (n, 3) [m] in W
     cloud_W: Array | None = None  # (n, 3) [m] last merged cloud
     plan: SeabedPlan | None = None  # in W; None where the work was refused
 

@@ -39,10 +39,10 @@ _HOLE = 4.0  # [-] mean spacings that an edge may span
 class Terrain:
     """Triangulated seabed in S."""
 
-    vertices: Array  # (V, 3) [m]
-    triangles: np.ndarray  # (T, 3) indices, counter-clockwise from above
+    vertices: Array  # (v, 3) [m]
+    triangles: np.ndarray  # (t, 3) indices, counter-clockwise from above
     up: Array  # (3,) unit vertical, z in [Konoplin 2019]
-    sigma: Array  # (V,) [m] standard error of each vertex's height
+    sigma: Array  # (v,) [m] standard error of each vertex's height
     noise: float  # [m] standard deviation of one point's height, estimated from the cloud
     spacing: float  # [m] mean distance of neighbouring vertices
     hole: float  # [m] longest edge accepted as surface
@@ -79,6 +79,9 @@ def build_terrain(
         up: (3,) vertical in S.
         hole: [m] longest edge accepted as surface; None: four times the mean spacing of the points.
         max_vertices: Denser clouds are averaged to about this number of vertices.
+
+    Returns:
+        The terrain in S.
 
     Raises:
         ConfigurationError: For an array that is no cloud.
@@ -135,7 +138,7 @@ class Projection:
     A: Array  # (s, 3) [m] in S
     t: Array  # (s,) [m] from B_i down to A_i
     normal: Array  # (s, 3) unit, upwards, of the triangle that was hit
-    sigma: Array  # (s,) [m] standard error of the surface there
+    sigma: Array  # (s,) [m] standard error of the surface at A_i
 
 
 def project(terrain: Terrain, B: ArrayLike) -> Projection:
@@ -207,6 +210,9 @@ def relief(
         radius: [m] of the patch around any of the points.
         limits: Of slope, roughness and step; None: `ReliefLimits()`.
         name: Of the patch, in messages.
+
+    Returns:
+        Slope, roughness and step, with the reason if a limit is exceeded.
 
     Raises:
         PerceptionError: If too little of the patch was measured.
@@ -342,7 +348,7 @@ def _distinct(local: Array) -> Array:
 
 
 def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Array, float, np.ndarray]:
-    """Smoothed heights (V,) [m] of `points`, their standard errors, the noise of one point, and the mask of inliers.
+    """Smoothed heights (v,) [m] of `points`, their standard errors, the noise of one point, and the mask of inliers.
 
     A quadric is fitted robustly around each point. Where it explains the neighbours within their noise it is the better
     measurement. Where the relief is finer, the point itself is. A Wiener filter weighs the two.
@@ -417,7 +423,7 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
 
 
 def _delaunay(vertices: Array) -> np.ndarray:
-    """Triangles (T, 3) over the ground plane, counter-clockwise from above."""
+    """Triangles (t, 3) over the ground plane, counter-clockwise from above."""
     try:
         triangles = Delaunay(vertices[:, :2]).simplices.astype(np.int64)
     except QhullError as error:

@@ -43,6 +43,9 @@ def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
         A: (s, 3) [m] targets on it, in S.
         width: [m] of the tool; its axes are the normals of the ground averaged over it.
 
+    Returns:
+        The profile in S.
+
     Raises:
         ConfigurationError: For less than two targets or two at one place.
         PerceptionError: Where a hole of the cloud lies between two of them.
@@ -167,6 +170,9 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
         n: (3,) unit second axis, x of the path.
         depth: [m] along `a`.
 
+    Returns:
+        The path in S, from the surface downwards.
+
     Raises:
         ConfigurationError: For a depth outside (0, 10] m.
     """
@@ -183,9 +189,9 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
 class SpeedLaw:
     """Arc length and speed over time along a path, from rest to rest."""
 
-    time: Array  # (N,) [s] at the path's samples
-    s: Array  # (N,) [m]
-    speed: Array  # (N,) [m/s]
+    time: Array  # (n,) [s] at the path's samples
+    s: Array  # (n,) [m]
+    speed: Array  # (n,) [m/s]
 
     def at(self, time: float) -> tuple[float, float]:
         """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the end."""
@@ -206,6 +212,9 @@ def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> Speed
         path: The tool path.
         speed: [m/s] largest speed.
         acceleration: [m/s^2] largest acceleration, along the path and across it.
+
+    Returns:
+        Time, arc length and speed at the samples of the path.
     """
     speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
     acceleration = finite_number(acceleration, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
@@ -254,6 +263,9 @@ def plan_seabed_work(
         width: [m] of the tool.
         patch: [m] radius of the patch whose relief is judged.
         limits: Of the relief; None: `ReliefLimits()`.
+
+    Returns:
+        Terrain, projected targets, relief, profile and path. The last two are None for a single target.
 
     Raises:
         ConfigurationError: For arguments of a wrong type or shape.

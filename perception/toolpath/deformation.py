@@ -43,11 +43,11 @@ class DeformationMap:
     """Deviation of the scanned surface from the model, pixel by pixel of the last frame."""
 
     X_sensor_target: Array  # (4, 4) pose of T in S, fitted to the undeformed part
-    points_S: Array  # (H, W, 3) [m] the scan
-    deviation: Array  # (H, W) [m] along the model's normal, growth positive; NaN where it was not compared
+    points_S: Array  # (h, w, 3) [m] the scan
+    deviation: Array  # (h, w) [m] along the model's normal, growth positive; NaN where it was not compared
     noise_m: float  # [m] standard deviation of `deviation` from the sensor: median over the compared pixels
     size_m: float  # [m] beyond which a deviation belongs to a region
-    label: np.ndarray  # (H, W) int: k within `regions[k - 1]`, 0 elsewhere
+    label: np.ndarray  # (h, w) int: k in `regions[k - 1]`, 0 elsewhere
     compared: float  # [-] share compared, of the model's surface that an unobstructed sensor should see
     regions: tuple[Region, ...]  # largest area first
 
@@ -103,7 +103,7 @@ class _Comparison:
     """Scan and model, pixel by pixel, with the model at one pose. All (h, w) except the poses."""
 
     X_ST: Array
-    points_S: Array  # (H, W, 3) [m] of the model
+    points_S: Array  # (h, w, 3) [m] of the model
     known: np.ndarray  # pixels where both were compared
     deviation: Array  # [m] averaged
     sigma: Array  # [m] standard deviation of it

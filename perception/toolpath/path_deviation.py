@@ -46,15 +46,15 @@ class Deviation:
     """Signed distance of the scanned surface behind (+) or in front of (-) the model along a path."""
 
     o: Array  # (3,) unit direction of projection, from the sensor to the object, in S
-    along_o: Array  # (N,) [m], 0 where the model is kept
-    across: Array  # (N,) slope of the deviation across the path, [m]/[m]
-    share: Array  # (N,) [-] weight of the scan in the tool axis, 0 to 1, without steps
-    on_scan: np.ndarray  # (N,) bool: a significant deviation
-    seen: np.ndarray  # (N,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
-    bridged: np.ndarray  # (N,) bool: in a hole of the scan with surface on both sides
-    threshold: Array  # (N,) [m] that a high and steep deviation must exceed
-    section: Array  # (N, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
-    form: Array  # (N, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
+    along_o: Array  # (n,) [m], 0 where the model is kept
+    across: Array  # (n,) slope of the deviation across the path, [m]/[m]
+    share: Array  # (n,) [-] weight of the scan in the tool axis, 0 to 1, without steps
+    on_scan: np.ndarray  # (n,) bool: a significant deviation
+    seen: np.ndarray  # (n,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
+    bridged: np.ndarray  # (n,) bool: in a hole of the scan with surface on both sides
+    threshold: Array  # (n,) [m] that a high and steep deviation must exceed
+    section: Array  # (n, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
+    form: Array  # (n, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
 
 
 def deviate(
@@ -70,6 +70,9 @@ def deviate(
         max_deviation: [m] beyond which the scan shows another object.
         bridge: [m] longest hole, along the path, over which the deviations on both sides are joined.
 
+    Returns:
+        The deviation at each point of the path.
+
     Raises:
         PerceptionError: For a longer hole where the sensor should see the object well; it names the place and the
             cause.
@@ -80,7 +83,7 @@ def deviate(
     step = float(np.diff(s).mean())
     n = len(path.p)
     lateral = np.cross(path.a, path.b)
-    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (N, L, 3)
+    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (n, l, 3)
     starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin in front of both
 
     model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)

@@ -40,6 +40,9 @@ def plan_path(
         tool_radius: [m] of the ball at the end of the tool, whose reachable surface the path follows where it deviates;
             0: a point.
 
+    Returns:
+        The tool path in S.
+
     Raises:
         PerceptionError: If `found` was not accepted, or the scan has a longer hole on the path.
         ConfigurationError: For a path with coinciding points, or parameters out of bounds.

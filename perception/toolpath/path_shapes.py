@@ -56,6 +56,9 @@ def circle(
         angle: [rad] of the arc; more than one turn is allowed.
         rise: [m] along the axis at the end, for a helix.
 
+    Returns:
+        Points (n, 3) [m] in T.
+
     Raises:
         ConfigurationError: For a start on the axis, or an angle or rise out of bounds.
     """
@@ -86,6 +89,9 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
         along: (3,) [m] edge of the patch along the lines.
         across: (3,) [m] edge perpendicular to `along`.
         pitch: [m] between lines, at most.
+
+    Returns:
+        Points (n, 3) [m] in T.
 
     Raises:
         ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
@@ -122,6 +128,9 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
         curve: (n, 3) [m] in T.
         direction: (3,), or (n, 3) one for each point, as towards the axis of a pipe.
         before: [m] by which the rays start ahead of the curve.
+
+    Returns:
+        The path in T.
 
     Raises:
         ConfigurationError: Where a ray misses, meets the surface at more than 70 deg, or the path falls off an edge.
@@ -175,6 +184,9 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
         end: (3,) [m] in T, projected likewise.
         direction: (3,) of projection.
 
+    Returns:
+        The path in T.
+
     Raises:
         ConfigurationError: Where the points miss the mesh, or no unbroken profile that faces against `direction` joins
             them.
@@ -215,6 +227,9 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
         points: (n, 3) [m] in T, n >= 4.
         axes: (n, 3) tool axes, into the surface.
         along: (n, 3) second axes; None: the path's own direction, made perpendicular to the tool axis.
+
+    Returns:
+        The path in T.
 
     Raises:
         ConfigurationError: For values that are not finite, neighbours that coincide, axes that are zero or, between

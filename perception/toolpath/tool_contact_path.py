@@ -26,6 +26,9 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
         path: Dense path in S.
         deviation: Of the scanned surface along it.
         radius: [m] of the ball.
+
+    Returns:
+        Contact points (n, 3) [m] and unit axes (n, 3) in S.
     """
     count = 2 * round(BESIDE[-1] / _ACROSS) + 1
     x = np.linspace(BESIDE[0], BESIDE[-1], count)
@@ -72,6 +75,9 @@ def lift(surface: Array, outward: Array, radius: float) -> Array:
         surface: (n, l, 3) [m] grid, dense against the radius: n places along a path, l across it.
         outward: (n, 3) unit direction from which the ball comes at each place.
         radius: [m] of the ball.
+
+    Returns:
+        Height (n, l) [m], 0 where the ball touches the point.
     """
     points = np.ascontiguousarray(surface)
     ways = np.ascontiguousarray(outward)

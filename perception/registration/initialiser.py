@@ -2,7 +2,8 @@
 
 The model is rendered once from all sides. Each patch of the scan is then taken for the object as seen from each of
 these sides, rotated about the line of sight. Every such pose converges by a fast ICP on few points, which reads the
-nearest visible model point from a table. The poses are ranked by what the scan then explains and confirms of the model.
+nearest visible model point from a table. The poses are ranked by a score: the model share that the scan confirms, plus
+the scan share that the model explains.
 """
 
 from dataclasses import dataclass

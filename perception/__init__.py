@@ -1,6 +1,6 @@
-"""Measurements -> what is where: depth frames to clouds, target poses, surfaces and tool paths.
+"""Perception: point clouds, target poses, surfaces and tool paths from depth frames and sonar scans.
 
-Names are imported when first used, so that `import perception` needs neither Embree nor SciPy.
+Names are imported on first use, so that `import perception` needs neither Embree nor SciPy.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Depth frames or sonar scans in, the target and its tool path out: identification as a part of the vehicle."""
+"""Target finder: identifies a known object in depth frames or sonar scans and plans the tool path on it."""
 
 from dataclasses import dataclass, replace
 
@@ -19,20 +19,27 @@ from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FinderState:
-    """What the finder has seen: last, for the log, and since then, to be judged together."""
+    """State of KnownObjectFinder: frames that wait to be fused, and the last identification for the log."""
 
-    frames: int = 0
-    looks: tuple[Frame, ...] = ()  # that wait for more of their kind
+    frames: int = 0  # measurements processed
+    looks: tuple[Frame, ...] = ()  # frames or pings collected so far, until the wanted number is there
     last: Identification | None = None
     X_WC: Array | None = None  # (4, 4) estimated pose of the camera for `last`
 
     def in_world(self, points_C: Array) -> Array:
-        """Points (N, 3) [m] of `last` (cloud, model_before, model_after) in W. Empty before the first frame."""
+        """Transform points of the last identification from the camera frame into W.
+
+        Args:
+            points_C: (n, 3) [m] cloud, model_before or model_after of `last`, in C.
+
+        Returns:
+            The same points (n, 3) [m] in W. Empty (0, 3) before the first identification.
+        """
         return np.zeros((0, 3)) if self.X_WC is None else transform_points(self.X_WC, points_C)
 
 
 class KnownObjectFinder:
-    """Finds one known object near where a coarse detection has put it, and lays a tool path on it.
+    """Target finder for one known object near its coarse detection; plans the tool path on the scanned surface.
 
     Implements `sim.interfaces.protocols.TargetFinder`.
     """
@@ -51,13 +58,23 @@ class KnownObjectFinder:
         looks: int = 1,
         seed: int = 0,
     ) -> None:
-        """Look for `target` around `approach_W` (3,) [m], the coarse position of its centre in W.
+        """Prepare the search for `target` around its coarse position.
 
-        `path`: name of one of the target's paths, a path of its own, or None: no path is wanted. `orientation_W`
-        (3, 3): coarse rotation of T in W, wrong by up to some 30 deg; None: unknown. `path_spacing` [m] of the tool
-        path's samples; `tool_radius` [m] of the ball that the tool ends in. `looks`: depth frames, or pings, in a row
-        whose median the path is planned on.
-        Raises ConfigurationError for an unknown path or malformed priors, MissingLibraryError without a ray caster.
+        Args:
+            target: Model of the object.
+            path: Name of one of the target's paths, a path in T, or None: no path is planned.
+            approach_W: (3,) [m] coarse position of the target's centre in W.
+            orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None: unknown.
+            sensor: Accuracy of the depth sensor; None: `SensorModel()`.
+            approach_error: [m] largest error of `approach_W`.
+            path_spacing: [m] between the samples of the tool path.
+            tool_radius: [m] of the ball at the end of the tool; 0: a point.
+            looks: Number of consecutive frames or pings whose median depth the path is planned on.
+            seed: Of all random samples.
+
+        Raises:
+            ConfigurationError: For an unknown path or malformed priors.
+            MissingLibraryError: Without a ray caster.
         """
         self._path = target.path(path) if isinstance(path, str) else path
         self._approach_W = checked(approach_W, (3,), "approach_W")
@@ -75,15 +92,25 @@ class KnownObjectFinder:
         self._surface = ModelSurface.of(target, seed)
 
     def init(self) -> FinderState:
+        """Return the initial state: no frames, no identification."""
         return FinderState()
 
     def step(
         self, state: FinderState, estimate: StateEstimate, measurement: Measurement
     ) -> tuple[FinderState, Target | None]:
-        """Look for the target in one depth frame or sonar scan, taken when the hull was where `estimate` says.
+        """Search one depth frame or sonar scan for the target and plan the tool path.
 
-        A frame that shows nothing gives a Target that is not accepted, with a reason; one after which more are wanted
-        gives None. Raises ConfigurationError if `measurement` is neither or malformed.
+        Args:
+            state: Of the last call, or of `init`.
+            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in W.
+            measurement: A DepthImage or a SonarScan.
+
+        Returns:
+            The new state, and the target in W. The target is None while more frames are wanted. It is not accepted, and
+            carries a reason, where the object or the surface on the path was not found.
+
+        Raises:
+            ConfigurationError: If `measurement` is of another type or malformed.
         """
         if isinstance(measurement, DepthImage):
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
@@ -116,7 +143,7 @@ class KnownObjectFinder:
                 whole = on_all_looks(found, looks)
                 path = plan_path(whole, self._path, spacing=self._spacing, tool_radius=self._tool_radius)
                 path = _in_world(X_WC, path)
-            except PerceptionError as error:  # found, but what is on the path was not seen: another look may tell
+            except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
                 reason = str(error)
         target = Target(
             time=measurement.time,
@@ -131,7 +158,7 @@ class KnownObjectFinder:
 
 
 def _scan_of(echoes: Array) -> Scan | Array:
-    """Echoes (H, W, 3) [m] as a scan, or as they are where they make none, for `identify` to say why."""
+    """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the reason."""
     try:
         return Scan.from_cloud(echoes)
     except PerceptionError:

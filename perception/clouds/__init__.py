@@ -1,1 +1,1 @@
-"""Point clouds: from files and frames to one pixel grid, segmented and cleaned."""
+"""Clouds: point clouds from files and frames on one pixel grid, cleaned and segmented."""

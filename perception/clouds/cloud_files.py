@@ -1,4 +1,4 @@
-"""A user's own cloud from a file, cleaned: what was left out is said, what cannot be used is one error."""
+"""Loading and cleaning of a user's point cloud file, with notes on the points left out."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,26 +11,33 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
 from sim.interfaces.spatial import Array, finite_number, readonly
 
-FARTHEST = 100.0  # [m] from the sensor that a cloud is believed
-_NO_POINT = 1e15  # in any unit, from where on a number is no place
-MOST = 20_000_000  # points: gigabytes
+FARTHEST = 100.0  # [m] from the sensor; a cloud without `scale` that lies farther is refused
+_NO_POINT = 1e15  # in any unit; larger coordinates count as not finite
+MOST = 20_000_000  # points at most: more take gigabytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CloudFile:
-    """What a file holds."""
+    """Cleaned cloud of a file."""
 
-    points: Array  # (N, 3) [m], in the sensor's frame, none twice; or a picture (H, W, 3), NaN where left out
-    notes: tuple[str, ...]  # what was left out, in words
+    points: Array  # (n, 3) [m] in S, without duplicates; or organised (h, w, 3), NaN where left out
+    notes: tuple[str, ...]  # points left out, in words
 
 
 def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
-    """The cloud of a PLY, PCD or text file (three numbers a line), in the sensor's frame.
+    """Load the cloud of a PLY, PCD or text file (three numbers a line), in the sensor's frame S.
 
-    `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a cloud that then lies farther
-    than FARTHEST is refused. Points that are not finite, at the origin (no return) or there twice are left out; the
-    pixels of a PCD file that is a picture stay in their places. Raises ConfigurationError for a file that is missing,
-    malformed, empty, without a usable point, of more than MOST points, or in a wrong unit.
+    Points that are not finite, at the origin (no return) or duplicates are left out. The pixels of an organised PCD
+    file keep their places.
+
+    Args:
+        file: Path of the file.
+        scale: [m] per unit of the file (0.001 for millimetres). None: metres, and a cloud that then lies farther than
+            FARTHEST is refused.
+
+    Raises:
+        ConfigurationError: For a file that is missing, malformed, empty, without a usable point, of more than MOST
+            points, or in a wrong unit.
     """
     file = existing_file(file, "cloud")
     if scale is not None:
@@ -68,9 +75,9 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
 
 
 def _again(points: Array) -> np.ndarray:
-    """Mask (N,) of the points (N, 3) that were there before."""
-    mixed = row_hash((points + 0.0).view(np.int64))  # one number to sort by, of three; -0 is 0
-    order = np.argsort(mixed, kind="stable")  # of equal ones the first stays first
+    """Mask (n,) of the points (n, 3) that are duplicates of an earlier one."""
+    mixed = row_hash((points + 0.0).view(np.int64))  # one number instead of three to sort by; -0 is 0
+    order = np.argsort(mixed, kind="stable")  # stable: of equal points the first stays first
     again = np.zeros(len(points), dtype=bool)
     again[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)
     return again

@@ -1,9 +1,9 @@
-"""A cloud as the depth image of a pinhole at its origin: whatever form it comes in, what follows sees one.
+"""Conversion of any point cloud to the depth image of a pinhole at its origin.
 
-A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in the row, to the
-last digits, however much z errs. Organised clouds tell the pixel of each point; from a list in any order the lattice is
-recovered from x/z and y/z alone. Only where there is none (merged scans, lidar, sonar) are points resampled: averaged
-over the cells of a virtual pinhole's image, triangulated there (Delaunay) and seen anew.
+A cloud from a depth sensor still holds the sensor's pixels: x/z is linear in the column and y/z in the row to the last
+digits, independent of errors of z. In an organised cloud the pixel of each point is known; from an unordered list the
+lattice is recovered from x/z and y/z alone. Only clouds without a lattice (merged scans, lidar, sonar) are resampled:
+averaged over the cells of a virtual pinhole's image, triangulated there (Delaunay) and rendered.
 """
 
 from dataclasses import dataclass
@@ -17,44 +17,49 @@ from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array
 
-_MOST_CELLS = 640  # to a side of the virtual pinhole's image
-_FEWEST_CELLS = 40
+_MOST_CELLS = 640  # pixels per side of the virtual pinhole's image, at most
+_FEWEST_CELLS = 40  # pixels along its longer side, at least
 _MAX_DELAUNAY = 40_000  # points; more add time, not shape
-_SAMPLE = 100_000  # points from which a pinhole is fitted
-_STRAY = 1e-3  # share of the points, to each side, that may lie far beyond the rest
-_BENT = 0.25  # [px] that the pixels of an organised cloud may lie off a pinhole's
-_SCATTER = 3.0  # [px] of scatter about them, where noise was added to x and y too
+_SAMPLE = 100_000  # points to which a pinhole is fitted
+_STRAY = 1e-3  # [-] share of the points, on each side, that may lie far beyond the rest
+_BENT = 0.25  # [px] largest systematic offset of an organised cloud's pixels from a pinhole's
+_SCATTER = 3.0  # [px] largest random offset from them, where noise was added to x and y too
 _BINS = 2**15  # of the histogram whose spectrum shows a lattice
-_COMB = 0.4  # of the spectrum's height at zero, which a lattice's lines reach
-_OFF_LATTICE = (0.8, 0.25)  # share of the points that must lie nearer to a lattice than so many [px]
-_FILLED = 0.5  # share of the pixels around each that hold a point too, below which a lattice is full of holes
-_LONGEST_SIDE = 8192  # [px] of a recovered lattice
-_CUT = 0.7  # share of the pixels further in that a picture's last row holds, where the picture itself ends
-_FULL_SIDE = 0.7  # share of the pixels of a picture's last row that hold a point, where something fills that side
-_OFF_CENTRE = 0.1  # share of a picture's width by which its middle may lie off the optical axis
-_MARGIN = 16  # [px] of emptiness around what a picture shows whole
-_UNEVEN = 4.0  # ratio of the pitches of columns and rows
+_COMB = 0.4  # [-] of the spectrum's height at zero, which the lines of a lattice reach
+_OFF_LATTICE = (0.8, 0.25)  # [-] share of the points that must lie within so many [px] of a lattice
+_FILLED = 0.5  # [-] filled share of the 8 neighbours (median), below which the lattice is rejected as sparse
+_LONGEST_SIDE = 8192  # [px] of a recovered lattice, at most
+_CUT = 0.7  # [-] points in a picture's last row over those further in, where the picture itself ends
+_FULL_SIDE = 0.7  # [-] filled share of a picture's last row where a surface covers that side
+_OFF_CENTRE = 0.1  # [-] share of a picture's width by which its middle may lie off the optical axis
+_MARGIN = 16  # [px] of empty border around an object that is wholly in the picture
+_UNEVEN = 4.0  # [-] largest ratio of the pitches of columns and rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthGrid:
-    """Depth in the pixels of a pinhole."""
+    """Depth image of a pinhole."""
 
-    depth: Array  # (H, W) [m] along the optical axis, NaN where nothing came back
-    tangent_x: Array  # (W,) x/z of each column
-    tangent_y: Array  # (H,) y/z of each row
+    depth: Array  # (h, w) [m] along the optical axis, NaN without echo
+    tangent_x: Array  # (w,) x/z of each column
+    tangent_y: Array  # (h,) y/z of each row
 
 
 def jump(z: ArrayLike) -> Array:
-    """Step in depth [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
+    """Depth step [m] at depth `z` [m] above which neighbouring pixels belong to different surfaces."""
     return 0.01 + 0.02 * np.asarray(z, dtype=np.float64)
 
 
 def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> DepthGrid | None:
-    """The pixels of an organised cloud (H, W, 3) [m], where they are a pinhole's; None if not.
+    """Depth image of an organised cloud whose pixels are those of a pinhole.
 
-    `usable`: mask (H, W) of the pixels that hold a point. Rows and columns may be exchanged or run backwards; with
-    `turned` they have been exchanged already, and stay.
+    Args:
+        points: (h, w, 3) [m] in S; rows and columns may be exchanged or run backwards.
+        usable: Mask (h, w) of the pixels that hold a point.
+        turned: Rows and columns have been exchanged already, and stay.
+
+    Returns:
+        The depth image, or None if the pixels are not those of a pinhole.
     """
     if min(usable.shape) < 2:
         return None
@@ -65,9 +70,10 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
     along = [
         abs(_slope(index, tangents[:, 0])) * size for index, size in zip((column, row), usable.shape[::-1], strict=True)
     ]
-    if along[0] < along[1] and not turned:  # of a picture in no order chance decides, each time anew
+    if along[0] < along[1] and not turned:  # `turned` ends the recursion for a cloud without order
         return organised_grid(points.swapaxes(0, 1), usable.T, turned=True)
-    # A sensor's distortion bends the lines; what scatters about them is noise, which leaves the pixels where they are.
+    # Smooth deviations are lens distortion and must be small. Scatter about them is noise, which keeps points in their
+    # pixels.
     u, v = (2.0 * index / (size - 1) - 1.0 for index, size in zip((column, row), usable.shape[::-1], strict=True))
     terms = np.column_stack([u**i * v**j for i in range(4) for j in range(4 - i)])
     axes = []
@@ -86,9 +92,15 @@ def organised_grid(points: Array, usable: np.ndarray, turned: bool = False) -> D
 
 
 def lattice_grid(points: Array) -> DepthGrid | None:
-    """The pixels of points (N, 3) [m] in any order, where they are those of a pinhole; None if not.
+    """Depth image of an unordered cloud whose points are the pixels of a pinhole.
 
     Several points in one pixel are averaged, as in `scatter_grid`.
+
+    Args:
+        points: (n, 3) [m] in S, in any order.
+
+    Returns:
+        The depth image, or None if the points lie on no lattice.
     """
     points = _without_strays(points)
     tangents = points[:, :2] / points[:, 2:]
@@ -118,10 +130,16 @@ def lattice_grid(points: Array) -> DepthGrid | None:
 
 
 def scatter_grid(points: Array) -> DepthGrid:
-    """Points (N, 3) [m] that no lattice holds, seen through a virtual pinhole at the resolution that they have.
+    """Depth image of an unordered cloud without a lattice, rendered by a virtual pinhole at the cloud's own resolution.
 
-    Where they are many, those of a cell are averaged that lie on the surface of their median: noise leaves a mean where
-    it was, while the nearest of many would stand before the surface. Raises PerceptionError if they span no surface.
+    In dense clouds the points of a cell that lie on the surface of their median are averaged. The mean keeps its place
+    under noise, while the nearest of many points would lie in front of the surface.
+
+    Args:
+        points: (n, 3) [m] in S.
+
+    Raises:
+        PerceptionError: If the points span no surface.
     """
     points = _without_strays(points)
     tangents, z = points[:, :2] / points[:, 2:], points[:, 2]
@@ -135,7 +153,7 @@ def scatter_grid(points: Array) -> DepthGrid:
         while (count := len(np.unique(_keys(tangents, low, pitch)))) > _MAX_DELAUNAY:
             pitch *= 1.02 * np.sqrt(count / _MAX_DELAUNAY)
         _, few, few_z = _cell_means(tangents, z, _keys(tangents, low, pitch))
-    # Spacing from neighbours, not from the box: a cloud seldom fills its box.
+    # Spacing from neighbours, not from the bounding box: a cloud seldom fills its box.
     sample = few[:: max(1, len(few) // 4000)]
     spacing = float(np.median(cKDTree(few).query(sample, k=3)[0][:, 2]))
     pitch = float(np.clip(spacing, pitch, span / _FEWEST_CELLS))
@@ -157,27 +175,28 @@ def scatter_grid(points: Array) -> DepthGrid:
 
 
 def _sample(count: int) -> np.ndarray | slice:
-    """Indices of at most _SAMPLE of `count`, not in step with any row."""
+    """Indices of at most _SAMPLE of `count`, random, so that they do not alias with rows."""
     return slice(None) if count <= _SAMPLE else np.random.default_rng(0).integers(count, size=_SAMPLE)
 
 
 def _slope(x: Array, y: Array) -> float:
-    """Of the straight line through `y` (N,) over `x` (N,); 0 where x is one number."""
+    """Slope of the least-squares line through `y` (n,) over `x` (n,); 0 where x is constant."""
     x = x - x.mean()
     return float(x @ (y - y.mean()) / max(float(x @ x), 1e-300))
 
 
 def _even(grid: DepthGrid) -> DepthGrid | None:
-    """`grid`, unless its pixels are much longer than wide or the other way round."""
+    """Return `grid`, or None if its pixels are much longer than wide or the other way round."""
     ratio = (grid.tangent_x[1] - grid.tangent_x[0]) / (grid.tangent_y[1] - grid.tangent_y[0])
     return grid if 1.0 / _UNEVEN < ratio < _UNEVEN else None
 
 
 def _framed(grid: DepthGrid) -> DepthGrid:
-    """`grid` with what is likely to have been empty around it: pixels without a point left no trace in a list.
+    """Extend `grid` by the empty pixels that probably surrounded it: pixels without a point leave no trace in a list.
 
-    Where what is shown does not run into a side of the picture, the picture went on; so it did where it reaches much
-    less far from the optical axis than on the opposite side. Where nothing fills a side, the object stands alone.
+    Where the content does not reach a side of the picture, the picture continued. It also continued where it reaches
+    much less far from the optical axis than on the opposite side. Where no surface covers any side, the object stands
+    alone.
     """
     depth, lines = grid.depth, (grid.tangent_y, grid.tangent_x)
     count = [np.isfinite(depth).sum(axis=1 - axis) for axis in range(2)]
@@ -202,7 +221,7 @@ def _framed(grid: DepthGrid) -> DepthGrid:
 
 
 def _without_strays(points: Array) -> Array:
-    """Points (N, 3) but those that lie far beside all others, whose image would have to be as wide."""
+    """Remove points far beside all others, whose image would have to be as wide."""
     tangents = points[:, :2] / points[:, 2:]
     low, high = np.quantile(tangents[_sample(len(tangents))], [_STRAY, 1.0 - _STRAY], axis=0)
     margin = float((high - low).max())
@@ -210,16 +229,16 @@ def _without_strays(points: Array) -> Array:
 
 
 def _lattice(values: Array) -> tuple[float, float] | None:
-    """First line and pitch of the equidistant lines that `values` (N,) lie on; None if they lie on none.
+    """First line and pitch of the equidistant lines that `values` (n,) lie on; None if they lie on none.
 
-    Lines show in the spectrum of the values' density at 1/pitch and all its multiples, as high as at zero.
+    Such lines give the spectrum of the values' density peaks at all multiples of 1/pitch, as high as at zero.
     """
     low, span = float(values.min()), float(np.ptp(values))
     if not span > 1e-6:
         return None
     density = np.bincount(np.minimum(((values - low) * (_BINS / span)).astype(np.int64), _BINS - 1), minlength=_BINS)
     height = np.abs(np.fft.rfft(density, 4 * _BINS)) / len(values)  # at multiples of 1 / (4 span)
-    fell = np.nonzero(height < 0.5 * _COMB)[0]  # beyond the peak at zero, however narrow the cloud
+    fell = np.nonzero(height < 0.5 * _COMB)[0]  # beyond the peak at zero, which is wide for a narrow cloud
     if not len(fell) or not (peaks := height[fell[0] :]).max() > _COMB:
         return None
     begin = fell[0] + int(np.nonzero(peaks > max(_COMB, 0.8 * peaks.max()))[0][0])
@@ -239,23 +258,23 @@ def _lattice(values: Array) -> tuple[float, float] | None:
 
 
 def _keys(tangents: Array, low: Array, pitch: float) -> np.ndarray:
-    """Number (N,) of the cell, `pitch` wide, that each of the `tangents` (N, 2) lies in; `low` (2,) is a corner."""
+    """Index (n,) of the cell, `pitch` wide, that each of the `tangents` (n, 2) lies in; `low` (2,) is a corner."""
     column, row = ((tangents - low) / pitch).astype(np.int64).T
     return row * (int(column.max()) + 1) + column
 
 
 def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray, Array, Array]:
-    """Cells (M,) that hold points, and the mean tangents (M, 2) and depth (M,) [m] of those on their median's surface.
+    """Occupied cells (m,), and mean tangents (m, 2) and depth (m,) [m] of their points on the surface of the median.
 
-    `key`: cell (N,) of each point. A plane is linear in inverse depth, so that a mean of points on it lies on it too;
-    over an edge nothing is averaged, which would invent surface.
+    `key`: cell (n,) of each point. A plane is linear in inverse depth, so a mean of points on it lies on it too. Points
+    across an edge are not averaged, which would invent surface.
     """
     order = np.lexsort((z, key))
     key, z = key[order], z[order]
     first = np.nonzero(np.r_[True, key[1:] != key[:-1]])[0]
     count = np.diff(np.r_[first, len(key)])
     cell = key[first]
-    middle = z[first + (count - 1 + cell % 2) // 2]  # of two, each as often: the nearer would widen all that is near
+    middle = z[first + (count - 1 + cell % 2) // 2]  # of two alternately: always the nearer would enlarge near surfaces
     same = np.repeat(np.arange(len(cell)), count)
     on = np.abs(z - middle[same]) < jump(middle)[same]
     same, order, z = same[on], order[on], z[on]
@@ -265,7 +284,7 @@ def _cell_means(tangents: Array, z: Array, key: np.ndarray) -> tuple[np.ndarray,
 
 
 def _coherent(tangents: Array, z: Array, triangles: np.ndarray, reach: float) -> np.ndarray:
-    """Which triangles join neighbours on one surface: short in the image, no jump in depth."""
+    """Mask of the triangles that join neighbours on one surface: short in the image, no jump in depth."""
     corners = tangents[triangles]
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     z = z[triangles]

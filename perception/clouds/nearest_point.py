@@ -1,7 +1,7 @@
-"""The nearest of many points, found in a grid of cells: several times as fast as a tree where the points lie evenly.
+"""Nearest-neighbour search in a grid of cells, several times as fast as a k-d tree for evenly spaced points.
 
-Points sampled on a surface fill cells of a few spacings alike, and what is asked about lies mostly within a cell or
-two of them; a tree makes no use of either. The answers are those of `scipy.spatial.cKDTree.query`.
+Points sampled on a surface fill cells of a few spacings evenly, and query points lie mostly within one or two cells of
+them. A tree uses neither. The results equal those of `scipy.spatial.cKDTree.query`.
 """
 
 from dataclasses import dataclass
@@ -11,24 +11,24 @@ from numba import njit
 
 from sim.interfaces.spatial import Array
 
-_CELL = 3.0  # [spacings] that a cell is wide
-_MOST_CELLS = 2_000_000
+_CELL = 3.0  # [spacings] width of a cell
+_MOST_CELLS = 2_000_000  # cells at most; the width doubles until they are fewer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestPoint:
     """Points sorted into cells."""
 
-    points: Array  # (M, 3) [m], cell by cell
-    order: np.ndarray  # (M,) index that each of them came with
-    first: np.ndarray  # (nx * ny * nz + 1,) where each cell begins among `points`
+    points: Array  # (m, 3) [m], cell by cell
+    order: np.ndarray  # (m,) original index of each point
+    first: np.ndarray  # (nx * ny * nz + 1,) index of each cell's first point
     corner: Array  # (3,) [m] of the first cell
     shape: np.ndarray  # (3,) cells along each axis
     cell: float  # [m]
 
     @classmethod
     def of(cls, points: Array, spacing: float) -> "NearestPoint":
-        """Sort `points` (M, 3) [m], M >= 1, which lie about `spacing` [m] apart."""
+        """Sort `points` (m, 3) [m], m >= 1, which lie about `spacing` [m] apart."""
         corner, cell = points.min(axis=0), _CELL * spacing
         extent = points.max(axis=0) - corner
         while np.prod(extent // cell + 1.0) > _MOST_CELLS:
@@ -38,9 +38,9 @@ class NearestPoint:
         return cls(points[order], order, first, corner, shape, cell)
 
     def query(self, points: Array, reach: float) -> tuple[Array, np.ndarray]:
-        """Distance (N,) [m] and index (N,) of the nearest to each of `points` (N, 3) [m].
+        """Distance (n,) [m] and index (n,) of the nearest to each of `points` (n, 3) [m].
 
-        Where none is nearer than `reach` [m], infinity and M.
+        Where none is nearer than `reach` [m] the distance is inf and the index is the number of stored points.
         """
         square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
         _search(points, self.points, self.order, self.first, self.corner, self.shape, self.cell, square, found)
@@ -49,7 +49,7 @@ class NearestPoint:
 
 @njit(cache=True)
 def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (M,) cell by cell, and where each cell begins."""
+    """Indices (m,) of the points cell by cell, and the first index of each cell."""
     where = np.empty(len(points), dtype=np.int64)
     first = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int64)
     for n in range(len(points)):
@@ -79,9 +79,10 @@ def _search(
     square: Array,
     found: np.ndarray,
 ) -> None:
-    """Lower `square` (N,) [m^2] to that of the nearest point and note its index: cells in shells around the asked one.
+    """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of cells.
 
-    No cell of shell s is nearer than s - 1 cells and the way from the point to the nearest side of its own.
+    A cell of shell s is at least s - 1 cells away, plus the distance from the query to the nearest side of its own
+    cell.
     """
     nx, ny, nz = shape
     for n in range(len(asked)):
@@ -90,7 +91,7 @@ def _search(
         i, j, k = int(np.floor(u)), int(np.floor(v)), int(np.floor(w))
         side = min(min(u - i, 1.0 - (u - i)), min(v - j, 1.0 - (v - j)), min(w - k, 1.0 - (w - k)))
         least, best = square[n], -1
-        # Nearer shells lie outside the grid, and beyond the last there is none.
+        # Smaller shells lie outside the grid, and so do larger ones.
         shell = max(0, -i, -j, -k, i - nx + 1, j - ny + 1, k - nz + 1)
         last = max(i, j, k, nx - 1 - i, ny - 1 - j, nz - 1 - k)
         while shell <= last:

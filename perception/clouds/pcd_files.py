@@ -1,4 +1,4 @@
-"""PCD files, the point clouds of PCL: text, binary and compressed, in the order in which they were written."""
+"""Reader of PCD files, the point clouds of PCL: text, binary and compressed, in the order of the file."""
 
 from pathlib import Path
 
@@ -12,13 +12,21 @@ from sim.interfaces.spatial import Array
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
-_LONGEST_HEADER = 100  # lines
+_LONGEST_HEADER = 100  # lines of the header, at most
 
 
 def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
-    """Points (N, 3) of a PCD file, N > 0, in its own unit, NaN in its place; rows and columns where it is a picture.
+    """Read the points of a PCD file.
 
-    Raises ConfigurationError for a file that cannot be read, is not PCD, has no x, y, z, or is cut short.
+    Args:
+        file: Path of the file.
+
+    Returns:
+        Points (n, 3), n > 0, in the unit of the file, NaN kept in place. And rows and columns if the cloud is
+        organised, else None.
+
+    Raises:
+        ConfigurationError: For a file that cannot be read, is not PCD, has no x, y, z, or is cut short.
     """
     header, data = _header(bytes_of(file, "cloud"), file)
     try:
@@ -55,18 +63,18 @@ def read_pcd(file: Path) -> tuple[Array, tuple[int, int] | None]:
         flat = np.zeros(whole, dtype=np.uint8)
         if _unpack(np.frombuffer(data, np.uint8, packed, 8), flat) != whole:
             raise _cut_short(file, count)
-        # Field by field, not point by point.
+        # The compressed data is stored field by field, not point by point.
         ends = count * np.cumsum([0, *widths])
         parts = [flat[ends[k] : ends[k + 1]].reshape(count, -1) for k in range(len(names))]
     else:
         raise ConfigurationError(f"cloud {file}: PCD data must be ascii, binary or binary_compressed, got {kind!r}")
-    with np.errstate(invalid="ignore"):  # of a signalling NaN
+    with np.errstate(invalid="ignore"):  # for a signalling NaN
         values = [np.ascontiguousarray(parts[k]).view(types[k])[:, 0].astype(np.float64) for k in columns]
     return np.column_stack(values), shape
 
 
 def _header(content: bytes, file: Path) -> tuple[dict[str, list[str]], bytes]:
-    """The words of each line of the header, by the first, and what comes after it."""
+    """Values of each header line by its keyword, and the data after the header."""
     header: dict[str, list[str]] = {}
     at = 0
     for _ in range(_LONGEST_HEADER):
@@ -105,12 +113,12 @@ def _cut_short(file: Path, count: int) -> ConfigurationError:
 
 @njit(cache=True)
 def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
-    """Unpack LZF (Lehmann's) into `whole`; how many bytes came of it, or -1 if that cannot be."""
+    """Decompress LZF into `whole`; returns the number of bytes written, or -1 for malformed data [Lehmann 2000]."""
     i, o = 0, 0
     while i < len(packed):
         head = np.int64(packed[i])
         i += 1
-        if head < 32:  # so many bytes, and one, as they are
+        if head < 32:  # literal run of head + 1 bytes
             if i + head + 1 > len(packed) or o + head + 1 > len(whole):
                 return -1
             for _ in range(head + 1):
@@ -118,7 +126,7 @@ def _unpack(packed: np.ndarray, whole: np.ndarray) -> int:
                 i += 1
                 o += 1
             continue
-        length = head >> 5  # else bytes that were there before
+        length = head >> 5  # back reference
         if length == 7:
             if i >= len(packed):
                 return -1

@@ -1,4 +1,4 @@
-"""Files of points: clouds as text, PLY or PCD, and the text file of targets B_i and direction z (paper 004)."""
+"""Readers of point files: clouds as text, PLY or PCD, and text files of targets B_i and direction z [Konoplin 2019]."""
 
 from pathlib import Path
 
@@ -10,20 +10,23 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import bytes_of, existing_file, text_of
 from sim.interfaces.spatial import Array
 
-_UP = "z"  # first word of the line that gives the direction
+_UP = "z"  # first word of the line with the direction z
 
 
 def read_cloud(file: str | Path) -> Array:
-    """Points (N, 3) [m] of a file: PLY or PCD by its ending, else text with three numbers a line.
+    """Read the points (n, 3) [m] of a file: PLY or PCD by its ending, else text with three numbers a line.
 
-    Columns are parted by blanks, commas or semicolons; `#` begins a comment. NaN stays NaN: the terrain says so.
-    Raises ConfigurationError for a file that is missing, empty or has other columns, with the line.
+    Columns are separated by blanks, commas or semicolons; `#` begins a comment. NaN stays NaN: `build_terrain` refuses
+    it.
+
+    Raises:
+        ConfigurationError: For a file that is missing, empty or has other columns; it names the line.
     """
     return read_picture(file)[0]
 
 
 def read_picture(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
-    """As `read_cloud`, and rows and columns where the points are the pixels of a picture: only PCD files say so."""
+    """As `read_cloud`, and rows and columns of an organised cloud, which only PCD files can hold."""
     path = existing_file(file, "cloud")
     match path.suffix.lower():
         case ".pcd":
@@ -35,10 +38,12 @@ def read_picture(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
 
 
 def read_targets(file: str | Path) -> tuple[Array, Array]:
-    """Points B (s, 3) [m] and the unit vector z (3,) of a text file.
+    """Read points B (s, 3) [m] and the unit vector z (3,) of a text file.
 
-    Three numbers a line; the line of z begins with the letter z, without one it is (0, 0, 1). Raises
-    ConfigurationError, with the line, for anything else.
+    Three numbers a line. The line of z begins with the letter z; without one it is (0, 0, 1).
+
+    Raises:
+        ConfigurationError: For anything else; it names the line.
     """
     path = existing_file(file, "targets")
     B, z = [], None
@@ -55,7 +60,7 @@ def read_targets(file: str | Path) -> tuple[Array, Array]:
         elif not (largest := np.abs(values).max()) > 1e-9:
             raise ConfigurationError(f"{where}: z must not be zero")
         else:
-            z = np.array(values) / largest  # first: the square of 1e200 is no number
+            z = np.array(values) / largest  # first: the square of 1e200 overflows
             z /= np.linalg.norm(z)
     if not B:
         raise ConfigurationError(f"targets {path}: there is no point B in it")
@@ -96,7 +101,7 @@ def _text(path: Path, what: str) -> str:
 
 
 def _lines(text: str):
-    """Numbers, from 1, and content of the lines that say something."""
+    """Numbers, from 1, and content of the lines that are neither empty nor comments."""
     for i, line in enumerate(text.splitlines(), start=1):
         said = line.partition("#")[0].translate(_BLANKS).strip()
         if said:

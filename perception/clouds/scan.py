@@ -1,7 +1,7 @@
-"""A depth frame as points on a pixel grid: clouds, segmentation, triangulation and depth edges.
+"""Scan: a depth frame as points on a pixel grid, with segmentation, triangulation and depth edges.
 
-Sensor frame S has OpenCV axes (z along the optical axis). Clouds become such a grid too (`cloud_grid`), so that all
-that follows has one form.
+Sensor frame S has OpenCV axes (z along the optical axis). Point clouds are converted to such a grid (`cloud_grid`), so
+that all later steps have one data type.
 """
 
 from dataclasses import dataclass, fields
@@ -19,27 +19,27 @@ from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, number, readonly, real_array
 
-SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner passes for the barrel
-MIN_POINTS = 60  # below this no pose can be told from noise
-_ENDLESS = 1e5  # [m] along an axis, from where on a number is no measurement
-_SAMPLED = 20_000  # pixels, about, of which background planes are made
-_FACET = 0.056  # [rad] of surface, 31 px of the usual camera, that tells which way it faces
-_ALIGNED = np.cos(np.deg2rad(20.0))  # of a surface that lies as a plane does
-_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # of `row_hash`: large and odd
-_SEAM = 5  # [px] without depth between what hides and what is hidden
-_EDGE_WIDTH = 2.0  # [px] over which the direction across an edge is taken
+SIGMA_ALLOWED = (1e-6, 0.01)  # [m] of depth at 1 m; at 0.02 a barrel 10 cm thinner is accepted as the barrel
+MIN_POINTS = 60  # points, below this no pose can be told from noise
+_ENDLESS = 1e5  # [m] along an axis; larger coordinates are invalid
+_SAMPLED = 20_000  # pixels, about, to which background planes are fitted
+_FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local normal
+_ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
+_FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large odd factors of `row_hash`
+_SEAM = 5  # [px] without depth between an occluder and the surface behind it
+_EDGE_WIDTH = 2.0  # [px] of the Gaussian for the direction across an edge
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorModel:
-    """What perception assumes of the depth sensor's accuracy (a stereo pair)."""
+    """Assumed accuracy of the depth sensor (a stereo pair)."""
 
     focal: float = 554.0  # [px]
     baseline: float = 0.12  # [m]
     disparity_sigma: float = 0.25  # [px]
-    noise_length: float = 5.0  # [px] over which its errors hang together: one independent reading
-    edge_sigma: float = 1.0  # [px] of the place of a depth edge; matchers with large windows: their half
-    max_incidence: float = np.deg2rad(75.0)  # [rad] beyond which a surface is expected to return nothing
+    noise_length: float = 5.0  # [px] correlation length of the depth errors: one independent reading
+    edge_sigma: float = 1.0  # [px] of a depth edge's position; half the window for matchers with large windows
+    max_incidence: float = np.deg2rad(75.0)  # [rad] of incidence, beyond which no echo is expected
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -64,21 +64,21 @@ class SensorModel:
         return np.square(np.asarray(z, dtype=np.float64)) * (self.disparity_sigma / (self.focal * self.baseline))
 
     def independent(self, pixels: ArrayLike) -> Array:
-        """Share (0..1) of an independent reading that each of several points is, that lie `pixels` [px] apart."""
+        """Share (0..1) of an independent reading that each of several points has, which lie `pixels` [px] apart."""
         return np.minimum(1.0, np.square(np.asarray(pixels, dtype=np.float64) / self.noise_length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scan:
-    """One look at the scene: a point for each pixel of a pinhole grid, in the sensor frame S."""
+    """One frame of a depth sensor: a point for each pixel of a pinhole grid, in the sensor frame S."""
 
-    points: Array  # (H, W, 3) [m], NaN where nothing came back
-    tangent_x: Array  # (W,) x/z of each column
-    tangent_y: Array  # (H,) y/z of each row
+    points: Array  # (h, w, 3) [m], NaN without echo
+    tangent_x: Array  # (w,) x/z of each column
+    tangent_y: Array  # (h,) y/z of each row
 
     @property
     def depth(self) -> Array:
-        """(H, W) [m] along the optical axis."""
+        """Depth (h, w) [m] along the optical axis."""
         return self.points[..., 2]
 
     @property
@@ -92,7 +92,7 @@ class Scan:
         return float(np.sqrt(self.pitches.prod()))
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Row and column (N,) of points (N, 3) [m] in S, clipped to the grid, and whether they lie within it."""
+        """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those within it."""
         with np.errstate(divide="ignore", invalid="ignore"):
             tangents = points[:, :2] / points[:, 2:]
         tangents = np.where(points[:, 2:] > 0.0, tangents, np.inf)
@@ -107,15 +107,21 @@ class Scan:
         )
 
     def part(self, window: tuple[slice, slice]) -> "Scan":
-        """The rows and columns of `window`, whose steps may thin the grid."""
+        """Rows and columns of `window`, whose steps may thin the grid."""
         return Scan(
             points=self.points[window], tangent_x=self.tangent_x[window[1]], tangent_y=self.tangent_y[window[0]]
         )
 
     def window(self, points: Array, margin: float, pixels: int) -> tuple[slice, slice]:
-        """Rows and columns that hold the picture of points (N, 3) [m] in S, for `part`.
+        """Rows and columns around the picture of given points, for `part`.
 
-        `margin` is added on each side, as a share of the picture's size; the steps leave at most about `pixels`.
+        Args:
+            points: (n, 3) [m] in S.
+            margin: [-] added on each side, as a share of the picture's size.
+            pixels: Largest number of pixels, about, to which the steps thin the window.
+
+        Returns:
+            Slices of rows and of columns; empty if no point lies in front of the sensor.
         """
         row, column, _ = self.pixels(points[points[:, 2] > 0.0])
         if not len(row):
@@ -129,7 +135,11 @@ class Scan:
 
     @classmethod
     def from_depth(cls, image: DepthImage) -> "Scan":
-        """The cloud of a depth frame, by its pinhole matrix. Raises ConfigurationError for a malformed frame."""
+        """Scan of a depth frame, by its pinhole matrix.
+
+        Raises:
+            ConfigurationError: For a malformed frame.
+        """
         depth = np.asarray(image.depth, dtype=np.float64)
         if depth.ndim != 2 or min(depth.shape) < 2:
             raise ConfigurationError(f"depth frame: expected (height, width) numbers, got shape {depth.shape}")
@@ -145,18 +155,21 @@ class Scan:
 
     @classmethod
     def from_cloud(cls, cloud: ArrayLike) -> "Scan":
-        """A scan from unordered points (N, 3) or an organised cloud (H, W, 3) [m] in S; bad points are left out.
+        """Scan of an unordered (n, 3) or organised (h, w, 3) cloud [m] in S; invalid points are left out.
 
-        A depth sensor's pixels are kept, or found again, where there are any (`cloud_grid`). Points behind the sensor
-        (z <= 0) or farther than 100 km count as bad. Raises ConfigurationError if it is no cloud at all,
-        PerceptionError if too few points are left or they span no surface.
+        The pixels of a depth sensor are kept or recovered where there are any (`cloud_grid`). Points behind the sensor
+        (z <= 0) or farther than 100 km are invalid.
+
+        Raises:
+            ConfigurationError: For an array that is no cloud.
+            PerceptionError: If too few points are left or they span no surface.
         """
         values = real_array(cloud, "cloud", "(N, 3) numbers [m]")
         if values.size == 0:
             raise PerceptionError("the cloud is empty")
         if values.ndim not in (2, 3) or values.shape[-1] != 3:
             raise ConfigurationError(f"cloud: expected (N, 3) or (H, W, 3) numbers [m], got shape {values.shape}")
-        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # NaN is neither
+        usable = (np.abs(values) < _ENDLESS).all(axis=-1) & (values[..., 2] > 1e-3)  # False for NaN
         count = int(usable.sum())
         if count < MIN_POINTS:
             raise PerceptionError(f"only {count} usable points of {values.size // 3}; need {MIN_POINTS}")
@@ -168,15 +181,24 @@ class Scan:
 
     @classmethod
     def of_grid(cls, depth: Array, tangent_x: Array, tangent_y: Array) -> "Scan":
-        """Depth (H, W) [m], NaN where nothing came back, of a pinhole's columns (W,) and rows (H,)."""
+        """Scan of a depth image on a pinhole's grid.
+
+        Args:
+            depth: (h, w) [m], NaN without echo.
+            tangent_x: (w,) x/z of each column.
+            tangent_y: (h,) y/z of each row.
+
+        Returns:
+            The scan, its points in S.
+        """
         points = np.stack([depth * tangent_x, depth * tangent_y[:, None], depth], axis=-1)
         return cls(points=readonly(points), tangent_x=readonly(tangent_x), tangent_y=readonly(tangent_y))
 
 
 def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Triangulated surface of the masked (H, W) pixels: vertices (V, 3) [m] in S, triangles (T, 3).
+    """Triangulated surface of the masked (h, w) pixels: vertices (v, 3) [m] in S, triangles (t, 3).
 
-    Two triangles for each cell of the grid, left out where depth jumps.
+    Two triangles for each cell of the grid, omitted where depth jumps.
     """
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(int(mask.sum()))
@@ -189,7 +211,7 @@ def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
 
 
 def without_flying_pixels(scan: Scan) -> np.ndarray:
-    """Mask (H, W) of pixels that share their surface with at least 3 of their 8 neighbours."""
+    """Mask (h, w) of pixels that share their surface with at least 3 of their 8 neighbours."""
     z = scan.depth
     padded = np.pad(z, 1, constant_values=np.nan)
     step = jump(z)
@@ -205,11 +227,22 @@ def without_flying_pixels(scan: Scan) -> np.ndarray:
 def background(
     scan: Scan, mask: np.ndarray, extent: float, sensor: SensorModel, rng: np.random.Generator, planes: int = 5
 ) -> np.ndarray:
-    """Mask (H, W) of the masked pixels that lie on background planes.
+    """Mask of the pixels that lie on background planes.
 
-    Background is a plane that reaches further than the object can: points of surface that lies as it does spread over
-    more than `extent` [m]; a strip where it only cuts through something does not count. The `planes` largest planes
-    are judged; a face of the object may be among them, and is left.
+    A plane is background if it extends further than the object can: its surface points, with normals along the plane's,
+    spread over more than `extent`. A strip where the plane only cuts through something does not count. A face of the
+    object may be among the planes, and is kept.
+
+    Args:
+        scan: The scan.
+        mask: (h, w) pixels to be judged.
+        extent: [m] largest extent of the object.
+        sensor: Accuracy of the sensor.
+        rng: Source of the random samples.
+        planes: Number of planes judged, the largest first.
+
+    Returns:
+        Mask (h, w).
     """
     found = np.zeros_like(mask)
     every = slice(None, None, max(1, round(np.sqrt(mask.size / _SAMPLED))))
@@ -233,9 +266,9 @@ def background(
 
 
 def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
-    """Unit normals (H, W, 3) of the masked surface around each pixel, `width` [px] wide; 0 where it is not known.
+    """Unit normals (h, w, 3) of the masked surface in windows of `width` [px]; 0 where unknown.
 
-    A plane is a linear function of the pixel in inverse depth, where a stereo pair's errors are alike all over.
+    In inverse depth a plane is a linear function of the pixel, and the errors of a stereo pair are uniform.
     """
     x, y = np.meshgrid(scan.tangent_x, scan.tangent_y)
     inverse = np.where(mask, 1.0 / np.where(mask, scan.depth, 1.0), 0.0)
@@ -258,7 +291,7 @@ def _local_normals(scan: Scan, mask: np.ndarray, width: int) -> Array:
 class _Plane:
     center: Array  # (3,) [m]
     normal: Array  # (3,) unit
-    inliers: np.ndarray  # (N,) bool
+    inliers: np.ndarray  # (n,) bool
 
 
 def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
@@ -266,7 +299,7 @@ def _plane_tolerance(z: Array, sensor: SensorModel) -> Array:
 
 
 def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator) -> _Plane | None:
-    """The plane with most of the points (N, 3) near it: 150 random triples, then least squares; None if degenerate."""
+    """Plane with most of the points (n, 3) near it: RANSAC with 150 triples, then least squares; None if degenerate."""
     if len(points) < 3:
         return None
     a, b, c = points[rng.integers(len(points), size=(3, 150))]
@@ -290,7 +323,16 @@ def _largest_plane(points: Array, sensor: SensorModel, rng: np.random.Generator)
 
 @njit(cache=True)
 def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
-    """Mask (H, W) of the points (H, W, 3) that lie within `reach` of one of `centers` (K, 3) [m]; NaN never."""
+    """Mask (h, w) of the points within `reach` of any of the centres; False for NaN.
+
+    Args:
+        points: (h, w, 3) [m].
+        centers: (k, 3) [m].
+        reach: [m] largest distance.
+
+    Returns:
+        Mask (h, w).
+    """
     near = np.zeros(points.shape[:2], dtype=np.bool_)
     for i in range(points.shape[0]):
         for j in range(points.shape[1]):
@@ -303,14 +345,14 @@ def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
 
 
 def hang_together(points: Array, reach: float) -> np.ndarray:
-    """Label (N,) of the surface that each of the points (N, 3) belongs to: neighbours within `reach` [m] share one."""
+    """Label (n,) of the connected surface of each of the points (n, 3): neighbours within `reach` [m] share a label."""
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
     return connected_components(graph, directed=False)[1]
 
 
 def voxel_means(points: Array, size: float) -> Array:
-    """Mean (M, 3) of the points (N, 3) in each occupied cube of edge `size` [m], in a fixed order."""
+    """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed order."""
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
     _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
@@ -318,21 +360,29 @@ def voxel_means(points: Array, size: float) -> Array:
 
 
 def one_in(step: int, points: Array, size: float) -> np.ndarray:
-    """Mask (N,) of about one in `step` of the points (N, 3), by the cube of `size` [m] that each lies in.
+    """Mask (n,) of about one in `step` of the points, selected by a hash of their cubes.
 
-    Which ones hangs on their place alone: a point more or less elsewhere changes nothing, as it would by counting.
+    The selection depends on the place of a point alone: adding a point elsewhere changes nothing, unlike with counting.
+
+    Args:
+        step: Inverse share of points kept.
+        points: (n, 3) [m].
+        size: [m] edge of the cubes.
+
+    Returns:
+        Mask (n,).
     """
     mixed = row_hash(np.floor(points / size).astype(np.int64)).astype(np.uint64)
     return (mixed >> np.uint64(32)) % np.uint64(step) == 0
 
 
 def row_hash(rows: np.ndarray) -> np.ndarray:
-    """One number (N,) for each row of integers (N, 3), int64: the same for equal rows, nearly never for others."""
+    """Hash (n,) of each row of int64 integers (n, 3): equal for equal rows, almost always different for others."""
     return (rows * _FACTORS).sum(axis=1)
 
 
 def facing_normals(points: Array, neighbours: int = 20) -> Array:
-    """Unit normals (N, 3) of points (N, 3) in S by principal components, turned towards the sensor."""
+    """Unit normals (n, 3) of points (n, 3) in S by principal components, oriented towards the sensor."""
     near = cKDTree(points).query(points, k=range(1, min(neighbours, len(points)) + 1))[1]
     normals = _least_axes(points, near)
     normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
@@ -341,9 +391,9 @@ def facing_normals(points: Array, neighbours: int = 20) -> Array:
 
 @njit(cache=True)
 def _least_axes(points: Array, near: np.ndarray) -> Array:
-    """Unit axes (N, 3) of least spread of the points `near` (N, k) each: the smallest principal component.
+    """Unit axes (n, 3) of least spread of the points `near` (n, k) each: the smallest principal component.
 
-    The smallest root of the characteristic polynomial in closed form (Smith 1961), the axis as the longest cross
+    The smallest root of the characteristic polynomial in closed form [Smith 1961]. The axis is the longest cross
     product of two rows of C - root I, which is perpendicular to both.
     """
     axes = np.empty((len(near), 3))
@@ -367,7 +417,7 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
         axes[n] = 0.0
         axes[n, 2] = 1.0
         if p <= 1e-12 * third or p == 0.0:
-            continue  # spread alike to all sides: no axis is better than another
+            continue  # equal spread in all directions: no axis is better than another
         half = (
             C[0, 0] * (C[1, 1] * C[2, 2] - C[1, 2] * C[2, 1])
             - C[0, 1] * (C[1, 0] * C[2, 2] - C[1, 2] * C[2, 0])
@@ -390,21 +440,29 @@ def _least_axes(points: Array, near: np.ndarray) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contour:
-    """Where a depth edge passes between a pixel on its near side and one of that pixel's four neighbours."""
+    """Depth edges, each between a pixel on the near side and one of its four neighbours."""
 
-    rows: np.ndarray  # (N,) of the near pixel
-    columns: np.ndarray  # (N,)
-    steps: np.ndarray  # (N, 2) columns right and rows down to the neighbour
-    tangents: Array  # (N, 2) x/z and y/z of the edge
-    depth: Array  # (N,) [m] of the near pixel
+    rows: np.ndarray  # (n,) of the near pixel
+    columns: np.ndarray  # (n,)
+    steps: np.ndarray  # (n, 2) columns right and rows down to the neighbour
+    tangents: Array  # (n, 2) x/z and y/z of the edge
+    depth: Array  # (n,) [m] of the near pixel
 
 
 def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
-    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty, in `depth_all` (H, W).
+    """Depth edges between masked pixels and 4-neighbours that are farther by a jump, or empty.
 
-    The edge is taken to lie midway; and on the neighbour where that belongs to neither side, for of a mixed pixel
-    nobody knows which side it is on. The border of the picture is no edge: there the view ends, not the object. Nor is
-    one that something nearer makes, whose own edge leaves a seam of empty pixels.
+    The edge lies midway between the two pixels. It lies on the neighbour where that is a mixed pixel, which may belong
+    to either side. The border of the picture is no edge, because the view ends there, not the object. The edge of an
+    occluder is not one either: it leaves a seam of empty pixels.
+
+    Args:
+        scan: The scan.
+        mask: (h, w) pixels of the object.
+        depth_all: (h, w) [m] depth of all pixels, NaN without echo.
+
+    Returns:
+        The depth edges, one for each pair of pixels.
     """
     z = np.where(np.isfinite(depth_all), depth_all, np.inf)
     here = np.where(mask, scan.depth, np.inf)
@@ -418,7 +476,7 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
             beside = np.roll(z, (-down, -right), axis=(0, 1))
             rows, columns = np.nonzero(mask & inner & (beside - here > step) & ~(hidden & np.isinf(beside)))
             beyond = z[np.clip(rows + 2 * down, 0, len(z) - 1), np.clip(columns + 2 * right, 0, z.shape[1] - 1)]
-            ends = beyond - here[rows, columns] > step[rows, columns]  # a single pixel within a surface ends it not
+            ends = beyond - here[rows, columns] > step[rows, columns]  # a single pixel within a surface is no edge
             rows, columns, beyond = rows[ends], columns[ends], beyond[ends]
             neighbour = beside[rows, columns]
             reach = np.where(beyond - neighbour > jump(neighbour), 1.0, 0.5)  # [px]
@@ -429,10 +487,19 @@ def contour(scan: Scan, mask: np.ndarray, depth_all: Array) -> Contour:
 
 
 def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Unit directions (N, 2), x then y in the image, across the depth edges at the given pixels, off the near side.
+    """Unit directions across depth edges at given pixels, away from the near side.
 
-    At the rim of `mask` (H, W) that is out of the mask; within it, where one part of the object lies before another,
-    towards the larger `depth` (H, W) [m].
+    At the rim of `mask` the direction points out of the mask. Within it, where one part of the object lies in front of
+    another, it points towards larger `depth`.
+
+    Args:
+        mask: (h, w) pixels of the object.
+        depth: (h, w) [m] of the pixels.
+        rows: (n,) of the pixels.
+        columns: (n,) of the pixels.
+
+    Returns:
+        Directions (n, 2), x then y in the image.
     """
     smooth = ndimage.gaussian_filter(mask.astype(np.float32), _EDGE_WIDTH)
     gradient = -_gradient(smooth, rows, columns)
@@ -446,7 +513,7 @@ def outward(mask: np.ndarray, depth: Array, rows: np.ndarray, columns: np.ndarra
 
 
 def _gradient(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> Array:
-    """Gradient (N, 2), x then y, at the given pixels, none of them on the border, by Sobel's kernels."""
+    """Gradient (n, 2), x then y, at the given pixels, none of them on the border, by Sobel kernels."""
     near = {(dy, dx): image[rows + dy, columns + dx] for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx}
     x = sum(weight * (near[dy, 1] - near[dy, -1]) for dy, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))
     y = sum(weight * (near[1, dx] - near[-1, dx]) for dx, weight in ((-1, 1.0), (0, 2.0), (1, 1.0)))

@@ -1,4 +1,4 @@
-"""What perception assumes of a 3D sonar, and its scans rid of echoes that stand alone."""
+"""3D sonar: its sensor model, and removal of isolated echoes from its scans."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,14 +7,24 @@ from perception.clouds.scan import SensorModel, jump
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 
-_SUPPORT = 3  # neighbours of 8 that share a surface with a beam that is believed
+_SUPPORT = 3  # of 8 neighbours, least number on the same surface for an echo to be kept
 
 
 def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorModel:
-    """A sensor model for beams `pitch` [rad] apart whose ranges err by `sigma` [m] at the range `at` [m].
+    """Sensor model of a 3D sonar from its beam pitch and range noise.
 
-    It grows with the square of the range, as stereo's does: near `at` that is no matter. Raises ConfigurationError
-    for numbers that are not positive.
+    The modelled noise grows with the square of the range, as for stereo; near `at` this does not matter.
+
+    Args:
+        pitch: [rad] between beams.
+        sigma: [m] standard deviation of the ranges.
+        at: [m] range at which the model has this standard deviation.
+
+    Returns:
+        The sensor model.
+
+    Raises:
+        ConfigurationError: For values that are not positive.
     """
     if not (pitch > 0.0 and sigma > 0.0 and at > 0.0):
         raise ConfigurationError(f"sonar model: pitch, sigma and at must be positive, got {pitch}, {sigma}, {at}")
@@ -23,15 +33,20 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
         focal=1.0 / pitch,
         baseline=baseline,
         disparity_sigma=sigma * baseline / (pitch * at**2),
-        noise_length=1.0,  # beams err each by itself
+        noise_length=1.0,  # errors of beams are independent
     )
 
 
 def without_lone_echoes(points: ArrayLike) -> Array:
-    """Echoes (H, W, 3) [m], NaN where fewer than 3 of the 8 beams around hit the same surface.
+    """Replace echoes with fewer than 3 of their 8 neighbours on the same surface by NaN.
 
-    A triangulation takes a lone wrong echo for a hole in what it should have hit. Raises ConfigurationError for
-    clouds that are not organised by beams.
+    Triangulation would turn an isolated wrong echo into a hole of the surface behind it.
+
+    Args:
+        points: (h, w, 3) [m] echoes, one per beam.
+
+    Raises:
+        ConfigurationError: For clouds that are not organised by beams.
     """
     cloud = np.array(points, dtype=np.float64)
     if cloud.ndim != 3 or cloud.shape[2] != 3:

@@ -1,1 +1,1 @@
-"""The vehicle's own state from IMU, DVL, vision, encoders and torque sensors."""
+"""Navigation: state estimation from IMU, DVL, vision, encoders and torque sensors."""

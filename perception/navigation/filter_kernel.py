@@ -1,8 +1,8 @@
-"""Compiled loops of `strapdown_filter`: one strapdown step, one fix, and the replay of the stored past.
+"""Compiled kernels of the navigation filter: propagation by one IMU sample, Kalman update, replay of the stored past.
 
-States of the filter, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3)
-[m/s^2] in hull axes; then, where the sensors say that they have one, the DVL's bias c (3) [m/s] in hull axes and the
-wander w (3) [m] of vision in W. With the specific force f of the IMU and the attitude R known,
+States x, in this order: position p (3) [m] and velocity v (3) [m/s] in W, accelerometer bias b (3) [m/s^2] in hull
+axes. Where the sensors state that they have one, the DVL's bias c (3) [m/s] in hull axes and the wander w (3) [m] of
+vision in W follow. With specific force f of the IMU and known attitude R,
 
     p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise;
     vision = p + w + noise,   DVL = R^T v + c + noise.
@@ -14,33 +14,40 @@ import numpy as np
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import GRAVITY
 
-MOST_STATES = 15
-VISION, DVL = 0, 1  # kinds of fix
+MOST_STATES = 15  # size of x with both optional states
+VISION, DVL = 0, 1  # kinds of fix: position, velocity
 
-# Rows of `past_input`, one for each step kept
+# Columns of `past_input`, one row per stored step
 TIME, DT, NOISE_XY, NOISE_Z = 0, 1, 2, 3  # [s], [s], variances of the velocity [m^2/s^2] added by the step
 FORCE, ATTITUDE = 4, 7  # specific force (3,) [m/s^2], attitude (9,)
-JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, where it is believed to have jumped
-INPUT = 17
+JUMP = 16  # [m^2/s^4] variance that the step adds to the bias, at a detected jump
+INPUT = 17  # columns of `past_input`
 
-# Rows of `past_fix`, for each step one of each kind
+# Columns of `past_fix`, for each stored step one row per kind
 HAS, VALUE, VARIANCE, SHIFT = 0, 1, 4, 5  # flag, (3,) in W, its variance, time after the step [s]
-FIX = 6
+FIX = 6  # columns of `past_fix`
 
 # Entries of `layout`
-STATES, AT_DVL_BIAS, AT_WANDER = 0, 1, 2  # how many, and the first of each optional three (-1: there is none)
+STATES, AT_DVL_BIAS, AT_WANDER = 0, 1, 2  # number of states, first index of each optional triple (-1: none)
 
-TILT_CLIP = 5e-3  # [rad] of one attitude reading's error: a wild one moves the attitude by no more than its gain of it
+TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
 def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
-    """Attitude R (3, 3) after `dt`: gyro less its bias, then the steady gain's share of the measured attitude's error.
+    """Propagate the attitude by the gyro and correct it by the attitude reference, in place.
 
-    A Kalman filter of two states an axis, angle and gyro bias, with one covariance for the three: `gyro` holds its
-    three numbers; `variances`: of the angle by gyro noise in one second, of one attitude reading, of the bias in one
-    second.
+    A Kalman filter of two states per axis, angle and gyro bias, with one covariance for the three axes.
+
+    Args:
+        R: (3, 3) attitude R_WB, changed in place.
+        R_meas: (3, 3) attitude of the reference.
+        w_B: (3,) [rad/s] gyro rates in B.
+        dt: [s] step.
+        rate_bias: (3,) [rad/s] gyro bias, changed in place.
+        gyro: (3,) covariance of angle, angle and bias, bias, changed in place.
+        variances: (3,) of the angle by gyro noise in one second, of one attitude reading, of the bias in one second.
     """
     gyro[0] += dt * (dt * gyro[2] - 2.0 * gyro[1]) + variances[0] * dt
     gyro[1] -= dt * gyro[2]
@@ -57,7 +64,7 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         err = 0.0
-        for m in range(3):  # vee of the antisymmetric part of R^T R_meas: small-angle error in body axes
+        for m in range(3):  # vee of the antisymmetric part of R^T R_meas: small-angle error in B
             err += 0.5 * (R[m, k] * R_meas[m, j] - R[m, j] * R_meas[m, k])
         err = min(max(err, -TILT_CLIP), TILT_CLIP)
         angle[i] = k_angle * err
@@ -68,7 +75,7 @@ def turn(R, R_meas, w_B, dt, rate_bias, gyro, variances):
 @numba.njit(cache=True)
 @keyed_by_imports
 def rotate(R, angle):
-    """R (3, 3) turned by `angle` (3,) [rad] about its own axes, in place."""
+    """Rotate R (3, 3) by `angle` (3,) [rad] about its own axes, in place."""
     theta = np.sqrt(angle[0] ** 2 + angle[1] ** 2 + angle[2] ** 2)
     s = 1.0 - theta * theta / 6.0 if theta < 1e-4 else np.sin(theta) / theta
     c = 0.5 - theta * theta / 24.0 if theta < 1e-4 else (1.0 - np.cos(theta)) / theta**2
@@ -80,7 +87,7 @@ def rotate(R, angle):
             along = R[i, 0] * angle[0] + R[i, 1] * angle[1] + R[i, 2] * angle[2]
             new[i, j] = R[i, j] + s * (R[i, k] * angle[m] - R[i, m] * angle[k])
             new[i, j] += c * (along * angle[j] - theta * theta * R[i, j])
-    for i in range(3):  # one Newton step keeps it orthonormal
+    for i in range(3):  # one Newton step keeps R orthonormal
         for j in range(3):
             R[i, j] = 1.5 * new[i, j]
             for k in range(3):
@@ -90,9 +97,14 @@ def rotate(R, angle):
 @numba.njit(cache=True)
 @keyed_by_imports
 def propagate(row, layout, walks, x, P):
-    """Advance mean x (15,) and covariance P (15, 15) by one stored IMU step (INPUT,).
+    """Advance mean and covariance by one stored IMU step, in place.
 
-    `walks`: variance of the bias in one second, stationary variance of the wander, its time [s].
+    Args:
+        row: (INPUT,) stored step.
+        layout: (3,) state layout.
+        walks: (3,) variance of the bias in one second, stationary variance of the wander, its time constant [s].
+        x: (15,) mean.
+        P: (15, 15) covariance.
     """
     dt, n, wander = row[DT], layout[STATES], layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
@@ -103,7 +115,7 @@ def propagate(row, layout, walks, x, P):
             a += R[i, k] * (row[FORCE + k] - x[6 + k])
         x[i] += dt * x[3 + i] + half * a
         x[3 + i] += dt * a
-    # F P F^T in place, rows and then columns; F is the identity but for three blocks.
+    # F P F^T in place, rows and then columns; F is the identity except for three blocks.
     for j in range(n):
         b0, b1, b2 = P[6, j], P[7, j], P[8, j]
         for i in range(3):
@@ -136,7 +148,19 @@ def propagate(row, layout, walks, x, P):
 @numba.njit(cache=True)
 @keyed_by_imports
 def compare(kind, fix, row, layout, x, P, innovation, cross, S):
-    """Innovation (3,) of a fix, its covariance S (3, 3) and that with the states `cross` (15, 3), in W."""
+    """Innovation of a fix, its covariance and cross covariance with the states, all in W; fills the last three arrays.
+
+    Args:
+        kind: VISION or DVL.
+        fix: (FIX,) the fix.
+        row: (INPUT,) stored step of the fix.
+        layout: (3,) state layout.
+        x: (15,) mean.
+        P: (15, 15) covariance.
+        innovation: (3,) result.
+        cross: (15, 3) result.
+        S: (3, 3) result.
+    """
     n, dvl_bias, wander = layout[STATES], layout[AT_DVL_BIAS], layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     first = 0 if kind == VISION else 3
@@ -193,7 +217,16 @@ def inverse3(S):
 @numba.njit(cache=True)
 @keyed_by_imports
 def absorb(kind, fix, row, layout, x, P):
-    """Kalman update of x and P by one fix."""
+    """Kalman update of mean and covariance by one fix, in place.
+
+    Args:
+        kind: VISION or DVL.
+        fix: (FIX,) the fix.
+        row: (INPUT,) stored step of the fix.
+        layout: (3,) state layout.
+        x: (15,) mean.
+        P: (15, 15) covariance.
+    """
     n = layout[STATES]
     innovation, cross, S = np.empty(3), np.empty((MOST_STATES, 3)), np.empty((3, 3))
     compare(kind, fix, row, layout, x, P, innovation, cross, S)
@@ -232,10 +265,32 @@ def inertial(
     past_P,
     past_fix,
 ):
-    """One IMU sample: attitude, mean, covariance, and a row of the past, at `head`. False, and nothing done, if it is
-    not finite.
+    """Process one IMU sample: attitude, mean, covariance, and a row of the stored past at `head`.
 
-    `across` and `along` gravity the step adds these variances [m^2/s^2] to the velocity.
+    Args:
+        specific_force_B: (3,) [m/s^2] in B.
+        w_B: (3,) [rad/s] gyro rates in B.
+        R_meas: (3, 3) attitude of the reference.
+        time: [s] of the sample.
+        dt: [s] since the last one.
+        across: [m^2/s^2] variance added to the horizontal velocity.
+        along: [m^2/s^2] variance added to the vertical velocity.
+        layout: (3,) state layout.
+        walks: (3,) as in `propagate`.
+        turning: (3,) `variances` of `turn`.
+        R: (3, 3) attitude R_WB, changed in place.
+        gyro: (3,) as in `turn`, changed in place.
+        rate_bias: (3,) [rad/s] gyro bias, changed in place.
+        x: (15,) mean, changed in place.
+        P: (15, 15) covariance, changed in place.
+        head: Row of the past to write.
+        past_input: (h, INPUT) stored steps.
+        past_x: (h, 15) stored means, before the fixes of the step.
+        past_P: (h, 15, 15) stored covariances.
+        past_fix: (h, 2, FIX) stored fixes.
+
+    Returns:
+        False, with nothing changed, for a sample that is not finite.
     """
     total = 0.0
     for i in range(3):
@@ -262,13 +317,25 @@ def inertial(
 @numba.njit(cache=True)
 @keyed_by_imports
 def surprise(kind, fix, at, layout, past_input, past_x, past_P, innovation, white):
-    """Mahalanobis distance squared of a fix from what was believed at step `at`.
+    """Squared Mahalanobis distance of a fix from the stored estimate at step `at`.
 
-    Gives its innovation (3,) too, and that by its standard deviations, `white` (3,).
+    Args:
+        kind: VISION or DVL.
+        fix: (FIX,) the fix.
+        at: Row of the past.
+        layout: (3,) state layout.
+        past_input: (h, INPUT) stored steps.
+        past_x: (h, 15) stored means.
+        past_P: (h, 15, 15) stored covariances.
+        innovation: (3,) result, in W.
+        white: (3,) result: the innovation whitened by its covariance.
+
+    Returns:
+        The squared distance, chi-square distributed with three degrees of freedom for a sound fix.
     """
     cross, S = np.empty((MOST_STATES, 3)), np.empty((3, 3))
     compare(kind, fix, past_input[at], layout, past_x[at], past_P[at], innovation, cross, S)
-    L, total = S, 0.0  # Cholesky's factor, in place
+    L, total = S, 0.0  # Cholesky factor, in place
     for i in range(3):
         white[i] = innovation[i]
         for j in range(i):
@@ -286,7 +353,20 @@ def surprise(kind, fix, at, layout, past_input, past_x, past_P, innovation, whit
 @numba.njit(cache=True)
 @keyed_by_imports
 def replay(at, head, layout, walks, past_input, past_x, past_P, past_fix, x, P):
-    """Take the filter back to step `at` and forward again with every fix that has come since: exact, in time order."""
+    """Restart the filter at step `at` and run it forward with every fix received since: exact, in order of time.
+
+    Args:
+        at: Row of the past to restart from.
+        head: Newest row of the past.
+        layout: (3,) state layout.
+        walks: (3,) as in `propagate`.
+        past_input: (h, INPUT) stored steps.
+        past_x: (h, 15) stored means, rewritten.
+        past_P: (h, 15, 15) stored covariances, rewritten.
+        past_fix: (h, 2, FIX) stored fixes.
+        x: (15,) result: mean at `head`.
+        P: (15, 15) result: covariance at `head`.
+    """
     n, size = layout[STATES], len(past_input)
     x[:] = past_x[at]
     for i in range(n):
@@ -309,7 +389,13 @@ def replay(at, head, layout, walks, past_input, past_x, past_P, past_fix, x, P):
 @numba.njit(cache=True)
 @keyed_by_imports
 def sound(q, qd, tau):
-    """Whether all of three arrays (n,) are finite."""
+    """True if three arrays (n,) are finite.
+
+    Args:
+        q: (n,) [rad] joint angles.
+        qd: (n,) [rad/s] joint rates.
+        tau: (n,) [N m] joint torques.
+    """
     total = 0.0
     for j in range(q.shape[0]):
         total += q[j] + qd[j] + tau[j]
@@ -319,11 +405,26 @@ def sound(q, qd, tau):
 @numba.njit(cache=True)
 @keyed_by_imports
 def hand_on(dt, lag, smooth, release, specific_force_B, w_B, R, rate_bias, x, P, held, a_B):
-    """What is handed on: pose (4, 4), velocity (3,), rates (3,), acceleration (3,), sigma of the place (3,).
+    """Smoothed output of the filter: withheld corrections are released as by a damped spring.
 
-    `held` (2, 3), the corrections still held back and their rate, comes to zero as a spring of `release` (pace over
-    the filter's own [1], slowest and fastest frequency [rad/s], distance from which the pull no more grows [m]) lets
-    it. `lag` [s] from the filter's time to that of the estimate.
+    Args:
+        dt: [s] since the last output.
+        lag: [s] from the filter's time to that of the output.
+        smooth: [s] time constant of the acceleration.
+        release: (4,) spring: frequency over the filter's own [-], lowest and highest frequency [rad/s], and the
+            distance [m] beyond which the pull no longer grows.
+        specific_force_B: (3,) [m/s^2] in B.
+        w_B: (3,) [rad/s] gyro rates in B.
+        R: (3, 3) attitude R_WB.
+        rate_bias: (3,) [rad/s] gyro bias.
+        x: (15,) mean.
+        P: (15, 15) covariance.
+        held: (2, 3) withheld corrections of position [m] and velocity [m/s] in W, reduced in place.
+        a_B: (3,) [m/s^2] smoothed acceleration in B, changed in place.
+
+    Returns:
+        X_WB (4, 4), v_WB_B (3,) [m/s], w_WB_B (3,) [rad/s], a_WB_B (3,) [m/s^2], and the standard deviation (3,) [m] of
+        the position in W.
     """
     across = P[0, 3] + P[1, 4] + P[2, 5]
     spread = P[0, 0] + P[1, 1] + P[2, 2]

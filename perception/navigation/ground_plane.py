@@ -1,6 +1,6 @@
-"""The plane of the ground under the vehicle from the ranges of its Doppler log, always of the last second or so.
+"""Plane of the seabed under the vehicle, from the ranges of the DVL's last pings.
 
-The coarse approach of paper 004 (its reference 11): the seabed as a plane through the places where the beams meet it.
+The coarse approach to the seabed is by a plane through the points where the beams meet it [Konoplin 2019].
 """
 
 from collections.abc import Sequence
@@ -14,16 +14,23 @@ from sim.interfaces.messages import DvlRangesMeasurement, GroundPlane, Measureme
 from sim.interfaces.protocols import Estimator
 from sim.interfaces.spatial import Array, readonly
 
-_HEARD = 0.5  # share of the pings that a beam must have heard to count
-_LEAST = 3  # beams that make a plane
-_FLAT = 0.02  # ratio of the sides of the beams' places on the ground below which they are in a line
+_HEARD = 0.5  # [-] share of the pings in which a beam must have an echo to count
+_LEAST = 3  # beams, fewer make no plane
+_FLAT = 0.02  # [-] ratio of the sides of the echoes' pattern below which they lie on a line
 
 
 def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
-    """Point (3,) [m], unit normal (3,), upwards, and scatter [m] of the plane through `echoes_W` (k, 3), k >= 3.
+    """Least-squares plane through three or more points.
 
-    Least squares of the distances; the scatter of three points is 0. Raises ConfigurationError for points that are in
-    a line, or too few.
+    Args:
+        echoes_W: (k, 3) [m] points in W, k >= 3.
+
+    Returns:
+        A point (3,) [m] of the plane, its upward unit normal (3,) and the rms distance [m] of the points from it. That
+        is 0 for three points.
+
+    Raises:
+        ConfigurationError: For points on a line, or too few.
     """
     points = np.asarray(echoes_W, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < _LEAST or not np.all(np.isfinite(points)):
@@ -39,28 +46,34 @@ def plane_through(echoes_W: Array) -> tuple[Array, Array, float]:
 
 @dataclass(slots=True, eq=False)
 class GroundState:
-    """Memory of `GroundBelow`; `inner` is the estimator's own."""
+    """State of GroundBelow; `inner` is that of the wrapped estimator."""
 
     inner: Any
-    echoes_W: list[Array] = field(default_factory=list)  # (k, 3) [m] of the last pings, NaN where none came
+    echoes_W: list[Array] = field(default_factory=list)  # (k, 3) [m] of the last pings, NaN without echo
     ground: GroundPlane | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class GroundBelow:
-    """An estimator (`sim.interfaces.protocols.Estimator`) that says as well how the ground lies under the hull."""
+    """Estimator wrapper that adds the plane of the ground to the state estimate.
+
+    Implements `sim.interfaces.protocols.Estimator`.
+    """
 
     estimator: Estimator
-    pings: int = 10  # of which each beam's median is taken
+    pings: int = 10  # over which the median of each beam is taken
 
     @property
     def period(self) -> float:
+        """Sampling period [s] of the wrapped estimator."""
         return self.estimator.period
 
     def init(self, first: Sequence[Measurement]) -> GroundState:
+        """Initial state from the first measurements of every sensor."""
         return GroundState(inner=self.estimator.init(first))
 
     def step(self, state: GroundState, measurements: Sequence[Measurement]) -> tuple[GroundState, StateEstimate]:
+        """Update the wrapped estimator, and the plane from all DVL ranges among `measurements`."""
         state.inner, estimate = self.estimator.step(state.inner, measurements)
         for m in measurements:
             if isinstance(m, DvlRangesMeasurement):
@@ -72,7 +85,7 @@ class GroundBelow:
 
 
 def _ground(time: float, echoes_W: Array) -> GroundPlane:
-    """The plane through the medians of the beams, of `echoes_W` (pings, k, 3) [m], that were heard often enough."""
+    """Plane through the median echo of each beam, of `echoes_W` (pings, k, 3) [m], over beams with enough echoes."""
     heard = np.isfinite(echoes_W).all(axis=2).mean(axis=0) >= _HEARD
     unknown = readonly(np.full(3, np.nan))
     try:

@@ -1,4 +1,4 @@
-"""The state as each sensor says it, by itself: the baseline that `strapdown_filter` is measured against."""
+"""Navigation without fusion: each state from its own sensor, the baseline for `strapdown_filter`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,23 +20,30 @@ from sim.interfaces.spatial import GRAVITY, Array
 
 @dataclass(slots=True, eq=False)
 class RawState:
-    """The last word of each sensor."""
+    """Last measurement of each sensor."""
 
     imu: ImuMeasurement
     vision: VisionMeasurement
     encoders: EncoderMeasurement
     torque: TorqueMeasurement
-    v_WB_B: Array  # (3,) [m/s] of the Doppler log; zero until it speaks
+    v_WB_B: Array  # (3,) [m/s] of the DVL; zero before its first measurement
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawNavigation:
-    """Estimator (`sim.interfaces.protocols.Estimator`) that fuses nothing: position is the last one of vision."""
+    """Estimator without fusion: position is the last one of vision, with its delay.
+
+    Implements `sim.interfaces.protocols.Estimator`.
+    """
 
     period: float = 0.002  # [s]
 
     def init(self, first: Sequence[Measurement]) -> RawState:
-        """Raises ConfigurationError if an IMU, a vision, an encoder or a torque measurement is not among `first`."""
+        """Initial state from the first measurements.
+
+        Raises:
+            ConfigurationError: Without an IMU, vision, encoder or torque measurement among `first`.
+        """
         by_type = {type(m): m for m in first}
         wanted = (ImuMeasurement, VisionMeasurement, EncoderMeasurement, TorqueMeasurement)
         if missing := [kind.__name__ for kind in wanted if kind not in by_type]:
@@ -49,7 +56,7 @@ class RawNavigation:
         return RawState(imu, vision, encoders, torque, np.zeros(3))
 
     def step(self, state: RawState, measurements: Sequence[Measurement]) -> tuple[RawState, StateEstimate]:
-        """Take what has arrived, and give the estimate of now."""
+        """Store the latest measurements and return them as the state estimate."""
         for m in measurements:
             if isinstance(m, ImuMeasurement):
                 state.imu = m

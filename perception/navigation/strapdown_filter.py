@@ -1,29 +1,30 @@
-"""The vehicle's own state from IMU, DVL, late vision, encoders and torque sensors: a small documented filter.
+"""Strapdown navigation filter: hull pose, velocity and acceleration from IMU, DVL, delayed vision and joint sensors.
 
-Position, velocity and accelerometer bias are one Kalman filter driven by the accelerometer at the IMU's rate
-(`perception.navigation.filter_kernel`). The bias is kept in hull axes, where it and the tilt of the attitude reference,
-which couples gravity into the acceleration and cannot be told from it, stay what they are when the hull turns.
+Position, velocity and accelerometer bias are estimated by one Kalman filter driven by the accelerometer at the IMU's
+rate (`perception.navigation.filter_kernel`). The tilt error of the attitude reference couples gravity into the
+acceleration and cannot be separated from the bias. The bias is therefore kept in hull axes, where both stay constant
+when the hull turns.
 
-What a sensor is worth it says itself: the noise that its maker states travels with the measurement; where it states
-none, the filter's own belief of that sensor stands. A sensor whose innovations are larger than that is believed less,
-never more (`Watch.scale`). What the DVL says beside the inertial unit is white noise while the accelerometer's bias is
-what it was; a mean of it that noise does not explain is a bias that jumped, which is then learnt anew.
+**Noise.** The noise that the maker of a sensor states travels with the measurement. Without it the filter uses its own
+values for that sensor. Innovations larger than the noise explains increase the assumed variance of the sensor, never
+decrease it (`Watch.scale`). While the accelerometer's bias is constant, the DVL's innovations are white. A mean
+innovation beyond noise shows a bias that jumped, which is then estimated anew.
 
-Vision arrives late, and not always in order. The filter goes back to the step at which the picture was taken, takes it
-in there and runs forward again over the stored IMU samples with every fix that has come since: the result is that of
-a filter which had everything in time (Larsen et al., FUSION 1998, call it recalculation, and exact).
+**Delay.** Vision arrives late, and not always in order. The filter goes back to the step at which the picture was
+taken, processes it there and runs forward again over the stored IMU samples and all later fixes. The result equals that
+of a filter which had every measurement in time, called recalculation in [Larsen 1998].
 
-A vision that wanders (`VisionNoise.wander`) has a state of its own. What can be known then: how the hull has moved
-since some moment, to what the inertial unit and the DVL remember of it; not where it is in the world, for a wander
-that was there from the beginning looks like another place. The object was found with the same cameras, so the error
-of that moment goes into object and hull alike and does not move the tool on it; what has wandered since then does
-(5 mm that forget themselves in 20 s: 4.5 mm since the scan where the wander is stated, 5.8 mm where it is not).
-`StateEstimate.position_sigma` is of the place in the world and holds both.
+**Wander.** A slowly varying error of vision (`VisionNoise.wander`) has a state of its own. The motion of the hull since
+some moment is then observable as far as IMU and DVL allow. The place in the world is not, because a wander present from
+the start looks like another place. The object is located with the same cameras, so the error of that moment shifts
+object and hull alike, and the tool stays in place on the object. The wander since then does move the tool on the
+object. With 5 mm and a time constant of 20 s it is 4.5 mm since the scan where the wander is stated, 5.8 mm where it is
+not. `StateEstimate.position_sigma` refers to the place in the world and contains both parts.
 
-What matters to a tool in contact is smoothness: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N. So corrections are
-not handed on at once. What is held back of them is let go as the linear-quadratic optimum has it that weighs the
-error against the acceleration that is added to the motion, d'' = -sqrt(2) f d' - f^2 d: the place and the velocity
-handed on have no steps, and one is the derivative of the other. Its frequency f follows that of the filter's own gain.
+**Smooth output.** A tool in contact needs a smooth estimate: on a surface of 3e4 N/m a jump of 0.2 mm is 6 N.
+Corrections are therefore withheld and released gradually, by d'' = -sqrt(2) f d' - f^2 d. This is the linear-quadratic
+optimum between the remaining error and the acceleration added to the motion. The output position and velocity have no
+steps, and one is the derivative of the other. The frequency f follows that of the filter's own gain.
 """
 
 import math
@@ -66,39 +67,46 @@ from sim.interfaces.messages import (
 )
 from sim.interfaces.spatial import GRAVITY, Array
 
-_HISTORY = 512  # IMU samples kept: vision may be this many late
-_REPEATS = 3  # readings equal to the last bit, one after another, that are too many for a noisy sensor: it is frozen
-_IMU_REPEATS = 25
-_IMU_SILENCE = 0.05  # [s] without a sample, after which the filter goes on without
-_BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of a hull's acceleration that nobody measures
-_MEAN_TIME = 0.25  # [s] of the mean innovation; a bias that jumps by 0.05 m/s^2 is beyond noise after twice that
-_MEAN_GATE = 45.0  # chi-square of three: noise alone exceeds it once in 10^9 fixes
-_AGREEING = 5  # rejected fixes in a row that agree with one another: it is the filter that is wrong
-_MOST_SCALE = 100.0  # of a sensor's variance
-_SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2
+_HISTORY = 512  # IMU samples stored: largest delay of vision
+_REPEATS = 3  # equal readings in a row by which a noisy sensor is found frozen
+_IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
+_IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
+_BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
+_MEAN_TIME = 0.25  # [s] time constant of the mean innovation; it detects a jump by 0.05 m/s^2 in twice that
+_MEAN_GATE = 45.0  # [-] chi-square with 3 degrees of freedom: noise alone exceeds it once in 10^9 fixes
+_AGREEING = 5  # consistent rejected fixes in a row, after which the filter is taken to be wrong
+_MOST_SCALE = 100.0  # [-] largest factor on a sensor's variance
+_SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2  # [-] gain per fix, largest square used, neutral square
 
 
 @dataclass(slots=True, eq=False)
 class Watch:
-    """What is remembered of one kind of fix, to judge the next."""
+    """Monitor of one kind of fix: frozen readings, noise scale, rejected fixes, mean innovation."""
 
     last: Array  # (3,) last reading
     time: float  # [s] of it
-    used: float  # [s] of the newest that was used
-    repeats: int = 0
-    scale: float = 1.0  # by which its variance is larger than stated, from the innovations
-    agreeing: int = 0  # rejected in a row, and like one another
-    rejected: Array = field(default_factory=lambda: np.zeros(3))  # (3,) innovation of the last rejected
-    mean: Array = field(default_factory=lambda: np.zeros(3))  # (3,) of recent innovations, by their deviations
-    mean_variance: float = 0.0  # of each of its axes, were they white
-    mean_time: float = -math.inf  # [s] of the last one in it
-    refused: int = 0  # since the start, for the log
+    used: float  # [s] time of the newest fix used
+    repeats: int = 0  # equal readings in a row, less one
+    scale: float = 1.0  # [-] factor on the stated variance, from the innovations
+    agreeing: int = 0  # consistent rejected fixes in a row
+    rejected: Array = field(default_factory=lambda: np.zeros(3))  # (3,) innovation of the last rejected fix
+    mean: Array = field(default_factory=lambda: np.zeros(3))  # (3,) mean of recent whitened innovations
+    mean_variance: float = 0.0  # [-] of each of its axes for white innovations
+    mean_time: float = -math.inf  # [s] of the last innovation in it
+    refused: int = 0  # fixes not used since the start, for the log
 
     def take(self, white: Array, time: float, most: float) -> float:
-        """Take an innovation by its deviations (3,) into the mean, no more of it than `most`.
+        """Add a whitened innovation to the running mean.
 
-        Returns its mean square beside the mean so far, 1 for a sensor that is as noisy as stated: what is steady is no
-        noise.
+        A steady offset is not noise, so the mean so far is subtracted before the square.
+
+        Args:
+            white: (3,) whitened innovation.
+            time: [s] of the fix.
+            most: Length to which the innovation is clipped in the mean.
+
+        Returns:
+            Mean square [-] about the mean so far, 1 for a sensor as noisy as stated.
         """
         off = white - self.mean
         square = float(off @ off) / (3.0 + 3.0 * self.mean_variance)
@@ -111,26 +119,26 @@ class Watch:
 
 @dataclass(slots=True, eq=False)
 class NavigationState:
-    """Memory of the filter. Arrays are owned by it and change in place."""
+    """State of the filter. Arrays belong to it and change in place."""
 
     time: float  # [s] of the filter: the newest IMU sample
     clock: float  # [s] newest time of any measurement
     given: float  # [s] time of the last estimate
     imu_time: float  # [s] of the newest sound IMU sample
-    interval: float  # [s] between IMU samples, the shortest seen
+    interval: float  # [s] shortest interval between IMU samples so far
     imu: ImuNoise
-    layout: Array  # (3,) int, see the kernel
-    walks: Array  # (3,)
-    turning: Array  # (3,)
+    layout: Array  # (3,) int, see `filter_kernel`
+    walks: Array  # (3,) see `filter_kernel.propagate`
+    turning: Array  # (3,) `variances` of `filter_kernel.turn`
     R_WB: Array  # (3, 3)
     gyro: Array  # (3,) covariance of angle and gyro bias, the same for each axis
     rate_bias: Array  # (3,) [rad/s]
-    x: Array  # (15,) states, see the kernel
+    x: Array  # (15,) states, see `filter_kernel`
     P: Array  # (15, 15)
-    held: Array  # (2, 3) corrections of position not yet handed on [m], and their rate [m/s]
+    held: Array  # (2, 3) withheld corrections of position [m] and velocity [m/s] in W
     a_B: Array  # (3,) smoothed acceleration [m/s^2]
-    force: Array  # (3,) [m/s^2] last specific force
-    w_B: Array  # (3,) [rad/s] last rates
+    force: Array  # (3,) [m/s^2] last specific force in B
+    w_B: Array  # (3,) [rad/s] last gyro rates in B
     imu_last: ImuMeasurement
     imu_repeats: int
     past_input: Array  # (_HISTORY, INPUT)
@@ -139,7 +147,7 @@ class NavigationState:
     past_fix: Array  # (_HISTORY, 2, FIX)
     head: int  # newest row of the past
     watches: tuple[Watch, Watch]
-    bias_jumps: int  # of the accelerometer since the start, for the log
+    bias_jumps: int  # detected jumps of the accelerometer bias since the start, for the log
     q: Array
     qd: Array
     tau: Array
@@ -153,28 +161,29 @@ _DVL, _VISION = DvlNoise(white=3e-3), VisionNoise(white=2e-3)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Navigation:
-    """Estimator (`sim.interfaces.protocols.Estimator`).
+    """Strapdown navigation filter with delayed fixes, adaptive noise and smooth output.
 
-    `imu`, `dvl` and `vision` are believed of a sensor that states no noise of its own.
+    Implements `sim.interfaces.protocols.Estimator`. `imu`, `dvl` and `vision` apply to a sensor that states no noise.
     """
 
     period: float = 0.002  # [s]
     imu: ImuNoise = _IMU
     dvl: DvlNoise = _DVL
     vision: VisionNoise = _VISION
-    bias_walk: float = 5e-6  # [m/s^2] per square root of second
-    rate_bias_walk: float = 1e-7  # [rad/s] per square root of second
-    adapt: bool = True  # believe a sensor less when its innovations are too large; learn a bias anew that jumped
-    gate: float = 27.9  # chi-square of three: a sound fix is refused 4 times in a million
+    bias_walk: float = 5e-6  # [m/s^2/sqrt(s)] random walk of the accelerometer bias
+    rate_bias_walk: float = 1e-7  # [rad/s/sqrt(s)] random walk of the gyro bias
+    adapt: bool = True  # raise a sensor's variance on large innovations; estimate a bias anew that jumped
+    gate: float = 27.9  # [-] chi-square with 3 degrees of freedom: a sound fix is refused 4 times in a million
     release: tuple[float, float, float, float] = (16.0, 2.0, 12.0, 5e-3)
     """Of held corrections: pace over the filter's own, slowest and fastest [rad/s], largest distance that pulls [m]."""
-    acceleration_time: float = 0.02  # [s] smoothing of the acceleration handed on
+    acceleration_time: float = 0.02  # [s] time constant of the output acceleration
 
     def init(self, first: Sequence[Measurement]) -> NavigationState:
-        """Start from the first measurements of every sensor; at rest, if there is no DVL.
+        """Initial state from the first measurements of every sensor; velocity zero without a DVL.
 
-        Raises ConfigurationError if an IMU, a vision, an encoder or a torque measurement is not among them, or one of
-        them is not finite.
+        Raises:
+            ConfigurationError: If an IMU, vision, encoder or torque measurement is missing, or one of them is not
+                finite.
         """
         by_type = {type(m): m for m in first}
         try:
@@ -203,7 +212,7 @@ class Navigation:
         x[:3], n = vision.p_WB, 9
         P[:3, :3] = (of_vision.white**2 + of_vision.wander**2) * np.eye(3)
         P[3:6, 3:6] = 0.1**2 * np.eye(3)
-        up = R[2]  # tilt of the attitude reference couples gravity in, across it
+        up = R[2]  # the tilt error of the attitude reference couples gravity in, across `up`
         P[6:9, 6:9] = of_imu.acceleration_bias**2 * np.eye(3)
         P[6:9, 6:9] += (GRAVITY * of_imu.attitude_bias) ** 2 * (np.eye(3) - np.outer(up, up))
         if of_dvl.bias > 0.0:
@@ -263,14 +272,18 @@ class Navigation:
     def step(
         self, state: NavigationState, measurements: Sequence[Measurement]
     ) -> tuple[NavigationState, StateEstimate]:
-        """Take what has arrived, in any order, and give the estimate of now.
+        """Process the measurements that have arrived, in any order, and return the estimate of now.
 
-        What is not finite, what has been taken before, and what a frozen sensor repeats is left aside; the ages in
-        the estimate tell of it.
+        Measurements that are not finite, were processed before or repeat a frozen reading are ignored. The ages in the
+        estimate then grow.
+
+        Args:
+            state: Of the last call, or of `init`; changed in place.
+            measurements: All that have arrived since.
         """
         fixes: list[VisionMeasurement | DvlMeasurement] = []
         q, qd, tau = state.q, state.qd, state.tau
-        for m in measurements:  # the frequent ones first
+        for m in measurements:  # the frequent types first
             if isinstance(m, EncoderMeasurement):
                 q, qd = m.q, m.qd
             elif isinstance(m, TorqueMeasurement):
@@ -279,18 +292,18 @@ class Navigation:
                 self._inertial(state, m)
             elif isinstance(m, (VisionMeasurement, DvlMeasurement)):
                 fixes.append(m)
-                continue  # they do not set the clock: a wild stamp on a picture must not
+                continue  # fixes do not set the clock: a wrong time stamp on a picture must not
             if m.time > state.clock:
                 state.clock = m.time
         if sound(q, qd, tau):
             state.q, state.qd, state.tau = q, qd, tau
-        else:  # what one joint lacks the others do not: its last reading stands, and is found frozen
+        else:  # a joint whose reading is not finite keeps its last one, and fault detection finds it
             state.q, state.qd, state.tau = (
                 np.where(np.isfinite(new), new, old) for new, old in ((q, state.q), (qd, state.qd), (tau, state.tau))
             )
         if state.clock - state.imu_time > _IMU_SILENCE:
             self._go_on_blind(state)
-        for m in fixes:  # after the IMU, so that the step they belong to is there
+        for m in fixes:  # after the IMU, so that their step exists
             if isinstance(m, VisionMeasurement):
                 noise = m.noise or self.vision
                 self._fix(state, VISION, m.time, m.p_WB, noise.white)
@@ -344,7 +357,7 @@ class Navigation:
             state.imu_time = m.time
 
     def _go_on_blind(self, state: NavigationState) -> None:
-        """The IMU is silent: the hull goes on as it moved, with an acceleration that nobody knows."""
+        """Propagate without IMU: constant velocity with an unknown acceleration."""
         dt = state.clock - state.time
         if dt > 1e-9:
             force = state.R_WB[2] * GRAVITY + state.x[6:9]
@@ -352,13 +365,14 @@ class Navigation:
 
     def _advance(self, state: NavigationState, dt: float, force: Array, w: Array, R: Array, unknown: float) -> bool:
         noise = state.imu
-        if dt < 0.999 * state.interval and not unknown:  # first samples, or a faster stream than was thought
+        if dt < 0.999 * state.interval and not unknown:  # first samples, or a faster stream than assumed
             state.interval = dt
             state.turning[:] = noise.rate**2 * dt, noise.attitude**2 + 1e-16, self.rate_bias_walk**2
         elif dt > 1.5 * state.interval and not unknown:
             unknown = _BLIND * (dt - state.interval)
         along = (noise.acceleration * dt) ** 2 + unknown
-        # What gyro and attitude reference leave of noise in the tilt: as much each, white for what vision resolves.
+        # Tilt noise left after the attitude filter: equal shares of gyro and reference, white at the resolution of
+        # vision.
         across = along + 2.0 * (GRAVITY * noise.attitude) ** 2 * state.interval * dt
         head = (state.head + 1) % _HISTORY
         taken = inertial(
@@ -389,7 +403,7 @@ class Navigation:
         return taken
 
     def _fix(self, state: NavigationState, kind: int, time: float, value: Array, sigma: float) -> None:
-        """Judge a position or a velocity, take it in at its step, and hold the correction back from what is given."""
+        """Validate a position or a velocity, update the filter at its step, and withhold the correction."""
         watch = state.watches[kind]
         if not (_sound(value) and math.isfinite(time)):
             watch.refused += 1
@@ -447,10 +461,10 @@ class Navigation:
 
     @staticmethod
     def _bias_jumped(state: NavigationState, watch: Watch, innovation: Array, time: float) -> int:
-        """Row of the past before the accelerometer's bias jumped, where the DVL's mean innovation tells of it; else -1.
+        """Row of the past before a jump of the accelerometer bias shown by the DVL's mean innovation; -1 without one.
 
-        The bias is then believed to have changed, twice the time of the mean ago, by what explains the innovation:
-        a velocity that runs away.
+        The bias is then assumed to have changed twice the time constant of the mean ago. The variance added there
+        explains the innovation as a velocity that runs away.
         """
         if float(watch.mean @ watch.mean) <= _MEAN_GATE * watch.mean_variance:
             return -1
@@ -458,18 +472,18 @@ class Navigation:
         at, _ = _step_of(state, time - ago)
         before = (at - 1) % _HISTORY
         if at < 0 or not -math.inf < state.past_input[before, TIME] < state.past_input[at, TIME]:
-            return -1  # not remembered
+            return -1  # older than the stored past
         state.past_input[at, JUMP] += float(innovation @ innovation) / ago**2
         state.bias_jumps += 1
         watch.mean, watch.mean_variance = np.zeros(3), 0.0
-        for blamed in state.watches:  # for what was the accelerometer's
+        for blamed in state.watches:  # their errors were the accelerometer's
             blamed.scale, blamed.agreeing = 1.0, 0
         return before
 
     def _admit(
         self, state: NavigationState, watch: Watch, kind: int, fix: Array, at: int, innovation: Array, squared: float
     ) -> bool:
-        """Chi-square gate on the innovation, which gives way to many that agree with one another."""
+        """Chi-square gate on the innovation, overruled by consecutive rejected fixes that agree."""
         if squared <= self.gate:
             watch.agreeing = 0
             return True
@@ -478,7 +492,7 @@ class Navigation:
         watch.rejected = innovation
         if watch.agreeing < _AGREEING:
             return False
-        # The filter is where it is not: what it believes since then is widened until the fixes fit.
+        # The filter is wrong: its covariance at that step is increased until the fixes pass.
         first = 0 if kind == VISION else 3
         for i in range(3):
             state.past_P[at, first + i, first + i] += innovation[i] ** 2
@@ -487,12 +501,12 @@ class Navigation:
 
 
 def _sound(values: Array) -> bool:
-    """Whether all of `values` (n,) or (n, n) are finite."""
+    """True if all of `values` (n,) or (n, n) are finite."""
     return bool(np.isfinite(values).all())
 
 
 def _step_of(state: NavigationState, time: float) -> tuple[int, float]:
-    """Row of the past nearest to `time`, and how long after it `time` is [s]; row -1 if there is none so old or new."""
+    """Row of the past nearest to `time`, and `time` after it [s]; row -1 if it is too old or too new."""
     times = state.past_input[:, TIME]
     at = int(np.argmin(np.abs(times - time)))
     shift = time - float(times[at])

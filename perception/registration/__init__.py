@@ -1,1 +1,1 @@
-"""Identification: where a known object is, by ICP, with a check of the result."""
+"""Registration: pose of a known object by ICP, with verification of the result."""

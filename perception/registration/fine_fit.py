@@ -1,9 +1,9 @@
-"""Fit of a known model to a scan: point-to-plane ICP from the scan to what the sensor can see of the model.
+"""Point-to-plane ICP from the scan to the visible part of a known model.
 
-Paper 002 matches the model's points to the scan and removes hidden ones after the first pass. Matching scan to visible
-model by planes is 3 to 10 times as accurate (facts/perception.md B2). What planes leave free (sliding along a plate or
-along a barrel seen from its side) is held by the depth edges of scan and model, taken from the same pixel grid so that
-their bias cancels.
+[Konoplin 2022] matches the model's points to the scan and removes hidden ones after the first pass. Matching the scan
+to planes of the visible model is 3 to 10 times as accurate. Planes leave some motions free: sliding along a plate, or
+along a barrel seen from its side. Depth edges of scan and model hold these. Both are taken from the same pixel grid, so
+that their bias cancels.
 """
 
 from dataclasses import dataclass
@@ -29,31 +29,36 @@ from perception.clouds.scan import (
 )
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-SHARP_EDGE = np.cos(np.deg2rad(60.0))  # a surface that turns away slower ends where the sensor fails, not at an edge
-_WINDOW_PIXELS = 80_000  # depth edges are taken from a thinned grid above this
-_RASTER = 32  # [px]
-_HALVINGS = 4  # of a pixel, for the place of a model's depth edge
-_MAX_SCAN_POINTS = 4000
-_AT_REST = 0.01  # [spacings] a step below which another one with the same pairs is not worth its time
-_STALE = 0.2  # [spacings] that the model may move before the points that are nearest are looked up anew
-_FREE = 1e-4  # an eigenvalue of the normal equations below this share of the largest says nothing
+SHARP_EDGE = np.cos(np.deg2rad(60.0))  # where a surface turns away more slowly the sensor fails, it has no edge
+_WINDOW_PIXELS = 80_000  # pixels above which depth edges are taken from a thinned grid
+_RASTER = 32  # [px] to whose multiples the window of depth edges is extended, so that it seldom changes
+_HALVINGS = 4  # bisections of a pixel, to locate a model's depth edge
+_MAX_SCAN_POINTS = 4000  # scan points used in ICP, at most about: more add time
+_AT_REST = 0.01  # [spacings] a step below which ICP with the same pairs has converged
+_STALE = 0.2  # [spacings] by which the model may move before nearest points are looked up again
+_FREE = 1e-4  # [-] eigenvalues of the normal equations below this share of the largest count as free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelSurface:
-    """A target's surface made ready for matching: points K_q with normals, and a ray caster, all in T."""
+    """A target's surface prepared for ICP: sampled points K_q with normals, and a ray caster, all in T."""
 
     target: TargetModel
-    points: Array  # (M, 3) [m]
-    normals: Array  # (M, 3) unit
-    spacing: float  # [m]
+    points: Array  # (m, 3) [m]
+    normals: Array  # (m, 3) unit
+    spacing: float  # [m] between neighbouring points
     center: Array  # (3,) [m], of the target's bounding box
     radius: float  # [m], of the sphere around it
     scene: RayScene
 
     @classmethod
     def of(cls, target: TargetModel, seed: int = 0) -> "ModelSurface":
-        """Sample `target` evenly, at 1/60 of its size between 3 and 10 mm."""
+        """Sample the mesh of `target` evenly, at 1/60 of its size between 3 and 10 mm.
+
+        Args:
+            target: Model of the object.
+            seed: Of the random samples.
+        """
         spacing = float(np.clip(target.radius / 60.0, 0.003, 0.01))
         corners = target.vertices[target.triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -67,7 +72,7 @@ class ModelSurface:
         u[over], v[over] = 1.0 - u[over], 1.0 - v[over]
         a, b, c = corners[face].transpose(1, 0, 2)
         points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
-        # One sample a cell, not their mean: a mean would leave the surface.
+        # One sample per cell, not their mean: a mean would leave the surface.
         cells = np.floor((points - points.min(axis=0)) / spacing).astype(np.int64)
         _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
         return cls(
@@ -81,9 +86,16 @@ class ModelSurface:
         )
 
     def visible(self, X_ST: Array, scan: Scan, max_incidence: float, step: int = 1) -> np.ndarray:
-        """Mask (M,) of the points that the sensor can see with the model at `X_ST`: in view, unhidden, not grazing.
+        """Mask (m,) of the points that the sensor can see: in view, not hidden, not at grazing incidence.
 
-        `step`: of every so many points only (the mask is of those).
+        Args:
+            X_ST: (4, 4) pose of T in S.
+            scan: Scan whose pixel grid is the field of view.
+            max_incidence: [rad] largest angle of incidence.
+            step: Only every `step`-th point is judged, and the mask is of those.
+
+        Returns:
+            Mask (m,).
         """
         in_view = scan.pixels(transform_points(X_ST, self.points[::step]))[2]
         return self.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
@@ -91,9 +103,16 @@ class ModelSurface:
     def exposed(
         self, origin: Array, max_incidence: float, step: int = 1, among: np.ndarray | None = None
     ) -> np.ndarray:
-        """Mask (M,) of the points that can be seen from `origin` (3,) [m] in T: unhidden, not grazing.
+        """Mask (m,) of the points visible from `origin`: not hidden, not at grazing incidence.
 
-        `step` as in `visible`; `among`: mask of the points that are asked about.
+        Args:
+            origin: (3,) [m] of the sensor in T.
+            max_incidence: [rad] largest angle of incidence.
+            step: Only every `step`-th point is judged, and the mask is of those.
+            among: Mask (m,) of the points to be judged; None: all.
+
+        Returns:
+            Mask (m,).
         """
         points, normals = self.points[::step], self.normals[::step]
         rays = points - origin
@@ -106,12 +125,20 @@ class ModelSurface:
         return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
-        """Mask (N,) of the points (N, 3) [m] in S that lie in the picture of the model at `X_ST`."""
+        """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4, 4)."""
         X_TS = inverse(X_ST)
         return np.isfinite(self.scene.cast(X_TS[:3, 3], points @ X_TS[:3, :3].T)["t"])
 
     def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
-        """The model as the sensor would see it at `X_ST` on the grid of `scan`, and cosines of incidence (H, W)."""
+        """Render the model at `X_ST` on the pixel grid of `scan`.
+
+        Args:
+            X_ST: (4, 4) pose of T in S.
+            scan: Scan that gives the grid.
+
+        Returns:
+            The rendered scan, and cosines of incidence (h, w).
+        """
         width, height = len(scan.tangent_x), len(scan.tangent_y)
         rays = np.stack([*np.meshgrid(scan.tangent_x, scan.tangent_y), np.ones((height, width))], axis=-1)
         X_TS = inverse(X_ST)
@@ -124,19 +151,29 @@ class ModelSurface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What of a scan takes part in the fit."""
+    """The part of a scan that takes part in ICP."""
 
     scan: Scan
-    mask: np.ndarray  # (H, W) pixels that may belong to the object
-    points: Array  # (N, 3) [m] thinned, in S
-    normals: Array  # (N, 3) towards the sensor
-    sigma: Array  # (N,) [m]
-    independent: Array  # (N,) share of an independent reading: neighbours err alike
+    mask: np.ndarray  # (h, w) pixels that may belong to the object
+    points: Array  # (n, 3) [m] thinned, in S
+    normals: Array  # (n, 3) unit, towards the sensor
+    sigma: Array  # (n,) [m] standard deviation of depth
+    independent: Array  # (n,) [-] share of an independent reading, because errors of neighbours are correlated
     sensor: SensorModel
 
     @classmethod
     def of(cls, scan: Scan, mask: np.ndarray, spacing: float, sensor: SensorModel) -> "Evidence":
-        """Thin the masked pixels to one point a cube of `spacing` [m] and estimate normals."""
+        """Thin the masked pixels to one point per cube and estimate normals.
+
+        Args:
+            scan: The scan.
+            mask: (h, w) pixels that may belong to the object.
+            spacing: [m] edge of the cubes.
+            sensor: Accuracy of the sensor.
+
+        Returns:
+            The evidence, at most about _MAX_SCAN_POINTS points.
+        """
         points = voxel_means(scan.points[mask], spacing)
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
@@ -148,28 +185,39 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Edges:
-    """Depth edges of scan and model, paired in the image plane."""
+    """Depth edges of scan and model around the object."""
 
     scan: Contour
-    scan_outward: Array  # (N, 2)
-    model_points: Array  # (K, 3) [m] in T
-    model_outward: Array  # (K, 2)
-    model_sharp: np.ndarray  # (K,)
+    scan_outward: Array  # (n, 2) unit, across the edge in the image
+    model_points: Array  # (k, 3) [m] in T
+    model_outward: Array  # (k, 2) unit
+    model_sharp: np.ndarray  # (k,) bool: see SHARP_EDGE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IcpFit:
-    """Where ICP came to rest."""
+    """Result of ICP at convergence."""
 
-    X_ST: Array  # (4, 4)
-    free: Array  # (k, 6) unit twists (linear; angular x radius) in S, about the model's centre, that nothing holds
+    X_ST: Array  # (4, 4) pose of T in S
+    free: Array  # (k, 6) free unit twists (linear; angular x radius) in S, about the model's centre
     residual: float  # [m] robust rms of the point-to-plane distance
-    size: float  # of the object, as a share of the model's, that would fit best
-    size_sigma: float  # standard deviation of `size`, from the sensor's noise
+    size: float  # [-] scale of the object against the model that would minimise the residual
+    size_sigma: float  # [-] standard deviation of `size`, from the sensor's noise
 
 
 def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int = 2, inner: int = 5) -> IcpFit:
-    """The full fit: hidden points removed before each round, planes and depth edges together."""
+    """Full ICP: hidden points removed before each round, point-to-plane distances and depth edges together.
+
+    Args:
+        evidence: Scan points of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) initial pose of T in S.
+        rounds: Number of pairings with the visible model, each with a smaller gate.
+        inner: Gauss-Newton steps in a round, at most.
+
+    Returns:
+        The pose at convergence, its free twists, residual and best scale.
+    """
     gates = np.geomspace(8.0 * surface.spacing, 3.0 * surface.spacing, rounds)
     pairing, X_paired = None, X_ST
     for gate in gates:
@@ -185,7 +233,7 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
             X_ST, _ = _moved(X_ST, H, g, surface)
             if _step(X_before, X_ST, surface) < _AT_REST * surface.spacing:
                 break
-    # What holds it is judged where it came to rest: on the way there it may have slid off all that did.
+    # Free twists are judged with the pairs at the final pose: ICP may have slid off all that held it before.
     if pairing is not None and _step(X_paired, X_ST, surface) > surface.spacing:
         pairing = _Pairing.of(evidence, surface, X_ST)
     if pairing is None:
@@ -196,18 +244,18 @@ def fine_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array, rounds: int
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairing:
-    """What of the model is compared with the scan in one round of the full fit."""
+    """The visible model points and depth edges that are compared with the scan in one round of ICP."""
 
     evidence: Evidence
     surface: ModelSurface
-    points: Array  # (M, 3) [m] visible, in T
-    normals: Array  # (M, 3)
+    points: Array  # (m, 3) [m] visible, in T
+    normals: Array  # (m, 3)
     grid: NearestPoint
     edges: _Edges | None
 
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Pairing | None":
-        """With the model at `X_ST`; None if hardly anything of it is in view."""
+        """Pairing with the model at `X_ST`; None if fewer than 10 of its points are in view."""
         visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
         if visible.sum() < 10:
             return None
@@ -216,7 +264,7 @@ class _Pairing:
         return cls(evidence, surface, points, surface.normals[visible], NearestPoint.of(points, surface.spacing), edges)
 
     def nearest(self, X_ST: Array, gate: float) -> np.ndarray:
-        """Index (N,) of the visible model point that is nearest to each scan point; M where none is near."""
+        """Index (n,) of the visible model point nearest to each scan point; their number where none is near."""
         points = transform_points(inverse(X_ST), self.evidence.points)
         return self.grid.query(points, self._reach(gate))[1]
 
@@ -226,8 +274,8 @@ class _Pairing:
     def terms(self, X_ST: Array, gate: float, index: np.ndarray) -> tuple[Array, Array, float]:
         """Normal equations (7, 7), (7,) of planes and depth edges, and the robust rms [m] of the planes.
 
-        For a twist about the model's centre (linear; angular x radius), and growth x radius from there.
-        `index`: that of `nearest`.
+        The unknowns are a twist about the model's centre (linear; angular x radius), and growth x radius from there.
+        `index` is the result of `nearest`.
         """
         evidence, surface = self.evidence, self.surface
         H, g, residual = _plane_terms(evidence, self.points, self.normals, index, X_ST, self._reach(gate), surface)
@@ -238,10 +286,18 @@ class _Pairing:
 
 
 def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """How well scan and model explain each other at `X_ST`, from -1 to 2: higher is better.
+    """Mutual agreement of scan and model at `X_ST`, from -1 to 2: higher is better.
 
-    Share of the visible model that the scan confirms, less the share that the scan sees through, plus the share of
+    The share of the visible model that the scan confirms, less the share that the scan sees through, plus the share of
     the scan that the model explains.
+
+    Args:
+        evidence: Scan points of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        The score [-].
     """
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if visible.sum() < 10:
@@ -257,13 +313,22 @@ def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
 
 
 def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndarray:
-    """Mask (N,) of the scan's points that lie on the visible model at `X_ST` (4, 4)."""
+    """Mask (n,) of the scan points that lie on the visible model.
+
+    Args:
+        evidence: Scan points of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        Mask (n,).
+    """
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     return _near(evidence, surface, transform_points(X_ST, surface.points[visible]))
 
 
 def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
-    """Mask (N,) of the scan's points that lie by the noise and the spacing near one of the `points` (M, 3) [m] in S."""
+    """Mask (n,) of the scan points near one of `points` (m, 3) [m] in S, within noise and spacing."""
     if not len(points):
         return np.zeros(len(evidence.points), dtype=bool)
     limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
@@ -271,10 +336,16 @@ def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarra
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:
-    """How the model's sharp depth edges lie against the scan's, at `X_ST`.
+    """Compare the model's sharp depth edges with those of the scan.
 
-    Returns the offsets (N,) [m] across the edge of those that have a partner, the share (0..1) of sharp edge that
-    has one, and the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        Offsets (n,) [m] across the edge of those that have a partner, the share (0..1) of sharp edge that has one, and
+        the share beyond which the scanned surface goes on. The shares are NaN without sharp edges in view.
     """
     edges = _edges(evidence, surface, X_ST)
     if edges is None or edges.model_sharp.sum() < 20:
@@ -298,7 +369,7 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
         step = np.maximum(0.5 * jump(points[:, 2]), 3.0 * evidence.sensor.sigma(points[:, 2]))
         goes_on &= inside & evidence.mask[row, column]
         goes_on &= np.abs(evidence.scan.depth[row, column] - points[:, 2]) < step
-        goes_on &= ~surface.covers(X_ST, probe)  # one part of the model before another is no end of it
+        goes_on &= ~surface.covers(X_ST, probe)  # one part of the model in front of another does not end it
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
 
 
@@ -344,7 +415,7 @@ def _plane_sums(
     spacing: float,
     radius: float,
 ) -> tuple[Array, Array, Array]:
-    """Sums over the pairs that can be compared: as `_plane_terms`, and of weights and weighted squares (2,) [m^2]."""
+    """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted squares (2,) [m^2]."""
     H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
     q, m = np.empty(3), np.empty(3)
     pairs = 0
@@ -365,7 +436,7 @@ def _plane_sums(
             along += m[a] * off
             square += off * off
             cosine += m[a] * normals[n, a]
-        # Beyond the rim of what is visible the nearest point pulls sideways; there is nothing to compare with.
+        # Beyond the rim of the visible part the nearest point pulls sideways: such pairs are dropped.
         if square >= gate**2 or square - along**2 >= (1.5 * spacing) ** 2 or cosine <= 0.5:
             continue
         pairs += 1
@@ -393,7 +464,7 @@ def _plane_sums(
 
 
 def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Array:
-    """Jacobian rows (N, 7) of `direction . at` for a twist about the model's centre and growth from there.
+    """Jacobian rows (n, 7) of `direction . at` for a twist about the model's centre and growth from there.
 
     Rotation and growth are scaled by the model's radius.
     """
@@ -402,13 +473,13 @@ def _rows(direction: Array, at: Array, X_ST: Array, surface: ModelSurface) -> Ar
 
 
 def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Array, Array]:
-    """One Gauss-Newton step in the directions that the data hold; and the free directions (k, 6)."""
+    """One Gauss-Newton step in the directions that the data determine, and the free directions (k, 6)."""
     H, g, radius = H[:6, :6], g[:6], surface.radius
     center = transform_points(X_ST, surface.center)
     axis = surface.target.symmetry.axis
     spin = np.zeros((0, 6))
     if axis is not None:
-        # Known beforehand to be free: what facets of the mesh seem to say about it is not evidence.
+        # Free by declaration: the facets of the mesh would otherwise act as evidence of the angle.
         axis_S = X_ST[:3, :3] @ axis
         spin = np.concatenate([np.cross(axis_S, center - X_ST[:3, 3]), radius * axis_S])[None]
         spin /= np.linalg.norm(spin)
@@ -417,7 +488,7 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
     values, vectors = np.linalg.eigh(H)
     held = values > _FREE * max(values[-1], 1e-12)
     step = vectors[:, held] @ ((vectors[:, held].T @ g) / values[held])
-    # A step longer than this comes from a handful of pairs; the next iteration pairs anew.
+    # A longer step comes from a handful of pairs; the next iteration pairs again.
     step *= min(1.0, 0.5 * radius / max(float(np.linalg.norm(step)), 1e-12))
     R = exp_so3(step[3:] / radius)
     X_SS = pose(R, center + step[:3] - R @ center)
@@ -425,7 +496,7 @@ def _moved(X_ST: Array, H: Array, g: Array, surface: ModelSurface) -> tuple[Arra
 
 
 def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
-    """Size that would fit best and its standard deviation; what nothing holds of the pose is left as it is."""
+    """Best scale of the object and its standard deviation [-]; free directions of the pose stay unchanged."""
     values, vectors = np.linalg.eigh(H)
     if not values[-1] > 0.0:
         return 1.0, np.inf
@@ -435,7 +506,7 @@ def _size(H: Array, g: Array, surface: ModelSurface) -> tuple[float, float]:
 
 
 def _step(A: Array, B: Array, surface: ModelSurface) -> float:
-    """How far [m] at most, about, a point of the model moves from pose `A` to `B` (4, 4)."""
+    """Approximate upper bound [m] of a model point's motion from pose `A` to `B` (4, 4)."""
     center = transform_points(A, surface.center) - transform_points(B, surface.center)
     turn = np.linalg.norm(A[:3, :3] - B[:3, :3]) / np.sqrt(2.0)
     return float(np.linalg.norm(center) + surface.radius * turn)
@@ -447,9 +518,9 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
     rows, columns = scan.window(transform_points(X_ST, surface.points), 0.1, _WINDOW_PIXELS)
     if rows.stop <= rows.start or columns.stop <= columns.start:
         return None
-    # On a raster of its own, so that the next round finds the scan's edges ready though the model has moved a little;
-    # and counted from the optical axis, which mostly lies midway between two pixels, so that the pixels are the same
-    # however much of the picture is there.
+    # The window lies on a fixed raster, so that the next round finds the scan's edges in the cache though the model has
+    # moved a little. The raster counts from the optical axis, which mostly lies midway between two pixels. The pixels
+    # are therefore the same however much the picture is cropped.
     rows, columns = (
         _rastered(window, round(float(tangents[0]) / pitch + 0.25))
         for window, tangents, pitch in zip(
@@ -477,14 +548,14 @@ def _edges(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> _Edges | N
 
 
 def _rastered(window: slice, first: int) -> slice:
-    """`window` of rows or columns, widened to a raster on which the first of the picture is number `first`."""
+    """Extend `window` of rows or columns to a raster on which the first of the picture has the number `first`."""
     start = window.start - (window.start + first) % _RASTER
     stop = window.stop + -(window.stop + first) % _RASTER
     return slice(start if start >= 0 else start % window.step, stop, window.step)
 
 
 def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> Array:
-    """Tangents (N, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
+    """Tangents (n, 2) of the model's depth edges `found` on the grid of `part`, to a fraction of a pixel."""
     X_TS, step = inverse(X_ST), jump(found.depth)
     middle = np.column_stack([part.tangent_x[found.columns], part.tangent_y[found.rows]])
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
@@ -497,7 +568,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
 
 @lru_cache(maxsize=4)
 def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int, step: int) -> tuple[Contour, Array]:
-    """Depth edges of the scan in a window of pixels, and the directions (N, 2) across them."""
+    """Depth edges of the scan in a window of pixels, and the directions (n, 2) across them."""
     window = slice(top, bottom, step), slice(left, right, step)
     part, mask = evidence.scan.part(window), evidence.mask[window]
     found = contour(part, mask, part.depth)
@@ -507,7 +578,7 @@ def _scan_edges(evidence: Evidence, top: int, bottom: int, left: int, right: int
 def _edge_terms(
     edges: _Edges, evidence: Evidence, X_ST: Array, gate: float, surface: ModelSurface
 ) -> tuple[Array, Array]:
-    """Normal equations (6, 6), (6,) of the distances across depth edges in the image plane."""
+    """Normal equations (7, 7), (7,) of the distances across depth edges in the image plane."""
     points = transform_points(X_ST, edges.model_points)
     tangents = points[:, :2] / points[:, 2:]
     distance, index = cKDTree(tangents).query(
@@ -526,7 +597,7 @@ def _edge_terms(
     # d(m . P_xy / z) z = (m, -m . P_xy / z) . dP
     direction = np.column_stack([m, -np.einsum("ij,ij->i", m, tangents[index])])
     pitch = evidence.scan.pitch * P[:, 2]
-    # What mixes at an edge differs from pixel to pixel: each is a reading of its own.
+    # Mixed depths at an edge differ from pixel to pixel: each pixel is an independent reading.
     sigma = evidence.sensor.edge_sigma * pitch
     weight = 1.0 / (1.0 + (across / np.maximum(3.0 * pitch, 0.25 * gate)) ** 2) ** 2 / sigma**2
     J = _rows(direction, P, X_ST, surface)

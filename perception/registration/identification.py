@@ -1,7 +1,7 @@
-"""Where is the known object? The uniform door to identification (paper 002, formulas 1 and 2).
+"""Identification of a known object in one scan: the entry point of registration [Konoplin 2022, eq. 1 and 2].
 
-Crop around the coarse detection, background and outliers out, the model moved near, ICP, hidden points of the model
-removed, ICP again, check by projected trajectories.
+Steps: crop around the coarse detection, remove background and outliers, find initial poses, ICP, remove hidden model
+points, ICP again, PoseCheck by projected trajectories.
 """
 
 from dataclasses import dataclass, replace
@@ -36,67 +36,67 @@ from sim.interfaces.spatial import (
 
 Method = Literal["planes", "paper"]
 
-_FARTHEST = 1e5  # [m] from the sensor that anything is measured
-APPROACH_ERROR = 0.3  # [m] that a coarse detection may be wrong
-_REFINED = 3  # starts that are worth a full fit
-_AROUND = 1.3  # [radii] of the model, from where it may be, within which the scan takes part
-_SLIDING = 0.7  # share of a free motion that must be a slide
-_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] along what nothing holds, to where something may
-_HOPELESS = 0.4  # a start that scores this much below the best is not refined
+_FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
+APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
+_REFINED = 3  # initial poses at most that get a full ICP
+_AROUND = 1.3  # [model radii] around the centre of an initial pose, within which scan points take part
+_SLIDING = 0.7  # [-] translational share of a free twist, from which on it is searched by translation
+_SLIDES = (-0.4, -0.2, -0.1, 0.1, 0.2, 0.4)  # [radii] of the model: translations tried along a free twist
+_HOPELESS = 0.4  # [-] score below the best one from which on an initial pose gets no ICP
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreeMotion:
-    """What the scan cannot tell of the pose, and what was done about it."""
+    """Degrees of freedom that the scan does not determine, and how they were chosen."""
 
-    axis: Array | None  # (3,) unit, in T: turns about it look the same (declared by the target)
+    axis: Array | None  # (3,) unit, in T: rotations about it look the same (declared by the target)
     turns: int  # number of discrete rotations that look the same, 1 for none
-    twists: Array  # (k, 6) (linear; angular x radius) in S about the model's centre, that this view does not hold
-    angle_known: bool  # whether the turn about the axis was measured; where it was not it is chosen
-    policy: str  # how the free part was chosen
+    twists: Array  # (k, 6) free twists (linear; angular x radius) in S about the model's centre
+    angle_known: bool  # the angle about the axis was measured; False: it was chosen
+    policy: str  # how the free part was chosen, in words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hypothesis:
-    """A pose that the full fit came to rest at."""
+    """A pose to which ICP converged."""
 
     X_sensor_target: Array  # (4, 4) pose of T in S
-    log_likelihood: float  # [nats] of the scan, up to a constant that all poses share
+    log_likelihood: float  # [nat] of the scan, up to a constant common to all poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification:
-    """The outcome of one look. A pose that was not accepted is the best found, for logs only."""
+    """Result of identification in one scan. A pose that was not accepted is the best one found, for logs only."""
 
     X_sensor_target: Array  # (4, 4) pose of T in S
     accepted: bool
     reason: str  # why not; empty if accepted
     check: PoseCheck | None  # None if there was nothing to check
     symmetry: FreeMotion
-    X_sensor_start: Array  # (4, 4) coarse pose that was given, else the one that the search came upon
-    cloud: Array  # (N, 3) [m] points that took part, thinned, in S
-    model_before: Array  # (M, 3) [m] all model points at the start, in S
-    model_after: Array  # (K, 3) [m] visible model points at the fitted pose, in S
-    evidence: Evidence | None  # scan and mask of the object, for the surface that a path is projected on
-    surface: ModelSurface  # the model as it was matched
-    score: float  # share of model confirmed and scan explained, up to 2
-    hypotheses: tuple[Hypothesis, ...]  # poses that differ, best first: the first is the one reported
-    duration_s: float  # [s]
+    X_sensor_start: Array  # (4, 4) coarse pose that was given, else the initial pose of the search
+    cloud: Array  # (n, 3) [m] scan points used in ICP, thinned, in S
+    model_before: Array  # (m, 3) [m] all model points at the start, in S
+    model_after: Array  # (k, 3) [m] visible model points at the fitted pose, in S
+    evidence: Evidence | None  # scan and mask of the object; a tool path is projected on this surface
+    surface: ModelSurface  # model as sampled for ICP
+    score: float  # [-] share of the model confirmed plus share of the scan explained, up to 2
+    hypotheses: tuple[Hypothesis, ...]  # distinct poses, most likely first: the first one is reported
+    duration_s: float  # [s] computing time
 
     @property
     def margin(self) -> float:
-        """Log likelihood [nats] above the best different pose that was fitted; inf if there was none."""
+        """Log likelihood [nat] above that of the best other hypothesis; inf if there is none."""
         if len(self.hypotheses) < 2:
             return np.inf
         return self.hypotheses[0].log_likelihood - self.hypotheses[1].log_likelihood
 
     @property
     def decision(self) -> Decision:
-        """What to do now: work on it, look again from another place, or leave it."""
+        """Decision for the supervisor: accept, scan again from another place, or refuse."""
         if self.accepted:
             return Decision.ACCEPT
         if self.check is None or self.check.decision is Decision.ACCEPT:
-            return Decision.REFUSE  # nothing there to check, or what holds lies where it cannot be
+            return Decision.REFUSE  # nothing to verify, or a good fit outside the admitted poses
         return self.check.decision
 
 
@@ -111,17 +111,27 @@ def identify(
     seed: int = 0,
     method: Method = "planes",
 ) -> Identification:
-    """Find `target` in one look of a depth sensor.
+    """Find `target` in one scan of a depth sensor.
 
-    `cloud`: points (N, 3) or organised (H, W, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
-    `target`: a TargetModel, or a mesh [m]: a file, or an object with `vertices` and `faces` (trimesh's) or `triangles`.
-    `approach`: coarse position (3,) [m] of its centre in S, wrong by up to `approach_error` [m]; None: anywhere.
-    `orientation`: coarse rotation (3, 3) of T in S, wrong by up to 45 deg; None: any.
-    `sensor`: its accuracy, from which limits follow. Random samples are drawn from `seed`: same input, same answer.
-    `method`: "planes", or "paper" for the papers' own fit (`paper_icp`), which searches nothing: give `orientation`.
+    An object that is absent, or an empty cloud, gives an Identification that is not accepted, with a reason. The same
+    input with the same seed gives the same result.
 
-    An object that is not there, or a cloud that holds nothing, is an Identification that is not accepted, with a
-    reason. Raises ConfigurationError for arguments of a wrong kind, MissingLibraryError without a ray caster.
+    Args:
+        cloud: Points (n, 3) or organised (h, w, 3) [m] in the sensor frame S (OpenCV axes, NaN allowed), or a Scan.
+        target: A TargetModel, a mesh file [m], or an object with `vertices` and `faces` (trimesh) or `triangles` [m].
+        approach: (3,) [m] coarse position of the target's centre in S; None: anywhere.
+        orientation: (3, 3) coarse rotation of T in S, wrong by up to 45 deg; None: any.
+        sensor: Accuracy of the sensor, from which the limits follow; None: `SensorModel()`.
+        approach_error: [m] largest error of `approach`.
+        seed: Of all random samples.
+        method: "planes", or "paper" for the published ICP (`paper_icp`). That one has no search: give `orientation`.
+
+    Returns:
+        The pose with its PoseCheck, evidence and other hypotheses.
+
+    Raises:
+        ConfigurationError: For arguments of a wrong type or shape.
+        MissingLibraryError: Without a ray caster.
     """
     started = perf_counter()
     p_approach = None if approach is None else checked(approach, (3,), "approach")
@@ -201,9 +211,21 @@ def segment(
     approach_error: float,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Mask (H, W) of the pixels that may belong to `target`: near `approach` [m], on no background, in company.
+    """Mask of the pixels that may belong to the target: near the approach, off background planes, in patches.
 
-    Raises PerceptionError if fewer than MIN_POINTS are left at any stage.
+    Args:
+        scan: The scan.
+        target: Model of the object, for its radius.
+        approach: (3,) [m] coarse position of the target's centre in S; None: anywhere.
+        sensor: Accuracy of the sensor.
+        approach_error: [m] largest error of `approach`.
+        rng: Source of the random samples.
+
+    Returns:
+        Mask (h, w).
+
+    Raises:
+        PerceptionError: If fewer than MIN_POINTS are left at any stage.
     """
     usable = without_flying_pixels(scan)
     _need(usable, "of the scan form a surface")
@@ -213,7 +235,7 @@ def segment(
         _need(mask, "lie near the approach")
     else:
         _need(mask, "stand out from the background")
-    # Specks of a few pixels are what is left of flying pixels and of the background's roughness.
+    # Patches of a few pixels are remains of flying pixels and of the background's roughness.
     label, count = ndimage.label(mask, structure=np.ones((3, 3)))
     size = np.bincount(label.ravel(), minlength=count + 1)
     size[0] = 0
@@ -231,21 +253,21 @@ def _need(mask: np.ndarray, what: str) -> None:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
     X_ST: Array
-    fit: IcpFit | None  # that came to rest there; None for another method's
+    fit: IcpFit | None  # ICP that converged there; None for another method
     X_start: Array
     log_likelihood: float
-    others: tuple[Hypothesis, ...] = ()  # most likely first
-    asks: str = ""  # why the method asks for a new scan
+    others: tuple[Hypothesis, ...] = ()  # the most likely first
+    asks: str = ""  # reason for which the method requests a new scan
 
 
 def _around(starts: list[Array], surface: ModelSurface, scan: Scan) -> np.ndarray:
-    """Mask (H, W) of the pixels that lie where the model may be at one of the poses `starts`."""
-    centers = np.array([transform_points(X, surface.center) for X in starts]).reshape(-1, 3)  # there may be none
+    """Mask (h, w) of the pixels near the model at any of the initial poses `starts`."""
+    centers = np.array([transform_points(X, surface.center) for X in starts]).reshape(-1, 3)  # `starts` may be empty
     return near_any(scan.points, centers, _AROUND * surface.radius)
 
 
 def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
-    """Full fits from those of `starts` that score highest, and that of the fits which makes the scan most likely."""
+    """ICP from the best-scored `starts`; the result that gives the scan the highest likelihood."""
     rough = sorted(((score(evidence, surface, X), X) for X in starts), key=lambda item: -item[0])
     fits = [(fine_fit(evidence, surface, X), X) for s, X in rough[:_REFINED] if s > rough[0][0] - _HOPELESS]
     fits += [(fit, fits[0][1]) for fit in _slid(evidence, surface, fits[0][0])]
@@ -264,7 +286,7 @@ def _best(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Fo
 
 
 def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array]) -> _Found:
-    """The papers' fit from the only start, and their rule for a new scan."""
+    """The published ICP from its one initial pose, with the published rule for a new scan."""
     fit = paper_fit(evidence, surface, starts[0])
     asks = ""
     if fit.error > fit.required:
@@ -273,7 +295,7 @@ def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array])
 
 
 def _slid(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[IcpFit]:
-    """Fits from where `fit` can slide to, the best way along each free motion: what nothing holds, nothing pulls."""
+    """ICP after the best translation along each free twist of `fit`: no residual pulls the model along these."""
     fits: list[IcpFit] = []
     for twist in fit.free:
         if np.linalg.norm(twist[:3]) < _SLIDING:
@@ -321,7 +343,7 @@ def _refused(surface: ModelSurface, X_prior: Array, reason: str, started: float)
 
 
 def _surface(target: Any, seed: int) -> ModelSurface:
-    """`target`, in any of the forms of `identify`, made ready for matching."""
+    """Sample `target`, in any of the forms that `identify` accepts."""
     if isinstance(target, ModelSurface):
         return target
     if isinstance(target, TargetModel):
@@ -329,7 +351,7 @@ def _surface(target: Any, seed: int) -> ModelSurface:
     if isinstance(target, (str, Path)):
         return ModelSurface.of(TargetModel.from_file(target), seed)
     if hasattr(target, "vertices") and (hasattr(target, "faces") or hasattr(target, "triangles")):
-        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (T, 3, 3)
+        triangles = target.faces if hasattr(target, "faces") else target.triangles  # trimesh's are corners (t, 3, 3)
         return ModelSurface.of(TargetModel(name="mesh", vertices=target.vertices, triangles=triangles), seed)
     raise ConfigurationError(
         f"target: expected a TargetModel, a mesh file or a mesh (vertices, faces), got {type(target).__name__}"

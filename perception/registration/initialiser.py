@@ -1,8 +1,9 @@
-"""Where could the object be, and how is it turned? Poses to start a fit from, whether or not something is expected.
+"""Global search for initial poses of ICP, with or without an expected position and attitude.
 
-The model is looked at once from all sides. Each patch of the scan is then taken for the object, seen from each of these
-sides and turned about the line of sight. A quick fit on few points, which reads the nearest model point in view from a
-table, moves every such pose to where it rests; what the scan then explains and confirms of the model ranks them.
+The model is rendered once from all sides. Each patch of the scan is then taken for the object as seen from each of
+these sides, rotated about the line of sight. Every such pose converges by a fast ICP on few points, which reads the
+nearest visible model point from a table. The poses are ranked by a score: the model share that the scan confirms, plus
+the scan share that the model explains.
 """
 
 from dataclasses import dataclass
@@ -17,53 +18,53 @@ from perception.clouds.scan import Scan, SensorModel, facing_normals, hang_toget
 from perception.registration.fine_fit import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
-_SPINS = 12  # about the line of sight, for each view
-_DISTANCE = 4.0  # [radii] from which the model is looked at
-_MODEL_POINTS = 4000
-_SHOWN = 150  # model points of a view that are held against the depth frame
-_CELLS = 40  # of the table, along its longest side
-_MARGIN = 0.35  # [radii] by which the table reaches beyond the model
-_THIN = 1.0 / 20.0  # [radii] between points of the scan
-_TOGETHER = 0.12  # [radii] up to which they hang together
-_PATCHES = 5  # largest ones that are tried
-_SMALL = 0.1  # share of the largest patch's points below which one is not tried
+_SPINS = 12  # rotations about the line of sight, for each view
+_DISTANCE = 4.0  # [radii] of the model, from its centre to the virtual sensor
+_MODEL_POINTS = 4000  # model points used, up to twice as many
+_SHOWN = 150  # model points of a view that are compared with the scan
+_CELLS = 40  # cells of the table along its longest side
+_MARGIN = 0.35  # [radii] by which the table extends beyond the model
+_THIN = 1.0 / 20.0  # [radii] edge of the cubes to which the scan is thinned
+_TOGETHER = 0.12  # [radii] largest distance between neighbouring points of one patch
+_PATCHES = 5  # patches tried, the largest ones
+_SMALL = 0.1  # [-] size below which a patch is ignored, as a share of the largest patch's points
 _VICINITY = 1.2  # [radii] around a patch in which other patches may be parts of the same object
-_ROUGH = (60, np.geomspace(0.5, 0.15, 8))  # points of a patch, and [radii] up to which they are paired, step by step
-_CLOSE = (200, np.geomspace(0.25, 0.08, 10))
-_TRIED = 120  # poses of a patch that are worth the close fit
-_FACING = 0.4  # cosine between normals of points that are paired
-_PULL = 0.3  # weight of distances along the surface against those across it
-_DAMPING = 1e-3  # share of the normal equations' trace
-_ASTRAY = np.deg2rad(70.0)  # from the attitude that is expected: 45 it may be wrong by, and the grid of views is coarse
-_KEPT = 5
-_SHORT_OF = 0.35  # score below the best from which on a pose is not worth a start
-_APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] between poses that are worth a start each
+_ROUGH = (60, np.geomspace(0.5, 0.15, 8))  # points of a patch, and [radii] gates of pairing, one for each iteration
+_CLOSE = (200, np.geomspace(0.25, 0.08, 10))  # the same for the second, finer ICP
+_TRIED = 120  # poses of a patch that get the second ICP
+_FACING = 0.4  # [-] least cosine between the normals of paired points
+_PULL = 0.3  # [-] weight of distances along the surface against those across it
+_DAMPING = 1e-3  # [-] share of the normal equations' trace
+_ASTRAY = np.deg2rad(70.0)  # [rad] from the expected attitude: 45 deg of error, plus the coarse grid of views
+_KEPT = 5  # initial poses beyond the best one of each patch
+_SHORT_OF = 0.35  # [-] score below the best from which on a pose is dropped
+_APART = (0.2, np.deg2rad(20.0))  # [radii], [rad] least distance between two initial poses
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expected:
-    """What is known beforehand."""
+    """Prior knowledge of the pose."""
 
-    p: Array | None = None  # (3,) [m] of the model's centre, in S
-    error: float = np.inf  # [m] of `p`
-    R: Array | None = None  # (3, 3) of T in S
+    p: Array | None = None  # (3,) [m] of the model's centre, in S; None: unknown
+    error: float = np.inf  # [m] largest error of `p`
+    R: Array | None = None  # (3, 3) attitude of T in S; None: unknown
 
     def admits(self, X_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (H,) of the poses (H, 4, 4) that are not too far from this."""
+        """Mask (n,) of the poses X_ST (n, 4, 4) within the expected position and attitude."""
         mask = self.admits_turn(X_ST[:, :3, :3], surface)
         if self.p is not None:
             mask &= np.linalg.norm(X_ST[:, :3, :3] @ surface.center + X_ST[:, :3, 3] - self.p, axis=1) < self.error
         return mask
 
     def admits_turn(self, R_ST: Array, surface: ModelSurface) -> np.ndarray:
-        """Mask (H,) of the attitudes (H, 3, 3) within 70 deg of `R`, modulo declared symmetry."""
+        """Mask (n,) of the attitudes R_ST (n, 3, 3) within 70 deg of the expected one, modulo declared symmetry."""
         if self.R is None:
             return np.ones(len(R_ST), dtype=bool)
         axis, trace = surface.target.symmetry.axis, np.full(len(R_ST), -np.inf)
         for G in surface.target.symmetry.rotations:
             M = self.R.T @ R_ST @ G
             of_G = np.trace(M, axis1=1, axis2=2)
-            if axis is not None:  # the largest that a turn about it gives, in closed form as in `Symmetry.nearest`
+            if axis is not None:  # largest trace over all angles, in closed form as in `Symmetry.nearest`
                 along = np.einsum("i,hij,j->h", axis, M, axis)
                 aside = (M[:, [2, 0, 1], [1, 2, 0]] - M[:, [1, 2, 0], [2, 0, 1]]) @ axis
                 of_G = along + np.hypot(of_G - along, aside)
@@ -73,19 +74,19 @@ class Expected:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Views:
-    """The model as seen from V sides, all in T."""
+    """The model rendered from v sides, all in T."""
 
-    points: Array  # (P, 3) [m]
-    normals: Array  # (P, 3)
+    points: Array  # (p, 3) [m]
+    normals: Array  # (p, 3)
     spacing: float  # [m]
     center: Array  # (3,) [m] of the model
     radius: float  # [m]
-    ways: Array  # (V, 3) unit, from the model's centre to the sensor
-    turns: Array  # (V, _SPINS, 3, 3) that lay a way along z, in all spins about it
-    middles: Array  # (V, 3) [m] mean of the points in view
-    shown: np.ndarray  # (V, _SHOWN) indices of points in view
-    nearest: np.ndarray  # (V, nx, ny, nz) index of the point in view that is nearest to a cell
-    corner: Array  # (3,) [m] of the cells
+    ways: Array  # (v, 3) unit, from the model's centre to the sensor
+    turns: Array  # (v, _SPINS, 3, 3) rotations that map a way to z, one for each spin about it
+    middles: Array  # (v, 3) [m] mean of the visible points
+    shown: np.ndarray  # (v, _SHOWN) indices of visible points
+    nearest: np.ndarray  # (v, nx, ny, nz) index of the visible point nearest to a cell
+    corner: Array  # (3,) [m] of the table
     cell: float  # [m]
 
 
@@ -104,7 +105,7 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
         mask = surface.exposed(surface.center + _DISTANCE * surface.radius * way, max_incidence, every)
         seen = np.nonzero(mask)[0]
         if len(seen) < 10:
-            continue  # a plate from its edge
+            continue  # a plate seen edge-on
         owner = np.full(shape, -1, dtype=np.int32)
         owner[tuple(cells[seen].T)] = seen
         index = ndimage.distance_transform_edt(owner < 0, return_distances=False, return_indices=True)
@@ -131,10 +132,19 @@ def _views(surface: ModelSurface, max_incidence: float) -> _Views:
 def initial_poses(
     scan: Scan, mask: np.ndarray, surface: ModelSurface, sensor: SensorModel, expected: Expected
 ) -> list[Array]:
-    """Poses X_ST (4, 4) that explain a patch of the masked (H, W) pixels: the best of each, and up to 5 others.
+    """Initial poses X_ST for ICP: the best of each patch of the scan, and up to 5 others.
 
-    Patches are not held against each other: some part of any model explains a sliver best. None if nothing in the scan
-    looks like the model where and as it is expected.
+    Patches do not compete with each other, because some part of any model explains a sliver best.
+
+    Args:
+        scan: The scan.
+        mask: (h, w) pixels that may belong to the object.
+        surface: Sampled model.
+        sensor: Accuracy of the sensor.
+        expected: Prior knowledge of the pose.
+
+    Returns:
+        Poses (4, 4), the best of each patch first. Empty if nothing in the scan resembles the model as expected.
     """
     views = _views(surface, sensor.max_incidence)
     if not len(views.ways):
@@ -197,7 +207,7 @@ def initial_poses(
 
 
 def _some(values: np.ndarray, count: int) -> np.ndarray:
-    """`count` of the `values` (N,), evenly spread."""
+    """Select `count` of the `values` (n,), evenly spread."""
     return values[np.linspace(0, len(values) - 1, count).astype(int)]
 
 
@@ -208,7 +218,7 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 
 def _patches(points: Array, radius: float) -> list[np.ndarray]:
-    """Indices of points (N, 3) that may be the object: what hangs together, and that with what lies around it."""
+    """Indices of the points (n, 3) of each patch: each connected surface alone, and again with its vicinity."""
     label = hang_together(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
@@ -224,7 +234,7 @@ def _patches(points: Array, radius: float) -> list[np.ndarray]:
 
 
 def _turned(views: _Views, middle: Array) -> Array:
-    """Poses (V * _SPINS, 4, 4) that show each view, turned to all sides, with what is seen around `middle` (3,) [m]."""
+    """Poses (v * _SPINS, 4, 4) that put each view, in each spin, on the scan around `middle` (3,) [m]."""
     R = _facing(-middle) @ views.turns
     X = np.zeros((*R.shape[:2], 4, 4))
     X[..., :3, :3] = R
@@ -234,7 +244,7 @@ def _turned(views: _Views, middle: Array) -> Array:
 
 
 def _facing(z: Array) -> Array:
-    """Some rotation (3, 3) whose z axis is along `z` (3,)."""
+    """Any rotation (3, 3) whose z axis is along `z` (3,)."""
     return rotation_from_z(z, np.eye(3)[int(np.abs(z).argmin())])
 
 
@@ -255,9 +265,9 @@ def _settle(
     radius: float,
     spacing: float,
 ) -> Array:
-    """Fit every pose of `X_ST` (H, 4, 4), in place; returns the share (H,) of the points (N, 3) that it explains.
+    """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the points.
 
-    One Gauss-Newton step for each of `gates` [m]; explained is what the last one finds before it moves.
+    One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration, before its step.
     """
     explained = np.empty(len(X_ST))
     H, g, row = np.empty((6, 6)), np.empty(6), np.empty(6)
@@ -299,7 +309,7 @@ def _settle(
                 weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2
                 ax, ay, az = (x - center[0]) / radius, (y - center[1]) / radius, (z - center[2]) / radius
                 _add(H, g, row, weight, along, u, v, w, ax, ay, az)
-                if square > reach * reach:  # where the model does not reach it is pulled along its surface
+                if square > reach * reach:  # no model at this cell: pull along the surface too
                     weight *= _PULL / (1.0 + square / gate**2)
                     _add(H, g, row, weight, ox, 1.0, 0.0, 0.0, ax, ay, az)
                     _add(H, g, row, weight, oy, 0.0, 1.0, 0.0, ax, ay, az)
@@ -318,7 +328,7 @@ def _settle(
 
 @njit(cache=True)
 def _view(X_ST: Array, ways: Array, center: Array) -> int:
-    """Index of that of the `ways` (V, 3) which is nearest to the way from the model's centre to the sensor."""
+    """Index of the `ways` (v, 3) closest to the direction from the model's centre to the sensor."""
     p = X_ST[:3, 3]
     w = np.empty(3)
     for a in range(3):
@@ -345,7 +355,7 @@ def _add(
     y: float,
     z: float,
 ) -> None:
-    """Add to the normal equations (lower half) an `offset` [m] along (u, v, w) at (x, y, z) [radii] from the centre."""
+    """Add an `offset` [m] along (u, v, w) at (x, y, z) [radii] from the centre to the normal equations (lower half)."""
     row[0], row[1], row[2] = u, v, w
     row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
     for a in range(6):
@@ -362,7 +372,7 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
     angle = np.sqrt(x * x + y * y + z * z)
     sine, cosine = (1.0, 0.5) if angle < 1e-6 else (np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + sine * K + cosine * (K @ K)  # Rodrigues
+    turn = np.eye(3) + sine * K + cosine * (K @ K)  # Rodrigues' formula
     R = X_ST[:3, :3].copy()
     X_ST[:3, 3] += R @ (center + step[:3] - turn @ center)
     X_ST[:3, :3] = R @ turn
@@ -382,7 +392,7 @@ def _confirmed(
     pitch_y: float,
     tolerance: float,
 ) -> Array:
-    """Of the model in view at the poses `X_ST` (H, 4, 4), the share (H,) that is seen less the share seen through."""
+    """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the poses (n, 4, 4)."""
     share = np.empty(len(X_ST))
     height, width = depth.shape
     for h in range(len(X_ST)):

@@ -1,7 +1,7 @@
-"""Several looks at one scene as one scan: the median of what each saw, in the grid of the last.
+"""Fusion of several depth frames of one scene: the median depth in the pixel grid of the last frame.
 
-A stereo matcher errs anew in every frame, in patches: no mean over the neighbours in one frame takes that out, a median
-over frames does. It also leaves out what a single frame shows alone: flying pixels, a fish.
+A stereo matcher errs in patches, differently in every frame. A mean over the neighbours in one frame keeps this error;
+a median over frames removes it. The median also removes what a single frame shows alone: flying pixels, a fish.
 """
 
 from collections.abc import Sequence
@@ -14,24 +14,29 @@ from perception.registration.identification import Identification
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
-_SEEN = 0.4  # share of the looks in which a pixel must be seen
-_MEDIAN = 1.25  # standard deviation of a median of normal errors over that of their mean
-_FEW = 3  # looks from which on a median is one
+_SEEN = 0.4  # [-] share of the frames in which a pixel must have depth
+_MEDIAN = 1.25  # [-] standard deviation of a median of normal errors over that of their mean
+_FEW = 3  # frames from which on they are fused: a median of fewer removes nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
-    """A scan, and where it was taken from."""
+    """A scan with the pose of the sensor."""
 
     scan: Scan
-    X_WS: Array  # (4, 4) pose of the sensor, in a frame W common to all looks
+    X_WS: Array  # (4, 4) pose of the sensor, in a frame W common to all frames
 
 
 def fused(looks: Sequence[Frame]) -> Scan:
-    """The median depth of `looks` in the grid and frame of the last one; NaN where too few saw anything.
+    """Median depth of several frames in the grid and sensor frame of the last one; NaN where too few have depth.
 
-    Looks may be taken from anywhere; where one sees nothing, or another surface, the others decide. Raises
-    ConfigurationError without any look.
+    The frames may be taken from different places. Where one has no depth, or shows another surface, the others decide.
+
+    Args:
+        looks: Frames, in order of time.
+
+    Raises:
+        ConfigurationError: Without any frame.
     """
     if not looks:
         raise ConfigurationError("fused: at least one look is needed")
@@ -46,9 +51,14 @@ def fused(looks: Sequence[Frame]) -> Scan:
 
 
 def on_all_looks(found: Identification, looks: Sequence[Frame]) -> Identification:
-    """`found` in the last of `looks`, with all of them as evidence, for the surface that a path is planned on.
+    """Replace the scan of an identification by the median of several frames, for planning a path on it.
 
-    The pose and its check stay those of the single look, whose noise their limits were made for.
+    The pose and its PoseCheck stay those of the single frame, whose noise their limits were set for. With fewer than
+    three frames `found` is returned unchanged.
+
+    Args:
+        found: Identification in the last of `looks`.
+        looks: Frames, in order of time.
     """
     if found.evidence is None or len(looks) < _FEW:
         return found
@@ -66,9 +76,9 @@ def on_all_looks(found: Identification, looks: Sequence[Frame]) -> Identificatio
 
 
 def _seen_from(grid: Scan, scan: Scan, X_GS: Array) -> Array:
-    """Depth (H, W) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN where there is none.
+    """Depth (h, w) [m] of the points of `scan` in the pixels of `grid`, the nearest in each; NaN where there is none.
 
-    `X_GS` (4, 4): the pose of the scan's sensor in that of the grid.
+    `X_GS` (4, 4): pose of the scan's sensor in the frame of the grid's.
     """
     points = scan.points.reshape(-1, 3)
     points = transform_points(X_GS, points[np.isfinite(points[:, 2])])

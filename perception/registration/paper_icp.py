@@ -1,9 +1,9 @@
-"""The fit as the papers have it: ICP from point to point, from the model to the scan (papers 002 and 004).
+"""Point-to-point ICP from the model to the scan as published, kept as a baseline [Konoplin 2022], [Konoplin 2019].
 
-The model's cloud is laid on the scan's, matched, rid of the points that the sensor cannot see, and matched again. ICP
-stops when its error no longer falls; if it is then not as small as required, a new scan is asked for. Kept to compare
-with: matching the scan to planes of the visible model is several times as accurate
-(`perception.registration.fine_fit`).
+The model's centroid is put on the scan's, then ICP runs with all model points. Points that the sensor cannot see are
+removed and ICP runs again. It stops when its error no longer decreases. If the error is then above the required one, a
+new scan is requested. Point-to-plane ICP from the scan to the visible model (`perception.registration.fine_fit`) is
+several times as accurate.
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,46 @@ from scipy.spatial import cKDTree
 from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.spatial import Array, pose, transform_points
 
-_MODEL_POINTS = 4000
-_FALLS = 1e-5  # share of the error by which it must fall for another iteration
-_MOST = 300  # iterations
-_ALLOWED = 2.0  # times the noise and spacing of the points
+_MODEL_POINTS = 4000  # model points used, at most
+_FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops
+_MOST = 300  # iterations at most
+_ALLOWED = 2.0  # [-] required rms distance as a multiple of the points' noise and spacing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperFit:
-    """Where the papers' ICP stopped."""
+    """Result of the point-to-point ICP."""
 
-    X_ST: Array  # (4, 4)
-    error: float  # [m] rms distance of the model's visible points from the nearest of the scan
-    required: float  # [m] that it must not exceed, or a new scan is asked for
+    X_ST: Array  # (4, 4) fitted pose of T in S
+    error: float  # [m] rms distance of the visible model points from their nearest scan points
+    required: float  # [m] largest allowed `error`; above it a new scan is requested
 
 
 def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
-    """Pose (4, 4) of the model, turned by `R_ST` (3, 3), with the middle of its points on that of `points` (N, 3)."""
+    """Initial pose: the model rotated by `R_ST`, its centroid on that of the scan points.
+
+    Args:
+        points: (n, 3) [m] scan points in S.
+        surface: Sampled model.
+        R_ST: (3, 3) rotation of T in S.
+
+    Returns:
+        X_ST (4, 4).
+    """
     return pose(R_ST, points.mean(axis=0) - R_ST @ surface.points.mean(axis=0))
 
 
 def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFit:
-    """ICP with all of the model's points, and again with those that can be seen from where the first came to rest."""
+    """Run ICP with all model points, and again with those visible from the sensor at the first result.
+
+    Args:
+        evidence: Scan points of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) initial pose of T in S.
+
+    Returns:
+        The fitted pose with its error and the required error [m].
+    """
     step = -(-len(surface.points) // _MODEL_POINTS)
     tree = cKDTree(evidence.points)
     X_ST, error = _icp(tree, surface.points[::step], X_ST)
@@ -47,7 +65,7 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
 
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array) -> tuple[Array, float]:
-    """Each of `points_T` (M, 3) to the nearest point of the scan, until the rms distance [m] no longer falls."""
+    """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer decreases."""
     error, middle = np.inf, points_T.mean(axis=0)
     for _ in range(_MOST):
         distance, index = tree.query(transform_points(X_ST, points_T))
@@ -55,7 +73,7 @@ def _icp(tree: cKDTree, points_T: Array, X_ST: Array) -> tuple[Array, float]:
         if not error < (1.0 - _FALLS) * before:
             break
         nearest = tree.data[index]
-        # The rotation that brings the pairs nearest together: Arun, Huang and Blostein 1987.
+        # Least-squares rotation of the paired points by SVD [Arun 1987].
         U, _, Vt = np.linalg.svd((nearest - nearest.mean(axis=0)).T @ (points_T - middle))
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
         X_ST = pose(R, nearest.mean(axis=0) - R @ middle)

@@ -1,7 +1,7 @@
-"""Attitudes in which an object nearly looks the same: an arm of a starfish further, a plate turned round.
+"""Rotations under which a model looks nearly the same, such as one arm of a starfish further or a plate turned round.
 
-They are found on the model alone, by turning it about its main axes; a scan must then tell the pose that was found from
-them. Rotations that the target declares as symmetry are the same pose, not another.
+They are found on the model alone, by rotating it about its principal axes. PoseCheck must then separate the fitted pose
+from them by the scan. Rotations declared as symmetry count as the same pose.
 """
 
 from functools import lru_cache
@@ -13,17 +13,18 @@ from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
 from perception.registration.likelihood import log_likelihood
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
-_FOLDS = (2, 3, 4, 5, 6, 8)
-_ALIKE = 0.06  # rms distance of the surfaces, as a share of the radius, up to which a rotation is worth a try
-_POINTS = 600
-_TRIED = 6  # of them, the most alike first
+_FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
+_ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_POINTS = 600  # model points compared, about
+_TRIED = 6  # rotations kept, the most similar first
 
 
 @lru_cache(maxsize=16)
 def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
-    """Poses G (4, 4) in T such that the model at X G nearly looks as at X, most alike first; none for a lone shape.
+    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
 
-    Turns by 360/n deg, n = 2 to 8, about the main axes through the middle of the surface and of the bounding box.
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), about the principal axes and the axes of T. They pass
+    through the centroid of the surface and through the centre of its bounding box.
     """
     points = surface.points[:: max(1, len(surface.points) // _POINTS)]
     tree = cKDTree(surface.points)
@@ -49,10 +50,19 @@ def _differ(symmetry, A: Array, B: Array) -> bool:
 
 
 def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Log likelihood of the scan at the best attitude, fitted, that looks as `X_ST` (4, 4) does; -inf if none does."""
+    """Log likelihood of the scan at the best fitted pose that looks nearly as `X_ST` does.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        The log likelihood [nat]; -inf if no such pose exists.
+    """
     best = -np.inf
     for G in ambiguous_poses(surface):
         fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
-        if _differ(surface.target.symmetry, fitted, X_ST):  # else it has come back
+        if _differ(surface.target.symmetry, fitted, X_ST):  # else ICP has returned to X_ST
             best = max(best, log_likelihood(evidence, surface, fitted))
     return best

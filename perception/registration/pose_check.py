@@ -1,15 +1,21 @@
-"""Is the fit true? Paper 002's check by projected trajectories, made robust, and what to do about it.
+"""Verification of a fitted pose by projected trajectories, and the decision to accept, rescan or refuse.
 
-Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the scanned and on the fitted
-model's triangulated surface (eq. 2); the distances E_i between both projections say how far the surfaces lie apart.
+Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of the
+scan and of the fitted model. The distances E_i between both projections measure how far the surfaces lie apart
+[Konoplin 2022, eq. 2].
 
-The paper's Q = sqrt(sum E_i^2) (`perception.registration.projection`) grows with the number of rays and has no rule for
-rays that miss or meet something before the object, and a few rays at edges dominate it. Here each ray of several curves
-is sorted: both surfaces agree, the scan lies before the model, behind it (it sees through), or something hides the
-model there, which is no evidence at all. A trimmed rms, the shares of these kinds, the coverage and the offset of sharp
-depth edges are held against limits from the sensor's noise and resolution. Three more things must hold: the pose is
-where the fit comes to rest, the object is as large as the model, and the scan is far less likely with the model
-anywhere else where it looks alike (an arm of a starfish further) or where another fit came to rest.
+The published Q = sqrt(sum E_i^2) (`perception.registration.projection`) grows with the number of rays. It has no rule
+for rays that miss a surface or meet an occluder, and a few rays at edges dominate it. Here each ray of several curves
+is classified. Either both surfaces agree, or the scan lies in front of the model, or behind it (the scan sees through
+the model), or an occluder hides the model, which is no evidence.
+
+A trimmed rms, the shares of these classes, the coverage and the offset of sharp depth edges are compared with limits
+from the sensor's noise and resolution. Three further conditions:
+
+- ICP from the pose does not move it.
+- The object is as large as the model.
+- The scan is far less likely at every other pose that looks alike (an arm of a starfish further), and at every pose to
+  which another ICP converged.
 """
 
 from dataclasses import dataclass
@@ -26,96 +32,104 @@ from perception.registration.pose_ambiguity import best_alternative
 from perception.registration.projection import ACROSS_EDGES, clear_of_edges, curves, direction
 from sim.interfaces.spatial import Array, inverse, transform_points
 
-TRIM = 0.15  # share of the largest distances left out of the figure
-MODEL_TOLERANCE = 0.001  # [m], how truly a model is known
-_SURFACE_PIXELS = 40_000  # the scan is thinned to this before it is triangulated: finer than the rays lie
-_MIN_RAYS = 40
-_TOGETHER = 3.0  # [spacings] between points of one surface
-_PART = 0.1  # share of a surface from which on, where the model explains it, the rest should be the model's too
-_PATCHES = 9.0  # patches to the model's radius
-_PATCH_RAYS = 5
-_PATCH_TRIM = 0.25  # share of patches that may be fouled or dented
-# Limits on shares of rays and edges (0..1) and on figures in units of the noise, set between true poses (clean, fouled,
-# up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts what they let through.
+TRIM = 0.15  # [-] share of the largest distances left out of the figure
+MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
+_SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
+_MIN_RAYS = 40  # rays without which there is no verdict
+_TOGETHER = 3.0  # [spacings] between neighbouring points of one surface
+_PART = 0.1  # [-] explained share of a scanned surface, above which all of it should belong to the model
+_PATCHES = 9.0  # [-] model radius over the edge of a patch
+_PATCH_RAYS = 5  # rays in a patch, at least
+_PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
+# Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
+# fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
-MIN_AGREEMENT = 0.70
-MAX_THROUGH = 0.12
-MIN_EDGE_SHARE = 0.25
-MAX_GOES_ON = 0.35
-MAX_BEYOND = 0.25  # of the surface that hangs together with what the model explains; fouled objects reach 0.13
-MIN_COVERAGE = 0.25  # of what should be seen, that the scan must show
-WHOLE = 0.5  # coverage from which on a second look is not expected to change what the first one contradicts
-MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which the fit may move the pose further
-MAX_SIZE = (0.03, 3.0)  # share by which the object may seem larger or smaller, and that many of its sigma more
-MIN_MARGIN = 6.0  # [nats] over any other pose; right ones among near twins (an uneven starfish) reach 8
+MIN_AGREEMENT = 0.70  # [-] least share of rays on which both surfaces agree
+MAX_THROUGH = 0.12  # [-] largest share of rays on which the scan sees through the model
+MIN_EDGE_SHARE = 0.25  # [-] least share of the model's sharp edges found in the scan
+MAX_GOES_ON = 0.35  # [-] largest share of the model's edges beyond which the scanned surface goes on
+MAX_BEYOND = 0.25  # [-] unexplained share of the scanned surface around the model; fouled objects reach 0.13
+MIN_COVERAGE = 0.25  # [-] least share of the expected rays on which the scan shows the object
+WHOLE = 0.5  # [-] coverage above which another scan is not expected to remove a contradiction
+MAX_MOVE = (0.003, 0.005)  # [m] and share of the range by which another ICP may move the pose
+MAX_SIZE = (0.03, 3.0)  # [-] by which the best scale may differ from 1, plus so many of its sigma
+MIN_MARGIN = 6.0  # [nat] over every other pose; right poses among near twins (an uneven starfish) reach 8
 
 
 class Decision(StrEnum):
-    """What to do after a look."""
+    """Decision after one identification."""
 
     ACCEPT = "accept"
-    RESCAN = "rescan"  # from another place: what was seen neither proves the pose nor rules it out
-    REFUSE = "refuse"  # what was seen contradicts the model
+    RESCAN = "rescan"  # from another place: the scan neither proves the pose nor rules it out
+    REFUSE = "refuse"  # the scan contradicts the model
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCheck:
-    """Figures of the check and their limits; `reason` is empty if all hold."""
+    """Figures of the verification with their limits; `reason` is empty if all hold."""
 
     decision: Decision
-    figure_m: float  # [m] trimmed rms distance of both projections along o; inf if it could not be made
+    figure_m: float  # [m] trimmed rms distance of both projections along o; inf without a verdict
     threshold_m: float  # [m] its limit, from the sensor's noise and resolution at this range
-    form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: what noise does not explain
+    form_m: float  # [m] trimmed rms of the patch medians of the same distances, signed: more than noise
     form_threshold_m: float  # [m]
-    agreement: float  # share of the rays, but those that meet an occluder, where both surfaces lie within 3 sigma
-    through: float  # share of them where the scan lies behind the model's surface
-    coverage: float  # share of all rays where the scan shows the object
-    hidden: float  # share of all rays where something else is before it
-    rays: int  # that should hit both
-    edge_m: float  # [m] median offset of sharp depth edges along their worst direction; NaN without any in view
+    agreement: float  # [-] share of the judged rays on which both surfaces lie within 3 sigma
+    through: float  # [-] share of the judged rays on which the scan lies behind the model's surface
+    coverage: float  # [-] share of all rays on which the scan shows the object
+    hidden: float  # [-] share of all rays with an occluder in front of the object
+    rays: int  # expected to meet both surfaces
+    edge_m: float  # [m] median offset of sharp depth edges across the edge; NaN without any in view
     edge_threshold_m: float  # [m]
-    edge_share: float  # share of sharp depth edges found in the scan; NaN without any in view
-    goes_on: float  # share of sharp model edges beyond which the scanned surface goes on
-    beyond: float  # share of the scanned surface, of what hangs together with the model, that it does not explain
-    move_m: float  # [m] rms by which a further fit moves the visible model
+    edge_share: float  # [-] share of sharp depth edges found in the scan; NaN without any in view
+    goes_on: float  # [-] share of sharp model edges beyond which the scanned surface goes on
+    beyond: float  # [-] share of the scanned surface connected to the model that the model does not explain
+    move_m: float  # [m] rms by which another ICP moves the visible model
     move_threshold_m: float  # [m]
-    size: float  # of the object, as a share of the model's, that would fit best
-    size_threshold: float  # by which it may differ from 1
-    margin: float  # [nats] log likelihood above that of the best other pose that was tried; inf if none was
-    free: Array  # (k, 6) twists as in `IcpFit` that nothing in the scan holds
-    points_scan: Array  # (K, 3) [m] projections C_i on the scan, in S, rays that hit both
-    points_model: Array  # (K, 3) [m] projections C'_i on the model, in S
-    reason: str
+    size: float  # [-] best scale of the object against the model
+    size_threshold: float  # [-] by which it may differ from 1
+    margin: float  # [nat] log likelihood above that of the best other pose that was tried; inf if none was
+    free: Array  # (k, 6) free twists as in `IcpFit`
+    points_scan: Array  # (k, 3) [m] projections C_i on the scan, in S, of rays that meet both surfaces
+    points_model: Array  # (k, 3) [m] projections C'_i on the model, in S
+    reason: str  # why the pose was not accepted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
-    """Rays along o that should meet the model where the sensor sees it, and what became of them. All (N,) or (N, 3)."""
+    """Rays along o where the sensor should see the model, and their classes. All (n,) or (n, 3)."""
 
     C_model: Array  # [m] in S
     starts: Array
     o: Array  # (3,)
-    E: Array  # [m] scan behind (+) or before (-) the model; inf where the ray meets no scan
+    E: Array  # [m] scan behind (+) or in front of (-) the model; inf where the ray misses the scan
     sigma: Array  # [m] of E
     pitch: Array  # [m] between pixels there
-    hidden: np.ndarray
-    near: np.ndarray
-    through: np.ndarray
-    judged: np.ndarray  # near, before or through: evidence for or against
+    hidden: np.ndarray  # an occluder lies in front of the model
+    near: np.ndarray  # both surfaces agree
+    through: np.ndarray  # the scan lies behind the model
+    judged: np.ndarray  # near, in front of or through: evidence for or against
 
     @property
     def compared(self) -> np.ndarray:
-        """Rays that meet the scan, and no occluder."""
+        """Mask of the rays that meet the scan and no occluder."""
         return np.isfinite(self.E) & ~self.hidden
 
 
 def check(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, fit: IcpFit | None = None, others: float = -np.inf
 ) -> PoseCheck:
-    """Judge the pose `X_ST` (4, 4) of the model against the scan.
+    """Verify the pose `X_ST` of the model against the scan.
 
-    `fit`: that of `fine_fit` that came to rest at `X_ST` (or at an attitude that looks the same by declaration);
-    None: whether it does is tried. `others`: log likelihood [nats] of the best different pose that is known.
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+        fit: Result of `fine_fit` at `X_ST`, or at a pose equal to it by declared symmetry. None: ICP is run from
+            `X_ST`.
+        others: [nat] log likelihood of the best other hypothesis.
+
+    Returns:
+        Figures, limits and decision. The decision is RESCAN where too few rays meet the object.
     """
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if visible.sum() < 10:
@@ -212,7 +226,7 @@ def check(
 
 
 def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array) -> _Rays | str:
-    """The rays across the visible model `points` (M, 3) [m] in S; why not, if too few should meet it."""
+    """Cast the rays on both surfaces, over the visible model `points` (m, 3) [m] in S; a reason if too few meet it."""
     sensor, scan = evidence.sensor, evidence.scan
     H_D, o = direction(points)
     starts = curves(H_D, o, points)
@@ -224,7 +238,8 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     )
     t_model, starts = on_model["t"][hit], starts[hit]
     C_model = starts + t_model[:, None] * o
-    # The rays are parallel, the sensor's are not: keep those whose model point the sensor itself should see.
+    # The rays are parallel, the sensor's lines of sight are not: keep rays whose model point the sensor itself should
+    # see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
     origin_T = X_TS[:3, 3]
     sight = surface.scene.cast(origin_T, transform_points(X_TS, C_model) - origin_T)["t"]
@@ -247,12 +262,12 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     pitch = scan.pitch * z
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
-    # The ray begins before the object, what hides it may lie nearer: that only the sensor's own line of sight tells.
+    # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line of sight shows it.
     first = np.where(np.isfinite(scan.depth), scan.depth, np.inf)
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
-    # Where the ray meets no triangle the line of sight tells: it goes on beyond, or nothing came back around there.
+    # Where the ray meets no triangle the line of sight decides: the scan lies behind, or there is no depth around.
     past = ~met & np.where(np.isfinite(around), around > z + 3.0 * sigma, True)
     past &= np.isfinite(around) | ~np.isfinite(ndimage.minimum_filter(first, 5)[row, column])
     near = ~hidden & (np.abs(E) < 3.0 * sigma)
@@ -271,9 +286,9 @@ def _rms_distance(a: Array, b: Array) -> float:
 
 
 def _form(points: Array, E: Array, size: float) -> float:
-    """Trimmed rms [m] of the medians of `E` (N,) over cubes of edge `size` [m]; 0 where there are too few.
+    """Trimmed rms [m] of the medians of `E` (n,) over cubes of edge `size` [m]; 0 where there are too few.
 
-    Averaging takes the noise out and leaves what is wrong with shape and pose.
+    Averaging removes the noise and leaves errors of shape and pose.
     """
     cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
     _, patch, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
@@ -282,7 +297,7 @@ def _form(points: Array, E: Array, size: float) -> float:
 
 
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
-    """Share of the scanned surfaces that the model at `X_ST` is part of, and that it does not explain."""
+    """Share of the scanned surfaces connected to the model at `X_ST` that it does not explain."""
     on_model = explained(evidence, surface, X_ST)
     label = hang_together(evidence.points, _TOGETHER * surface.spacing)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]

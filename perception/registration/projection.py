@@ -1,6 +1,6 @@
-"""Trajectories projected along the line of sight on two triangulated surfaces, the model's and the scan's.
+"""Trajectories projected along the line of sight on the triangulated surfaces of model and scan [Konoplin 2022, eq. 2].
 
-Paper 002, eq. (2): points c_i in a plane across o = -(S - H_D)/|S - H_D| meet the surfaces in C_i and C'_i.
+Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| meet the model and the scan in C_i and C'_i.
 """
 
 from dataclasses import dataclass
@@ -13,23 +13,23 @@ from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, transform_points
 
-ACROSS_EDGES = 1.5  # [px] that a ray is moved aside to find out whether it passes an edge
-_RAY_STEP = 0.006  # [m] along the curves
-_LINES = 8
-_CIRCLES = (0.35, 0.7)  # of the object's reach
+ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edge
+_RAY_STEP = 0.006  # [m] between rays along the curves
+_LINES = 8  # straight lines through the centre, evenly distributed over 180 deg
+_CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the line of sight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PaperQ:
-    """The criterion of paper 002 as written, for one trajectory."""
+    """The published criterion of one trajectory, unchanged [Konoplin 2022, eq. 2]."""
 
-    q_m: float  # [m] sqrt(sum |C_i - C'_i|^2) over the rays that meet both surfaces: it grows with their number
-    rays: int  # that meet both
-    missed: int  # of the trajectory's rays; the paper has no rule for them
+    q_m: float  # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
+    rays: int  # rays that meet both surfaces
+    missed: int  # the other rays of the trajectory; the published criterion has no rule for them
 
 
 def direction(points: Array) -> tuple[Array, Array]:
-    """Centre of mass H_D (3,) [m] of the model's `points` (M, 3) [m] in S, and o (3,), the unit direction to it."""
+    """Centroid H_D (3,) [m] of the model points (m, 3) [m] in S, and the unit line of sight o (3,) towards it."""
     H_D = points.mean(axis=0)
     return H_D, H_D / np.linalg.norm(H_D)  # S is the origin: o = -(S - H_D)/|S - H_D|
 
@@ -42,7 +42,16 @@ def across(o: Array) -> tuple[Array, Array]:
 
 
 def curves(H_D: Array, o: Array, points: Array) -> Array:
-    """Points c_i (N, 3) of lines and circles in a plane across `o`, before the object, that cross all of it."""
+    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object, across all of it.
+
+    Args:
+        H_D: (3,) [m] centroid of the visible model in S.
+        o: (3,) unit line of sight.
+        points: (m, 3) [m] visible model points in S.
+
+    Returns:
+        Points (n, 3) [m] in S.
+    """
     reach = _reach(H_D, o, points)
     s = np.arange(-reach, reach + _RAY_STEP, _RAY_STEP)
     flat = [np.outer(s, [np.cos(angle), np.sin(angle)]) for angle in np.linspace(0.0, np.pi, _LINES, endpoint=False)]
@@ -51,10 +60,20 @@ def curves(H_D: Array, o: Array, points: Array) -> Array:
 
 
 def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50) -> PaperQ:
-    """Q of eq. (2) at the pose `X_ST` (4, 4), of `n` points on a "line" across the object or a "circle" on it.
+    """Published criterion Q at the pose `X_ST`, for comparison with `perception.registration.pose_check`.
 
-    For comparison with `perception.registration.pose_check`, which decides. Raises ConfigurationError for another
-    `curve` or n < 2.
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+        curve: "line" across the object or "circle" on it.
+        n: Number of points of the curve.
+
+    Returns:
+        Q [m] and the number of rays that it is made of [Konoplin 2022, eq. 2].
+
+    Raises:
+        ConfigurationError: For another `curve` or n < 2.
     """
     if curve not in ("line", "circle") or n < 2:
         raise ConfigurationError(f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}")
@@ -81,9 +100,18 @@ def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str =
 
 
 def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, o: Array, margin: float) -> np.ndarray:
-    """Mask (N,) of the rays that meet the same face of the model when moved aside by `margin` [m].
+    """Mask (n,) of the rays that meet the same face of the model when moved aside by `margin`.
 
-    `starts` (N, 3) [m] and `o` (3,) in S, `t` (N,) [m] to the model along o.
+    Args:
+        surface: Sampled model.
+        X_TS: (4, 4) pose of S in T.
+        starts: (n, 3) [m] start points of the rays in S.
+        t: (n,) [m] distance to the model along `o`.
+        o: (3,) unit direction of the rays in S.
+        margin: [m] by which each ray is moved to four sides.
+
+    Returns:
+        Mask (n,).
     """
     clear = np.ones(len(starts), dtype=bool)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
@@ -101,12 +129,12 @@ def _circle(radius: float, n: int) -> Array:
 
 
 def _reach(H_D: Array, o: Array, points: Array) -> float:
-    """Distance [m] of the outermost of `points` (M, 3) from the line through H_D along `o`."""
+    """Distance [m] of the outermost of `points` (m, 3) from the line through H_D along `o`."""
     offset = points - H_D
     return float(np.linalg.norm(offset - np.outer(offset @ o, o), axis=1).max())
 
 
 def _in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
-    """Points (N, 3) [m] in S for `flat` (N, 2) [m] in a plane across `o` that lies before all of `points`."""
+    """Lift `flat` (n, 2) [m] into a plane perpendicular to `o`, in front of all `points`: (n, 3) [m] in S."""
     before = min(float(((points - H_D) @ o).min()) - 0.3, -0.05)
     return H_D + before * o + flat @ np.stack(across(o))

@@ -1,8 +1,8 @@
-"""How far is an object turned about its axis of symmetry? Told by what breaks the symmetry: a bung in a barrel's shell.
+"""Angle about an axis of symmetry, resolved by parts that break the symmetry, such as a bung in a barrel's shell.
 
-A target declares the symmetry of its body; parts of its mesh that do not share it may be in view or not. The model is
-looked at in many turns: the median depth of a pixel over them is that of the bare body. A turn is told if its parts
-explain the scan better than the bare body does, and better than they do in any other turn.
+A target declares the symmetry of its body; parts of its mesh that do not share it may be in view. The model is rendered
+at many angles: the median depth of a pixel over them is that of the featureless body. An angle is accepted if its parts
+explain the scan better than the featureless body does, and better than at every other angle.
 """
 
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from scipy.spatial import cKDTree
 from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-_STEP = np.deg2rad(3.0)  # between turns that are tried
-_FINE = np.linspace(-1.0, 1.0, 13)  # steps around the best of them
-_PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])  # turns in which the body must look the same
-_OFF = 0.004  # [m], or 1.2 spacings of the model's points, by which a part must stand out of the body
-_MOST = 0.3  # share of the surface beyond which it is the declaration that is wrong
-_POINTS = 300  # on the parts
-_PIXELS = 2500
-_TOLERANCE = 0.002  # [m] of model and fitted pose
-_OUTLIER = 4.5  # nats that one independent error costs at most, as one of 3 sigma
-_NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher hang together
-_TELLING = 10.0  # nats over the bare body, and over any other turn
-_AGREE = 0.7  # share of the pixels that the parts change by 2 sigma or more which must agree with them to 2 sigma
-_OTHER = np.deg2rad(15.0)  # between turns that are not the same
+_STEP = np.deg2rad(3.0)  # [rad] between the angles tried
+_FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
+_PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])  # [rad] at which the body must look the same
+_OFF = 0.004  # [m], or 1.2 spacings of the model points: least distance of a part's points from the rotated body
+_MOST = 0.3  # [-] share of the surface in parts above which the declared symmetry is taken for wrong
+_POINTS = 300  # points on the parts, about
+_PIXELS = 2500  # pixels of the scan that are compared, about
+_TOLERANCE = 0.002  # [m] error of the model and the fitted pose
+_OUTLIER = 4.5  # [nat] largest cost of one independent error, that of 3 sigma
+_NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher are correlated
+_TELLING = 10.0  # [nat] minimal gain of log likelihood over the featureless body and over every other angle
+_AGREE = 0.7  # [-] least share of the pixels changed by the parts (2 sigma or more) that agree with them (2 sigma)
+_OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
 
 
 @lru_cache(maxsize=16)
 def asymmetric_parts(surface: ModelSurface) -> Array:
-    """Points (N, 3) [m] in T of parts that the declared turns do not map onto the mesh; none without an axis."""
+    """Points (n, 3) [m] in T of parts that the declared rotations do not map onto the mesh; none without an axis."""
     axis, points = surface.target.symmetry.axis, surface.points
     if axis is None:
         return np.zeros((0, 3))
@@ -44,7 +44,16 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
 
 
 def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> Array | None:
-    """Of the poses that look like `X_ST` (4, 4) by declaration, the one (4, 4) that the scan tells; None if none."""
+    """Select the pose that the scan supports among those equal to `X_ST` by declared symmetry.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) fitted pose of T in S.
+
+    Returns:
+        The pose (4, 4), or None if the scan does not determine the angle.
+    """
     symmetry = surface.target.symmetry
     if symmetry.axis is None or not len(asymmetric_parts(surface)):
         return None
@@ -68,22 +77,22 @@ def resolve_symmetry(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> 
         return None
     G, near = symmetry.rotations[group : group + 1], angles[at] + _STEP * _FINE
     gain = pixels.gains(pixels.depths(surface, turned(near, G)), bare)[0]
-    # The middle of the peak, not its top: that one is flat, and noise decides on it.
+    # Centroid of the peak, not its maximum: the top is flat, and noise would move the maximum.
     return turned(np.array([np.average(near, weights=gain - gain.min() + 1e-9)]), G)[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
-    """Pixels of the scan where the parts may be seen in one turn or another."""
+    """Pixels of the scan in which the parts appear at any of the angles."""
 
-    rays: Array  # (P, 3) in S, as long as their depth is 1 m
-    depth: Array  # (P,) [m]
-    sigma: Array  # (P,) [m]
-    weight: float  # of a pixel, as a share of an independent error
+    rays: Array  # (p, 3) in S, scaled to a depth of 1 m
+    depth: Array  # (p,) [m]
+    sigma: Array  # (p,) [m]
+    weight: float  # [-] of a pixel, as a share of an independent error
 
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, poses: list[Array]) -> "_Pixels | None":
-        """None if the sensor got no echo where any of the parts could be in view."""
+        """Select the pixels; None if the sensor got no echo where any of the parts could appear."""
         scan, points = evidence.scan, asymmetric_parts(surface)
         where = np.zeros(scan.depth.shape, dtype=bool)
         for X in poses:
@@ -100,14 +109,14 @@ class _Pixels:
         return cls(rays, depth, sigma, min(1.0, step / _NOISE_AREA))
 
     def depths(self, surface: ModelSurface, poses: list[Array]) -> Array:
-        """Depths (len(poses), P) [m] of the model; inf where it is not met."""
+        """Depths (len(poses), p) [m] of the model; inf where the ray misses it."""
         found = np.empty((len(poses), len(self.rays)))
         for k, X_TS in enumerate(map(inverse, poses)):
             found[k] = surface.scene.cast(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)["t"]
         return found
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:
-        """Nats (K,) by which `seen` (K, P) [m] explains the scan better than `bare` (P,), and the share that agrees."""
+        """Gain (k,) [nat] of `seen` (k, p) [m] over the featureless `bare` (p,) [m], and the share (k,) that agrees."""
         cost = np.minimum(0.5 * ((seen - self.depth) / self.sigma) ** 2, _OUTLIER)
         gain = np.minimum(0.5 * ((bare - self.depth) / self.sigma) ** 2, _OUTLIER) - cost
         with np.errstate(invalid="ignore"):

@@ -1,1 +1,1 @@
-"""The surface of an unknown seabed, and tool paths over it."""
+"""Seabed: surface of an unknown seabed, and tool paths over it."""

@@ -1,4 +1,4 @@
-"""Sonar scans or depth frames of the seabed in, the ground and the tool's path on it out: the finder of seabed work."""
+"""Target finder for seabed work: terrain and tool path from sonar scans or depth frames of the seabed."""
 
 from dataclasses import dataclass, replace
 
@@ -16,15 +16,15 @@ from sim.interfaces.spatial import Array, checked, pose, readonly, transform_poi
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeabedFinderState:
-    """What was seen last, for the log, and what waits for more of its kind."""
+    """State of SeabedFinder: clouds that wait to be merged, and the last plan for the log."""
 
-    waiting: tuple[Array, ...] = ()  # clouds (N, 3) [m] in W
-    cloud_W: Array | None = None  # (N, 3) [m] the last that was judged
+    waiting: tuple[Array, ...] = ()  # clouds (n, 3) [m] in W
+    cloud_W: Array | None = None  # (n, 3) [m] last merged cloud
     plan: SeabedPlan | None = None  # in W; None where the work was refused
 
 
 class SeabedFinder:
-    """Builds the seabed from each scan, lets the targets down on it and lays the tool's path.
+    """Target finder for seabed work: builds the terrain from each scan, projects the targets and plans the tool path.
 
     Implements `sim.interfaces.protocols.TargetFinder`.
     """
@@ -40,12 +40,19 @@ class SeabedFinder:
         cloud_W: ArrayLike | None = None,
         looks: int = 1,
     ) -> None:
-        """Take the points `B_W` (s, 3) [m] over the seabed, W: one for a core, more for a profile between them.
+        """Prepare the search for the given points over the seabed.
 
-        `up_W` (3,) is the direction z against which they are let down; `core_depth` [m] is how deep a core's way is
-        laid; `width` [m] that of the tool. With `cloud_W` (N, 3) [m] that is believed in place of what is scanned.
-        `looks` scans or frames are taken together: their noise averages out. Raises ConfigurationError for malformed
-        points, or less than one look.
+        Args:
+            B_W: (s, 3) [m] points over the seabed in W: one for a core, more for a profile between them.
+            up_W: (3,) vertical in W, against which they are projected.
+            core_depth: [m] length of a core's path.
+            width: [m] of the tool.
+            limits: Of the relief; None: `ReliefLimits()`.
+            cloud_W: (n, 3) [m] cloud in W that replaces the scanned one; None: the scanned one is used.
+            looks: Number of scans or frames that are merged, so that their noise averages out.
+
+        Raises:
+            ConfigurationError: For malformed points, or `looks` below 1.
         """
         self._B = np.array(B_W, dtype=np.float64)
         if self._B.ndim != 2 or self._B.shape[1:] != (3,) or not len(self._B):
@@ -58,14 +65,25 @@ class SeabedFinder:
         self._cloud_W = None if cloud_W is None else np.asarray(cloud_W, dtype=np.float64)
 
     def init(self) -> SeabedFinderState:
+        """Return the initial state: no clouds, no plan."""
         return SeabedFinderState()
 
     def step(
         self, state: SeabedFinderState, estimate: StateEstimate, measurement: Measurement
     ) -> tuple[SeabedFinderState, Target | None]:
-        """Look at the seabed in one scan, made when the hull was where `estimate` says; None while more are wanted.
+        """Add one scan of the seabed, and plan the work when enough are there.
 
-        Scans that show none that can be worked give a Target that is not accepted, with the reason.
+        Args:
+            state: Of the last call, or of `init`.
+            estimate: State of the vehicle at the time of `measurement`; X_WB places the sensor in W.
+            measurement: A SonarScan or a DepthImage.
+
+        Returns:
+            The new state, and the target in W. The target is None while more scans are wanted. It is not accepted, and
+            carries a reason, where no work is possible.
+
+        Raises:
+            ConfigurationError: If `measurement` is of another type or malformed.
         """
         seen = self._cloud_W if self._cloud_W is not None else points_in_world(estimate.X_WB, measurement)
         clouds = (*state.waiting, seen)
@@ -105,7 +123,7 @@ class SeabedFinder:
 
 
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
-    """Points (N, 3) [m] in W of one sonar scan or depth frame, made by a hull at `X_WB` (4, 4)."""
+    """Points (n, 3) [m] in W of one sonar scan or depth frame, measured from a hull at `X_WB` (4, 4)."""
     if isinstance(measurement, SonarScan):
         points, X_BS = without_lone_echoes(measurement.points), measurement.X_BS
     elif isinstance(measurement, DepthImage):

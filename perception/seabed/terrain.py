@@ -1,12 +1,13 @@
-"""The surface of an unknown seabed from a sonar's cloud: cleaned, triangulated, with a map of how well it is known.
+"""Triangulated surface of an unknown seabed from a sonar cloud, with the standard error of its heights.
 
-Paper 004, first section. Seen from a vehicle above it a seabed is a height over the ground plane, so the cloud is
-triangulated by Delaunay in that plane: no parameter, no normals, one height at each place, edges that a vertical plane
-cuts in order. Ball pivoting leaves holes wherever the density changes, and Poisson invents soil where nothing was
-measured, which is where a sampler must not go (`scripts/studies/seabed.py --speed` has the figures). Overhangs are not
-shown: what lies under one cannot be reached from above either. Two surfaces one above the other are refused.
+Seen from a vehicle above it a seabed is a height over the ground plane [Konoplin 2019, section 1]. The cloud is
+therefore triangulated by Delaunay in that plane. This needs no parameter and no normals, gives one height at each
+place, and a vertical plane cuts its edges in order. Ball pivoting leaves holes wherever the density changes. Poisson
+reconstruction invents soil where nothing was measured, which is where a sampler must not go (`scripts/studies/seabed.py
+--speed` has the figures). Overhangs are not represented, because the ground under one cannot be reached from above
+either. Two surfaces one above the other are refused.
 
-Frame S is that of the cloud (paper: Oxyz of the hull); `up` is its vertical, the paper's z.
+Frame S is that of the cloud (the hull frame Oxyz of [Konoplin 2019]); `up` is its vertical, z there.
 """
 
 from dataclasses import dataclass, field
@@ -20,37 +21,37 @@ from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, checked_place, finite_number, readonly, real_array, unit_vector
 
-_FARTHEST = 1e5  # [m] from the sensor that ground is measured
-MIN_POINTS = 60
+_FARTHEST = 1e5  # [m] largest accepted distance of ground from the sensor
+MIN_POINTS = 60  # points, fewer show no surface
 MAX_VERTICES = 16_000  # more add time, not shape: denser clouds are averaged in cells of the ground plane
 _NEIGHBOURS = 24  # points of a local fit, a quadric of 6 terms
-_SWEEPS = 4  # of its weights
-_FAR = 4.0  # standard deviations from its neighbours' quadric, beyond which a point is an outlier
-_THIN = 0.02  # ratio of a cloud's sides below which it is a line
-_LAYER_POINTS = 12_000  # points at which two layers are looked for
-_LAYER_GAP = 0.02  # [m] between the layers that matters, beside noise and what curvature explains
-_LAYER_SHARE = 0.12  # of the points with two heights around them: the edges of rocks are fewer
-_LAYER_RADIUS = 0.15  # [m] around a target
-_HOLE = 4.0  # mean spacings that an edge may span
+_SWEEPS = 4  # iterations of its robust weights
+_FAR = 4.0  # standard deviations from the neighbours' quadric, beyond which a point is an outlier
+_THIN = 0.02  # [-] ratio of a cloud's sides below which it is a line
+_LAYER_POINTS = 12_000  # points, about, at which two layers are looked for
+_LAYER_GAP = 0.02  # [m] least gap between two layers, in addition to noise and curvature
+_LAYER_SHARE = 0.12  # [-] of the points with two heights around them; edges of rocks have fewer
+_LAYER_RADIUS = 0.15  # [m] around a target within which layers matter
+_HOLE = 4.0  # [-] mean spacings that an edge may span
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Terrain:
-    """A triangulated seabed in S."""
+    """Triangulated seabed in S."""
 
-    vertices: Array  # (V, 3) [m]
-    triangles: np.ndarray  # (T, 3) indices, counter-clockwise from above
-    up: Array  # (3,) unit vertical, the paper's z
-    sigma: Array  # (V,) [m] standard error of each vertex's height
-    noise: float  # [m] standard deviation of one point's height, as found
+    vertices: Array  # (v, 3) [m]
+    triangles: np.ndarray  # (t, 3) indices, counter-clockwise from above
+    up: Array  # (3,) unit vertical, z in [Konoplin 2019]
+    sigma: Array  # (v,) [m] standard error of each vertex's height
+    noise: float  # [m] standard deviation of one point's height, estimated from the cloud
     spacing: float  # [m] mean distance of neighbouring vertices
-    hole: float  # [m] longest edge that was taken for surface
-    points: int  # of the cloud
-    outliers: int  # of them, left out
-    scene: RayScene = field(repr=False)  # of the mesh, about `origin`
+    hole: float  # [m] longest edge accepted as surface
+    points: int  # number of points in the cloud
+    outliers: int  # number of them rejected
+    scene: RayScene = field(repr=False)  # ray caster of the mesh, relative to `origin`
     origin: Array = field(repr=False)  # (3,) [m]
     layered: Array = field(repr=False)  # (k, 2) [m] places on the ground plane with two heights around them
-    looked_at: Array = field(repr=False)  # (m, 2) [m] places where they were looked for
+    looked_at: Array = field(repr=False)  # (m, 2) [m] places examined for two heights
 
     @property
     def R_ground(self) -> Array:
@@ -58,11 +59,11 @@ class Terrain:
         return _axes(self.up)
 
     def ground(self, points: ArrayLike) -> Array:
-        """(N, 3) [m]: places on the ground plane and heights of `points` (N, 3) [m]."""
+        """Coordinates (n, 3) [m] of `points` (n, 3) [m] in S: place on the ground plane (2) and height."""
         return np.asarray(points, dtype=np.float64) @ self.R_ground.T
 
     def under(self, points: ArrayLike) -> tuple[Array, np.ndarray]:
-        """Distance (N,) [m] straight down from `points` (N, 3) to the surface, inf if there is none, and triangles."""
+        """Distance (n,) [m] straight down from `points` (n, 3) [m] to the surface (inf: none), and triangle index."""
         p = np.atleast_2d(np.asarray(points, dtype=np.float64))
         hit = self.scene.cast(p - self.origin, np.broadcast_to(-self.up, p.shape))
         return hit["t"].astype(np.float64), hit["triangle"]
@@ -71,11 +72,21 @@ class Terrain:
 def build_terrain(
     cloud: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0), *, hole: float | None = None, max_vertices: int = MAX_VERTICES
 ) -> Terrain:
-    """The surface that `cloud` (N, 3) [m] shows, `up` (3,) being the vertical.
+    """Triangulate the seabed surface of a cloud.
 
-    `hole` [m]: edges longer than that span no surface; default four times the mean spacing of the points.
-    Raises ConfigurationError for what is no cloud, PerceptionError for one that is no surface: too few points,
-    numbers that are none, all in a line, two layers.
+    Args:
+        cloud: (n, 3) [m] points in S.
+        up: (3,) vertical in S.
+        hole: [m] longest edge accepted as surface; None: four times the mean spacing of the points.
+        max_vertices: Denser clouds are averaged to about this number of vertices.
+
+    Returns:
+        The terrain in S.
+
+    Raises:
+        ConfigurationError: For an array that is no cloud.
+        PerceptionError: For a cloud without a surface: too few points, values that are not finite, all on a line, or
+            two layers.
     """
     points = _as_cloud(cloud)
     z = unit_vector(up, "up")
@@ -122,19 +133,23 @@ def build_terrain(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Projection:
-    """Targets on the surface: A_i = B_i - t_i z (paper 004, eq. 1 to 4)."""
+    """Targets projected on the surface: A_i = B_i - t_i z [Konoplin 2019, eq. 1 to 4]."""
 
     A: Array  # (s, 3) [m] in S
     t: Array  # (s,) [m] from B_i down to A_i
-    normal: Array  # (s, 3) unit, out of the ground, of the triangle that was hit
-    sigma: Array  # (s,) [m] standard error of the surface there
+    normal: Array  # (s, 3) unit, upwards, of the triangle that was hit
+    sigma: Array  # (s,) [m] standard error of the surface at A_i
 
 
 def project(terrain: Terrain, B: ArrayLike) -> Projection:
-    """Points `B` (s, 3) [m] in S let down on the terrain.
+    """Project points `B` (s, 3) [m] in S vertically down on the terrain.
 
-    The ray caster does what eq. (4) does over all triangles. Raises PerceptionError, naming the point, for one with a
-    hole under it, one that lies under the surface, and one over two layers.
+    The ray caster replaces the loop over all triangles of [Konoplin 2019, eq. 4].
+
+    Raises:
+        ConfigurationError: For malformed points.
+        PerceptionError: For a point with a hole under it, one below the surface, or one over two layers; it names the
+            point.
     """
     targets = real_array(B, "targets B", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or not len(targets):
@@ -158,11 +173,11 @@ def project(terrain: Terrain, B: ArrayLike) -> Projection:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReliefLimits:
-    """What relief the work may be begun on."""
+    """Largest slope, roughness and step on which work may begin."""
 
     slope: float = float(np.radians(30.0))  # [rad] of the plane through the patch
     roughness: float = 0.025  # [m] standard deviation of the heights from that plane
-    step: float = 0.12  # [m] between the highest and the lowest of them
+    step: float = 0.12  # [m] between the highest and the lowest of the deviations from that plane
 
     def __post_init__(self) -> None:
         if not (0.0 < self.slope < 0.5 * np.pi and self.roughness > 0.0 and self.step > 0.0):
@@ -171,24 +186,36 @@ class ReliefLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """How the seabed lies around a place."""
+    """Slope and roughness of the seabed around a place."""
 
     slope: float  # [rad]
     roughness: float  # [m]
-    step: float  # [m]
-    reason: str  # why it is unsuitable; empty if it is not
+    step: float  # [m] between the highest and the lowest deviation from the fitted plane
+    reason: str  # why work may not begin; empty if it may
 
     @property
     def suitable(self) -> bool:
+        """True if all limits hold."""
         return not self.reason
 
 
 def relief(
     terrain: Terrain, around: ArrayLike, radius: float, limits: ReliefLimits | None = None, name: str = "the work site"
 ) -> Relief:
-    """Slope and roughness of the patch within `radius` [m] of any of the points `around` (k, 3) [m] in S.
+    """Slope and roughness of the patch around given points, judged by limits.
 
-    Raises PerceptionError if too little of the patch was measured to tell.
+    Args:
+        terrain: Triangulated seabed.
+        around: (k, 3) [m] points in S.
+        radius: [m] of the patch around any of the points.
+        limits: Of slope, roughness and step; None: `ReliefLimits()`.
+        name: Of the patch, in messages.
+
+    Returns:
+        Slope, roughness and step, with the reason if a limit is exceeded.
+
+    Raises:
+        PerceptionError: If too little of the patch was measured.
     """
     limits = limits or ReliefLimits()
     centers = terrain.ground(np.atleast_2d(np.asarray(around, dtype=np.float64)))
@@ -246,7 +273,7 @@ def _check_spread(local: Array) -> None:
 
 
 def _area(local: Array) -> float:
-    """Ground [m^2] that the points cover, by the cells of a grid that they touch; its cells hold some dozen each."""
+    """Area [m^2] covered by the points: occupied cells of a grid with about a dozen points per cell."""
     low, size = local[:, :2].min(axis=0), np.ptp(local[:, :2], axis=0)
     side = float(np.sqrt(size[0] * size[1] / max(4.0, len(local) / 12.0)))
     cell = ((local[:, :2] - low) / max(side, 1e-9)).astype(np.int64)
@@ -254,10 +281,10 @@ def _area(local: Array) -> float:
 
 
 def _layers(local: Array) -> tuple[Array, Array]:
-    """Places (m, 2) looked at, and those (k, 2) with two heights around them.
+    """Places (m, 2) [m] examined, and those (k, 2) with two heights around them.
 
-    The heights of a point's neighbours are compared with the plane through them: at an edge or on a curved surface
-    the points of either side lie apart on the ground too, and the plane takes them up; of two layers they do not.
+    The heights of a point's neighbours are compared with the plane through them. At an edge or on a curved surface the
+    points of either side lie apart on the ground too, and the plane follows them. Points of two layers do not.
     """
     part = local[:: max(1, -(-len(local) // _LAYER_POINTS))]
     k = 12
@@ -270,7 +297,7 @@ def _layers(local: Array) -> tuple[Array, Array]:
     normal = np.einsum("nki,nkj->nij", M, M) + 1e-6 * np.eye(3)
     plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", M, offset[..., 2])[..., None])[..., 0]
     off = np.sort(offset[..., 2] - np.einsum("nki,ni->nk", M, plane), axis=1)
-    side = 3  # at least so many of them on either side
+    side = 3  # least number of neighbours on either side of the gap
     gaps = np.diff(off, axis=1)[:, side - 1 : k - side]
     at = gaps.argmax(axis=1) + side
     gap = gaps.max(axis=1)
@@ -285,10 +312,9 @@ def _layers(local: Array) -> tuple[Array, Array]:
 
 
 def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
-    """At most about `most` points, each the mean of a cell's, how many it stands for, and the noise [m] of one.
+    """Average the points in cells to about `most`; returns them, the count (n,) in each and the noise [m] of one.
 
-    Where no averaging is needed the points themselves, and no noise (NaN). In each cell what lies far from the median
-    is left out.
+    A small cloud is returned without averaging, with noise NaN. Points far from the median of their cell are left out.
     """
     if len(local) <= most:
         return _distinct(local), np.ones(len(_distinct(local)), dtype=np.int64), np.nan
@@ -312,27 +338,27 @@ def _thinned(local: Array, most: int) -> tuple[Array, np.ndarray, float]:
     many = held >= 3
     variance = np.bincount(row[near], rest, len(first))[many] / (held[many] - 1)
     noise = float(np.sqrt(np.median(variance))) if many.any() else np.nan
-    return mean[held > 0], held[held > 0], noise  # of two points far from each other neither is believed
+    return mean[held > 0], held[held > 0], noise  # of two points far from each other neither is used
 
 
 def _distinct(local: Array) -> Array:
-    """Without points over the same place (to a micrometre), of which Delaunay would keep one."""
+    """Remove points over the same place (to a micrometre), of which Delaunay would keep one."""
     _, index = np.unique(np.round(local[:, :2] * 1e6), axis=0, return_index=True)
     return local[np.sort(index)]
 
 
 def _fitted(points: Array, count: np.ndarray, noise: float) -> tuple[Array, Array, float, np.ndarray]:
-    """Heights (V,) [m] of `points` freed of noise, standard errors, the noise of one point, and who is no outlier.
+    """Smoothed heights (v,) [m] of `points`, their standard errors, the noise of one point, and the mask of inliers.
 
-    A quadric is fitted robustly around each point. Where it explains the neighbours to within their noise it is the
-    better measurement; where the relief is finer than that the point itself is: Wiener's filter between the two.
+    A quadric is fitted robustly around each point. Where it explains the neighbours within their noise it is the better
+    measurement. Where the relief is finer, the point itself is. A Wiener filter weighs the two.
     """
     k = min(_NEIGHBOURS, len(points))
     distance, index = cKDTree(points[:, :2]).query(points[:, :2], k=k)
     fit, scatter, leverage = np.empty((3, len(points)))
     _fit_quadrics(points, index, distance, count.astype(np.float64), fit, scatter, leverage)
     off = points[:, 2] - fit
-    # The quadric goes through a part of each point's own noise.
+    # Each point pulls the quadric towards itself, so its residual is smaller than its noise: corrected by the leverage.
     one = np.sqrt(count / np.maximum(1.0 - leverage, 0.05))
     if not np.isfinite(noise):
         noise = 1.48 * float(np.median(np.abs(off) * one))
@@ -363,7 +389,7 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
             v = (points[index[i, j], 1] - points[i, 1]) / radius
             M[j, 0], M[j, 1], M[j, 2], M[j, 3], M[j, 4], M[j, 5] = 1.0, u, v, u * u, u * v, v * v
             off[j] = points[index[i, j], 2]
-        # From the neighbours' median on: least squares would begin beside the surface where two of them are wild.
+        # Start from the neighbours' median: least squares would start off the surface where two of them are outliers.
         off -= np.median(off)
         scale = max(1.48 * np.median(np.abs(off)), 1e-9)
         for _ in range(_SWEEPS):
@@ -397,7 +423,7 @@ def _fit_quadrics(points, index, distance, count, fit, scatter, leverage):
 
 
 def _delaunay(vertices: Array) -> np.ndarray:
-    """Triangles (T, 3) over the ground plane, counter-clockwise from above."""
+    """Triangles (t, 3) over the ground plane, counter-clockwise from above."""
     try:
         triangles = Delaunay(vertices[:, :2]).simplices.astype(np.int64)
     except QhullError as error:
@@ -413,7 +439,7 @@ def _delaunay(vertices: Array) -> np.ndarray:
 
 
 def _say_missed(terrain: Terrain, B: Array, name: str) -> None:
-    """Why a ray from `B` meets no surface."""
+    """Raise PerceptionError with the reason for which the ray down from `B` (3,) [m] meets no surface."""
     above = terrain.scene.cast((B - terrain.origin)[None], terrain.up[None])["t"][0]
     if np.isfinite(above):
         raise PerceptionError(f"target {name} lies {above:.2f} m under the surface: the ray down from it meets nothing")
@@ -433,7 +459,7 @@ def _check_layers(terrain: Terrain, A: Array, name: str) -> None:
 
 
 def _axes(up: Array) -> Array:
-    """Rows (3, 3): two axes across `up`, the first nearest to x of S, and `up`."""
+    """Rows (3, 3): two axes perpendicular to `up`, the first nearest to x of S, and `up`."""
     first = np.eye(3)[0] if abs(up[0]) < 0.9 else np.eye(3)[1]
     x = first - float(first @ up) * up
     x /= np.linalg.norm(x)

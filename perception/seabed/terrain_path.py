@@ -1,7 +1,7 @@
-"""The path of a tool over an unknown seabed: vertical profiles between targets, their axes, a spline, a speed law.
+"""Tool path over an unknown seabed: vertical profiles between targets, tool axes, smoothing spline, speed law.
 
-Paper 004, first section: the surface is cut by the planes of A_i A_i+1 and z; where a plane crosses the edges of the
-triangles lie the points T_j, each with the unit axes a_j (the tool's, into the ground) and n_j (along the path).
+The surface is cut by the planes through A_i A_i+1 and z. Where a plane crosses the edges of triangles lie the points
+T_j, each with the unit axes a_j (of the tool, into the ground) and n_j (along the path) [Konoplin 2019, section 1].
 """
 
 import time
@@ -17,29 +17,38 @@ from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
-NARROWEST, WIDEST = 1e-3, 10.0  # [m] of a tool
-SLOWEST, FASTEST = 1e-5, 10.0  # [m/s] of a tool
+NARROWEST, WIDEST = 1e-3, 10.0  # [m] accepted widths of a tool
+SLOWEST, FASTEST = 1e-5, 10.0  # [m/s] accepted speeds of a tool
 _DENSE = 0.003  # [m] between the points that the spline is fitted to
-_KNOTS = 0.02  # [m] between its knots
-_PINNED = 1e3  # weight of the targets, which the spline is to pass through
-_BARE = 1e-6  # [m] of a profile without surface that is no hole
+_KNOTS = 0.02  # [m] between the knots of the spline
+_PINNED = 1e3  # [-] weight of the targets, which the spline is to pass through
+_BARE = 1e-6  # [m] without surface that a profile may have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Profile:
-    """The cut of the surface from target to target, in S."""
+    """Cut of the surface from target to target, in S."""
 
-    T: Array  # (m, 3) [m] the targets and the points between them, in order
+    T: Array  # (m, 3) [m] targets and the points between them, in order
     a: Array  # (m, 3) unit tool axis, into the ground
     n: Array  # (m, 3) unit, along the path, across a
     target: np.ndarray  # (m,) bool: T_j is one of the targets A_i
 
 
 def profile(terrain: Terrain, A: ArrayLike, width: float = 0.1) -> Profile:
-    """Cut `terrain` by the vertical planes through neighbours of the targets `A` (s, 3) [m] on it.
+    """Cut the terrain by the vertical planes through successive targets.
 
-    The axes a_j are the normals of the ground as a tool of `width` [m] meets it. Raises ConfigurationError for less
-    than two targets or two at one place, PerceptionError where a hole of the cloud lies between two of them.
+    Args:
+        terrain: Triangulated seabed.
+        A: (s, 3) [m] targets on it, in S.
+        width: [m] of the tool; its axes are the normals of the ground averaged over it.
+
+    Returns:
+        The profile in S.
+
+    Raises:
+        ConfigurationError: For less than two targets or two at one place.
+        PerceptionError: Where a hole of the cloud lies between two of them.
     """
     targets = real_array(A, "profile: targets", "(s, 3) numbers")
     if targets.ndim != 2 or targets.shape[1:] != (3,) or len(targets) < 2 or not np.all(np.isfinite(targets)):
@@ -84,7 +93,7 @@ def _cut(
     pairs = edges[cuts].reshape(-1, 2, 2)
     a, b = pairs[..., 0], pairs[..., 1]
     share = aside[a] / (aside[a] - aside[b])
-    at = u[a] + share * (u[b] - u[a])  # (k, 2) from where to where the plane runs in each triangle
+    at = u[a] + share * (u[b] - u[a])  # (k, 2) [m] first and last place of the plane in each triangle
     _check_covered(at, length, first, second)
     edge, index = np.unique(pairs.reshape(-1, 2), axis=0, return_index=True)
     s = at.reshape(-1)[index]
@@ -125,7 +134,7 @@ def _normals(ground: Array, T: Array, radius: float) -> Array:
 
 
 def smooth_path(cut: Profile, spacing: float = 0.0015) -> ToolPath:
-    """The profile as a cubic B-spline through its targets, sampled each `spacing` [m] of its length."""
+    """Cubic B-spline through the targets of a profile, sampled every `spacing` [m] of its length."""
     spacing = finite_number(spacing, "spacing [m]", least=1e-5)
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cut.T, axis=0), axis=1))])
     fine = np.union1d(np.linspace(0.0, u[-1], max(16, 1 + round(u[-1] / _DENSE))), u[cut.target])
@@ -153,7 +162,20 @@ def _spline(u: Array, values: Array, weight: Array) -> BSpline:
 
 
 def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
-    """A core sampler's way from the surface at `A` (3,) [m] by `depth` [m] along its axis `a` (3,); x is `n` (3,)."""
+    """Straight path of a core sampler into the ground.
+
+    Args:
+        A: (3,) [m] target on the surface, in S.
+        a: (3,) unit tool axis, into the ground.
+        n: (3,) unit second axis, x of the path.
+        depth: [m] along `a`.
+
+    Returns:
+        The path in S, from the surface downwards.
+
+    Raises:
+        ConfigurationError: For a depth outside (0, 10] m.
+    """
     depth = finite_number(depth, "core depth [m]", above=0.0, most=10.0)
     s = np.linspace(0.0, depth, max(4, 1 + round(depth / 0.005)))
     ones, scanned = np.ones((len(s), 1)), np.ones(len(s), dtype=bool)
@@ -165,26 +187,34 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpeedLaw:
-    """When the tool is where on its path: from rest to rest."""
+    """Arc length and speed over time along a path, from rest to rest."""
 
-    time: Array  # (N,) [s] at the path's samples
-    s: Array  # (N,) [m]
-    speed: Array  # (N,) [m/s]
+    time: Array  # (n,) [s] at the path's samples
+    s: Array  # (n,) [m]
+    speed: Array  # (n,) [m/s]
 
     def at(self, time: float) -> tuple[float, float]:
-        """Arc length [m] and speed [m/s] at `time` [s]; at rest at the ends before and after."""
+        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the end."""
         if not self.time[0] < time < self.time[-1]:
             return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
         i = int(np.searchsorted(self.time, time)) - 1
         h = time - self.time[i]
-        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # even between two samples
+        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # constant between two samples
         return float(self.s[i] + self.speed[i] * h + 0.5 * a * h * h), float(self.speed[i] + a * h)
 
 
 def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> SpeedLaw:
-    """The fastest motion along `path` within `speed` [m/s] and `acceleration` [m/s^2], along the path and across it.
+    """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
 
-    Across: v^2 kappa <= acceleration, so the tool slows down in bends.
+    The normal limit v^2 kappa <= acceleration slows the tool down in bends.
+
+    Args:
+        path: The tool path.
+        speed: [m/s] largest speed.
+        acceleration: [m/s^2] largest acceleration, along the path and across it.
+
+    Returns:
+        Time, arc length and speed at the samples of the path.
     """
     speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
     acceleration = finite_number(acceleration, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
@@ -193,7 +223,7 @@ def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> Speed
     v = np.minimum(speed, np.sqrt(acceleration / np.maximum(bend, 1e-9)))
     v[0] = v[-1] = 0.0
     step = np.diff(path.s)
-    for i in range(len(step)):  # forwards, then back: v^2 changes by no more than 2 a ds
+    for i in range(len(step)):  # forwards, then back: v^2 changes by at most 2 a ds
         v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + 2.0 * acceleration * step[i]))
     for i in range(len(step) - 1, -1, -1):
         v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2.0 * acceleration * step[i]))
@@ -203,14 +233,14 @@ def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> Speed
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeabedPlan:
-    """All from the cloud to the path; in S."""
+    """All results from the cloud to the path, in S."""
 
     terrain: Terrain
     targets: Projection
     relief: Relief
     profile: Profile | None  # None for a single target
     path: ToolPath | None
-    duration_s: float  # [s] that it took
+    duration_s: float  # [s] computing time
 
 
 def plan_seabed_work(
@@ -222,10 +252,24 @@ def plan_seabed_work(
     patch: float = 0.15,
     limits: ReliefLimits | None = None,
 ) -> SeabedPlan:
-    """From a cloud (N, 3) [m], the points `B` (s, 3) [m] over it and the vertical `z` to a path on the seabed.
+    """Plan a tool path on the seabed from a cloud and the points over it.
 
-    The relief is judged within `patch` [m] of the targets and of the profile between them. Raises PerceptionError,
-    with the reason, for a bad cloud, a hole under a target or on the way, and a relief beyond `limits`.
+    The relief is judged within `patch` of the targets and of the profile between them.
+
+    Args:
+        cloud: (n, 3) [m] points in S.
+        B: (s, 3) [m] points over the seabed in S, projected down on it.
+        z: (3,) vertical in S.
+        width: [m] of the tool.
+        patch: [m] radius of the patch whose relief is judged.
+        limits: Of the relief; None: `ReliefLimits()`.
+
+    Returns:
+        Terrain, projected targets, relief, profile and path. The last two are None for a single target.
+
+    Raises:
+        ConfigurationError: For arguments of a wrong type or shape.
+        PerceptionError: For a bad cloud, a hole under a target or on the way, or a relief beyond `limits`.
     """
     began = time.perf_counter()
     width = _width(width)

@@ -1,1 +1,1 @@
-"""Tool paths on the surface that was scanned, and where that surface differs from the model."""
+"""Tool paths on the scanned surface, and deviations of that surface from the model."""

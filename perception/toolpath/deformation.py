@@ -1,8 +1,9 @@
-"""Where an object that was found differs from its model: growth, silt and dents, as a map and as a list of regions.
+"""Map of an object's deformation against its model: growth, silt and dents, pixel by pixel and as a list of regions.
 
-Each pixel in the model's picture is compared along its line of sight and counted along the model's normal, growth
-positive. Stereo errs in patches, so pixels are averaged until the patches in one mean leave little of their noise; its
-size is known in closed form. What deforms an object has also pulled its pose: the pose is fitted anew to the rest.
+Each pixel that the model covers is compared along its line of sight; the deviation is along the model's normal, growth
+positive. Stereo errs in patches, so pixels are averaged until little of this noise remains; the remaining noise is
+known in closed form. A deformation has also shifted the fitted pose, so the pose is fitted again to the undeformed
+rest.
 """
 
 from dataclasses import dataclass
@@ -18,53 +19,59 @@ from perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, inverse, readonly, transform_points
 
-_NOISE = 0.0015  # [m] that is to be left of the sensor's after averaging,
-_WIDTH = (0.006, 0.025)  # [m] within these widths of the Gaussian: a wider one blurs what is to be found
-_DOUBT = 4.5  # standard deviations of what is left, beyond which a deviation is beyond doubt: there are many places
-_RIM = 2  # [px] of the sensor beside an edge of the model where an error of the pose decides what is seen
+_NOISE = 0.0015  # [m] of the sensor's noise that may remain after averaging
+_WIDTH = (0.006, 0.025)  # [m] limits of the Gaussian's width: a wider one blurs the deviations sought
+_DOUBT = 4.5  # standard deviations of the remaining noise for significance: there are many places
+_RIM = 2  # [px] of the sensor beside an edge of the model, where an error of the pose dominates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Region:
-    """One connected part of the surface that lies off the model, all to one side."""
+    """One connected part of the surface that deviates from the model to one side."""
 
-    p_T: Array  # (3,) [m] the model's point nearest to its middle
-    p_S: Array  # (3,) [m] the same in the sensor's frame
+    p_T: Array  # (3,) [m] model point nearest to its middle, in T
+    p_S: Array  # (3,) [m] the same in S
     length_m: float  # [m] along its longest axis
     width_m: float  # [m] across that, along the surface
     area_m2: float  # [m^2] of the model's surface
-    mean_m: float  # [m] deviation, growth positive
-    largest_m: float  # [m] the largest in size, with its sign
+    mean_m: float  # [m] mean deviation, growth positive
+    largest_m: float  # [m] deviation largest in size, with its sign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DeformationMap:
-    """How far the scanned surface lies off the model, pixel by pixel of the last look."""
+    """Deviation of the scanned surface from the model, pixel by pixel of the last frame."""
 
-    X_sensor_target: Array  # (4, 4) pose of T in S, fitted to what is not deformed
-    points_S: Array  # (H, W, 3) [m] the scan
-    deviation: Array  # (H, W) [m] along the model's normal, growth positive; NaN where it was not compared
-    noise_m: float  # [m] standard deviation of `deviation` that the sensor explains, in the middle of the range
+    X_sensor_target: Array  # (4, 4) pose of T in S, fitted to the undeformed part
+    points_S: Array  # (h, w, 3) [m] the scan
+    deviation: Array  # (h, w) [m] along the model's normal, growth positive; NaN where it was not compared
+    noise_m: float  # [m] standard deviation of `deviation` from the sensor: median over the compared pixels
     size_m: float  # [m] beyond which a deviation belongs to a region
-    label: np.ndarray  # (H, W) int: k within `regions[k - 1]`, 0 elsewhere
-    compared: float  # share of the model's surface that the sensor should see, if nothing hid it, that was compared
+    label: np.ndarray  # (h, w) int: k in `regions[k - 1]`, 0 elsewhere
+    compared: float  # [-] share compared, of the model's surface that an unobstructed sensor should see
     regions: tuple[Region, ...]  # largest area first
 
     @property
     def cloud_S(self) -> tuple[Array, Array]:
-        """Scanned points (N, 3) [m] that were compared, in S, and their deviations (N,) [m]."""
+        """Scanned points (n, 3) [m] that were compared, in S, and their deviations (n,) [m]."""
         known = np.isfinite(self.deviation)
         return self.points_S[known], self.deviation[known]
 
 
 def map_deformation(found: Identification, size: float | None = None) -> DeformationMap:
-    """Compare the scan of an accepted `found`, of one look or of several (`looks.on_all_looks`), with its model.
+    """Compare the scan of an accepted identification, of one or several frames (`on_all_looks`), with its model.
 
-    `size` [m]: deviations beyond it belong to a region; None: twice the error that a pose may have, and twice the
-    noise that is left. A region counts if the noise does not explain its largest deviation. Nothing is said of edges,
-    of surface seen at more than 60 deg of incidence, of what stands out beyond the model's outline, or where the scan
-    lies farther off than OCCLUDER.
-    Raises PerceptionError if `found` was not accepted, ConfigurationError for a `size` that is not positive.
+    A region counts if noise does not explain its largest deviation. Excluded are edges, surface at more than 60 deg of
+    incidence, growth beyond the model's outline, and deviations of OCCLUDER or more.
+
+    Args:
+        found: Accepted identification.
+        size: [m] deviation beyond which a pixel belongs to a region. None: twice the sum of the pose error and the
+            remaining noise.
+
+    Raises:
+        PerceptionError: If `found` was not accepted.
+        ConfigurationError: For a `size` that is not positive.
     """
     if not found.accepted or found.evidence is None:
         raise PerceptionError(f"no map of deformation of an object that was not found: {found.reason}")
@@ -93,23 +100,24 @@ def map_deformation(found: Identification, size: float | None = None) -> Deforma
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Comparison:
-    """Scan and model, pixel by pixel, with the model at one pose. All (H, W) but for the poses."""
+    """Scan and model, pixel by pixel, with the model at one pose. All (h, w) except the poses."""
 
     X_ST: Array
-    points_S: Array  # (H, W, 3) [m] of the model
-    known: np.ndarray  # where both were compared
+    points_S: Array  # (h, w, 3) [m] of the model
+    known: np.ndarray  # pixels where both were compared
     deviation: Array  # [m] averaged
-    sigma: Array  # [m] of it
-    area: Array  # [m^2] of the model's surface in a pixel, 0 where nothing of it should come back
+    sigma: Array  # [m] standard deviation of it
+    area: Array  # [m^2] of the model's surface in a pixel, 0 where no echo is expected
 
     @classmethod
     def of(cls, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> "_Comparison":
+        """Compare with the model at `X_ST` (4, 4)."""
         scan, sensor = evidence.scan, evidence.sensor
         model, cosine = surface.seen(X_ST, scan)
         z = model.depth
         covered = np.isfinite(z)
         slant = np.sqrt(1.0 + scan.tangent_x**2 + (scan.tangent_y**2)[:, None])
-        normal = cosine * slant  # of a step in depth, the share along the model's normal
+        normal = cosine * slant  # [-] component of a depth step along the model's normal
         off = (z - scan.depth) * normal
         around = 2 * max(1, round(_RIM / (sensor.focal * scan.pitch))) + 1  # [px] of this grid
         nearest = ndimage.minimum_filter(np.where(covered, z, np.inf), around, mode="nearest")
@@ -122,8 +130,8 @@ class _Comparison:
         if not known.any():
             return cls(X_ST, model.points, known, np.zeros_like(z), np.full_like(z, np.inf), area)
 
-        # White noise through a Gaussian of width s, as stereo's is, and then through one of width w, keeps
-        # s^2 / (s^2 + w^2) of its variance; where part of the window is unknown, so much more.
+        # White noise filtered by a Gaussian of width s, as stereo's is, and then by one of width w, keeps s^2 / (s^2 +
+        # w^2) of its variance. Where part of the window is unknown, the variance grows by that share.
         middle = float(np.median(z[known]))
         patch = 0.5 * sensor.noise_length / (sensor.focal * scan.pitch)  # [px] of this grid too
         excess = max(0.0, (float(sensor.sigma(middle)) / _NOISE) ** 2 - 1.0)
@@ -135,15 +143,16 @@ class _Comparison:
 
     @property
     def noise(self) -> float:
+        """Median standard deviation [m] of the averaged deviation; inf without compared pixels."""
         return float(np.median(self.sigma[self.known])) if self.known.any() else np.inf
 
     @property
     def size(self) -> float:
-        """[m] that a deviation must exceed to be part of a region, if nothing else is asked."""
+        """Default threshold [m] for a region."""
         return 2.0 * (POSE_ERROR + self.noise)
 
     def labelled(self, size: float) -> tuple[np.ndarray, int]:
-        """Regions beyond `size` [m] to one side that are somewhere beyond doubt: numbers from 1, and how many."""
+        """Regions beyond `size` [m] to one side that are significant somewhere: labels from 1, and their number."""
         label, count = np.zeros(self.known.shape, dtype=np.int64), 0
         for side in (1.0, -1.0):
             part = ndimage.label(self.known & (side * self.deviation > size))[0]
@@ -154,7 +163,7 @@ class _Comparison:
         return label, count
 
     def region(self, inside: np.ndarray) -> Region:
-        """What is to be said of the pixels `inside`."""
+        """Properties of the region of the pixels `inside`."""
         points, off, area = self.points_S[inside], self.deviation[inside], self.area[inside]
         offset = points - np.average(points, axis=0, weights=area)
         p_S = points[int(np.linalg.norm(offset, axis=1).argmin())]
@@ -172,7 +181,7 @@ class _Comparison:
 
 
 def _refitted(evidence: Evidence, surface: ModelSurface, X_ST: Array, deformed: np.ndarray) -> Array:
-    """The pose (4, 4) by the pixels that are not `deformed` (H, W); `X_ST` itself where these do not hold it."""
+    """Pose (4, 4) fitted to the pixels that are not `deformed` (h, w); `X_ST` itself where these do not suffice."""
     rest = evidence.mask & ~deformed
     if not deformed.any() or rest.sum() < MIN_POINTS:
         return X_ST

@@ -1,11 +1,11 @@
-"""Where the scanned surface of an object lies off its model along a path, and how far (paper 002, eq. 2).
+"""Deviation of the scanned surface from the model along a path, beyond sensor noise [Konoplin 2022, eq. 2].
 
-Points of the path are projected along +-o on the scanned and on the model's triangulation. The sensor's noise decides
-what of the difference means anything: a steep and high bump shows in few pixels, a low and wide one, or a pose that is
-a little off, only in the mean of many, so the difference is judged at three widths, the finest first.
+Points of the path are projected along +-o on the triangulations of scan and model. The sensor's noise decides which
+differences are significant. A steep and high bump shows in few pixels. A low and wide one, or a small error of the
+pose, shows only in the mean of many. The difference is therefore judged at three widths, the finest first.
 
-Holes in the scan are bridged where they are short and refused where they are long: nobody knows what is there. A side
-that the sensor cannot see well is no hole; there the model stays.
+Short holes in the scan are bridged and long ones refused, because the surface there is unknown. A side that the sensor
+cannot see well is no hole; there the model is kept.
 """
 
 from dataclasses import dataclass
@@ -22,49 +22,60 @@ from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array, inverse, transform_points
 
 SEEN_WELL = np.cos(np.deg2rad(60.0))  # cosine of incidence above which a scanned point is trusted
-_BEFORE = 0.2  # [m] before the path, where projecting rays begin
-_SAME_FACE = 0.03  # [m] along o between a path point and the first model surface met, else that is another face
-BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])  # [m] across the path, where it is seen
+_BEFORE = 0.2  # [m] in front of the path, where projecting rays begin
+_SAME_FACE = 0.03  # [m] along o between a path point and the first model surface; more is another face
+BESIDE = np.array([-0.036, -0.024, -0.012, 0.0, 0.012, 0.024, 0.036])  # [m] offsets of rays across the path
 _INNER = slice(1, -1)
-_LATERAL = BESIDE[_INNER]  # neighbours whose median is the deviation
-_MEDIAN = 0.025  # [m] along the path
-_SMOOTH = 0.008  # [m] along the path, width of the Gaussian for what is high and steep,
-_SMOOTH_LOW = 0.025  # [m] for what is low,
-_SMOOTH_POSE = 0.06  # [m] and for what is wrong with the pose alone
+_LATERAL = BESIDE[_INNER]  # [m] of the rays whose median is the deviation
+_MEDIAN = 0.025  # [m] along the path, length of the median
+_SMOOTH = 0.008  # [m] along the path, width of the Gaussian for high and steep deviations
+_SMOOTH_LOW = 0.025  # [m] the same for low ones
+_SMOOTH_POSE = 0.06  # [m] the same for errors of the pose
 _NOISE_PATCH = 2.5  # [px] radius of one independent patch of stereo error
-POSE_ERROR = 0.0015  # [m] that the carried path may be wrong by itself
-_RESUME = 0.35  # share of the threshold at which a deviation that was found begins and ends
-_LEAST_RAYS = 3  # of those across the path
-_MEDIAN_FORM = 0.013  # [m] along the path, for the form of what is high and steep
-_FORM_NOISE = 1.9  # times that of a mean: a parabola of seven lines, and a Gaussian of second order
-_MEAN_ERROR = 0.0015  # [m] by which a mean over such a form lies off its middle
-_FADE = (0.05, 4.0)  # [m], and times its size: length over which a deviation fades out into what is not seen
+POSE_ERROR = 0.0015  # [m] error of the transformed path from the pose alone
+_RESUME = 0.35  # [-] share of the threshold at which a detected deviation begins and ends
+_LEAST_RAYS = 3  # of the rays across the path that must be valid
+_MEDIAN_FORM = 0.013  # [m] along the path, length of the median for the form of high and steep deviations
+_FORM_NOISE = 1.9  # [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
+_MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a form
+_FADE = (0.05, 4.0)  # [m], and multiple of its size: length over which a deviation fades out into unseen surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation:
-    """How far the scanned surface lies behind (+) or before (-) the model along a path."""
+    """Signed distance of the scanned surface behind (+) or in front of (-) the model along a path."""
 
     o: Array  # (3,) unit direction of projection, from the sensor to the object, in S
-    along_o: Array  # (N,) [m], 0 where the model is kept
-    across: Array  # (N,) slope of the deviation across the path, [m]/[m]
-    share: Array  # (N,) of the scan in the tool axis, 0 to 1, without steps
-    on_scan: np.ndarray  # (N,) bool: a deviation beyond doubt
-    seen: np.ndarray  # (N,) bool: the scan was compared with the model there; elsewhere the path is a guess
-    bridged: np.ndarray  # (N,) bool: in a hole of the scan, between what was seen on both sides
-    threshold: Array  # (N,) [m] that a high and steep deviation must exceed
-    section: Array  # (N, 7) [m] along o from points BESIDE the path, across it, to the model; inf where it is missed
-    form: Array  # (N, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
+    along_o: Array  # (n,) [m], 0 where the model is kept
+    across: Array  # (n,) slope of the deviation across the path, [m]/[m]
+    share: Array  # (n,) [-] weight of the scan in the tool axis, 0 to 1, without steps
+    on_scan: np.ndarray  # (n,) bool: a significant deviation
+    seen: np.ndarray  # (n,) bool: the scan was compared with the model there; elsewhere the path is extrapolated
+    bridged: np.ndarray  # (n,) bool: in a hole of the scan with surface on both sides
+    threshold: Array  # (n,) [m] that a high and steep deviation must exceed
+    section: Array  # (n, 7) [m] along o from points at BESIDE across the path to the model; inf: missed
+    form: Array  # (n, 3) of the deviation across the path, a polynomial in m: [m] as `along_o`, [m]/[m], [m]/[m^2]
 
 
 def deviate(
     evidence: Evidence, surface: ModelSurface, X_ST: Array, path: ModelPath, max_deviation: float, bridge: float
 ) -> Deviation:
-    """Project a dense `path` (in S) along +-o on the scanned and on the model's surface and compare (eq. 2).
+    """Project a dense path along +-o on the surfaces of scan and model and compare them [Konoplin 2022, eq. 2].
 
-    `max_deviation` [m] beyond which what the scan shows is another thing; `bridge` [m] the longest hole, along the
-    path, over which the deviations on both sides are joined. Raises PerceptionError, with the place and the cause, for
-    a longer hole where the sensor should see the object well.
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+        path: Dense path in S.
+        max_deviation: [m] beyond which the scan shows another object.
+        bridge: [m] longest hole, along the path, over which the deviations on both sides are joined.
+
+    Returns:
+        The deviation at each point of the path.
+
+    Raises:
+        PerceptionError: For a longer hole where the sensor should see the object well; it names the place and the
+            cause.
     """
     H_D = transform_points(X_ST, surface.center)
     o = H_D / np.linalg.norm(H_D)
@@ -72,8 +83,8 @@ def deviate(
     step = float(np.diff(s).mean())
     n = len(path.p)
     lateral = np.cross(path.a, path.b)
-    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (N, L, 3)
-    starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin before both
+    rays = path.p[:, None] + BESIDE[None, :, None] * lateral[:, None]  # (n, l, 3)
+    starts = rays - _BEFORE * o  # X_j may lie outside or inside the scanned surface: begin in front of both
 
     model = _project_on_model(surface, X_ST, starts.reshape(-1, 3), o).reshape(n, -1)
     scan = _project_on_scan(evidence, path.p, starts.reshape(-1, 3), o).reshape(n, -1)
@@ -96,18 +107,18 @@ def deviate(
     middle = np.zeros(n)
     middle[usable] = np.ma.median(np.ma.masked_where(~well, difference)[usable], axis=1)
     if usable.any():
-        middle = np.interp(s, s[usable], middle[usable])  # so that a median near a gap takes none of it
+        middle = np.interp(s, s[usable], middle[usable])  # so that a median near a gap takes nothing from it
     middle = ndimage.median_filter(middle, size=2 * int(0.5 * _MEDIAN / step) + 1, mode="reflect")
 
-    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, by 120 paths on clean
+    # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from 120 paths on clean
     # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
-    # and one false dent tips the tool: hence 4.5 sigma, not 3.
+    # and one false dent tilts the tool: hence 4.5 sigma, not 3.
     doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
     pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
     def mean(known: np.ndarray, width: float) -> tuple[Array, Array]:
-        """Gaussian mean over the `known` points, and its noise: at an end or a gap fewer points take part."""
+        """Gaussian mean over the `known` points, and its noise, which grows at ends and gaps."""
         value, weight = _blur_known(middle, known, width / step)
         patch = (np.ptp(_LATERAL) + step) * (_MEDIAN + 2.0 * width) * weight
         return value, doubt / np.sqrt(np.maximum(1.0, patch / (np.pi * radius**2)))
@@ -120,16 +131,16 @@ def deviate(
     low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
     rest &= ~low
     widest, sigma = mean(rest, _SMOOTH_POSE)
-    # What was fouled or dented has also pulled the pose. No threshold for that: a step would tip the tool more than the
-    # error is worth; what noise explains is shrunk away. On a clean path the model is the better measurement.
+    # Fouling or a dent has also shifted the pose. No threshold for that: a step would tilt the tool more than the error
+    # matters. Shrinkage removes what noise explains. On a clean path the model is the better measurement.
     along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
-    # The form is nearer the truth than a mean, and noisier: as much of it as the noise leaves worth having.
+    # The form is more accurate than a mean, and noisier: it is weighted by its noise.
     patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
     trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)
     for found, values in ((low, wide), (high, steep)):
-        share = _blur(found[nearest].astype(float), step)  # a gap beside it is not where a deviation ends
+        share = _blur(found[nearest].astype(float), step)  # a gap beside a deviation does not end it
         along += share * (values - along)
     across = _slope(well, difference, middle)
     along, across, on_scan = _over_gaps(along, np.where(usable, across, 0.0), high | low, usable, bridged, s)
@@ -150,24 +161,24 @@ def deviate(
 
 
 def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
-    """Tool axes (N, 3) into the deviating surface, from its slopes along and across the path."""
+    """Tool axes (n, 3) into the deviating surface, from its slopes along and across the path."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.p, axis=0), axis=1))])
     along, across = np.gradient(deviation.along_o, s), deviation.share * deviation.across
     c = np.cross(path.a, path.b)
     normal = np.cross(path.b + along[:, None] * deviation.o, c + across[:, None] * deviation.o)
-    # a x b = c, so b x c = a: the same side as the carried axis.
+    # a x b = c, so b x c = a: the same side as the transformed axis.
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (N,) [m] along `o` from `starts` (N, 3) in S to the model's surface, inf if missed."""
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the model's surface, inf if missed."""
     X_TS = inverse(X_ST)
     way = np.broadcast_to(X_TS[:3, :3] @ o, starts.shape)
     return surface.scene.cast(transform_points(X_TS, starts), way)["t"]
 
 
 def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -> np.ndarray:
-    """Distances (N,) [m] along `o` from `starts` (N, 3) in S to the scan around `near` (M, 3), inf if missed."""
+    """Distances (n,) [m] along `o` from `starts` (n, 3) in S to the scan around `near` (m, 3), inf if missed."""
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
         return np.full(len(starts), np.inf)
@@ -179,7 +190,7 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
 
 
 def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray) -> np.ndarray:
-    """Mask (N, L) of the points `rays` (N, L, 3) in S that the sensor should see well, the model being where it is."""
+    """Mask (n, l) of the points `rays` (n, l, 3) in S that the sensor should see well on the model at `X_ST`."""
     flat = rays.reshape(-1, 3)
     X_TS = inverse(X_ST)
     hit = surface.scene.cast(X_TS[:3, 3], flat @ X_TS[:3, :3].T)["t"]
@@ -190,7 +201,7 @@ def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays:
 def _bridgeable(
     usable: np.ndarray, hole: np.ndarray, s: Array, bridge: float, evidence: Evidence, p: Array
 ) -> np.ndarray:
-    """Mask (N,) of the gaps to be bridged. Raises PerceptionError for a hole longer than `bridge` [m]."""
+    """Mask (n,) of the gaps to be bridged. Raises PerceptionError for a hole longer than `bridge` [m]."""
     step = float(np.diff(s).mean())
     label, count = ndimage.label(hole)
     for i in range(1, count + 1):
@@ -212,7 +223,7 @@ def _bridgeable(
 
 
 def _cause(evidence: Evidence, p: Array) -> str:
-    """What the scan shows at the points (N, 3) in S, in words."""
+    """Reason in words for missing surface at the points (n, 3) in S."""
     row, column, _ = evidence.scan.pixels(p)
     behind = evidence.scan.depth[row, column] - p[:, 2]
     if np.isfinite(behind).mean() < 0.5:
@@ -226,7 +237,7 @@ def _cause(evidence: Evidence, p: Array) -> str:
 def _over_gaps(
     along: Array, across: Array, on_scan: np.ndarray, usable: np.ndarray, bridged: np.ndarray, s: Array
 ) -> tuple[Array, Array, np.ndarray]:
-    """Deviation, its slope across and the flag continued over what was not seen."""
+    """Deviation, its slope across and the flag, continued over unseen parts of the path."""
     if not usable.any():
         nothing = np.zeros(len(s))
         return nothing, nothing, np.zeros(len(s), dtype=bool)
@@ -252,7 +263,7 @@ def _over_gaps(
 
 
 def _nearest(known: np.ndarray) -> np.ndarray:
-    """Index (N,) of the nearest row that is `known`; its own where none is."""
+    """Index (n,) of the nearest row that is `known`; its own where none is."""
     if not known.any():
         return np.arange(len(known))
     return ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)[0]
@@ -273,15 +284,16 @@ def _blur_known(values: Array, known: np.ndarray, width: float) -> tuple[Array, 
 
 
 def _hysteresis(size: Array, threshold: Array) -> np.ndarray:
-    """Runs where `size` stays above a share of `threshold` and somewhere exceeds it whole."""
+    """Mask of the runs where `size` stays above a share of `threshold` and exceeds it at least once."""
     label, _ = ndimage.label(size > _RESUME * threshold)
     return np.isin(label, np.unique(label[(size > threshold) & (label > 0)]))
 
 
 def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
-    """Polynomial (N, 3) across the path of the deviation, by [m]: that of a surface that bends both ways.
+    """Polynomial (n, 3) of the deviation across the path over [m], for a surface curved in both directions.
 
-    A mean over what bends lies off its middle; hence parabolas across, and a Gaussian without that error along.
+    The mean over a curved surface is biased. Parabolas across the path, and a Gaussian without this bias along it,
+    avoid that.
     """
     step = float(np.diff(s).mean())
     lines, weight = np.zeros(difference.shape), np.zeros(difference.shape)
@@ -299,7 +311,7 @@ def _form(well: np.ndarray, difference: Array, s: Array) -> Array:
 
 
 def _slope(well: np.ndarray, difference: Array, middle: Array) -> Array:
-    """Slope (N,) of the deviation across the path by least squares over the lateral rays."""
+    """Slope (n,) of the deviation across the path by least squares over the lateral rays."""
     weight = well * _LATERAL
     slope = (np.where(well, difference - middle[:, None], 0.0) * weight).sum(axis=1)
     return slope / np.maximum((weight * _LATERAL).sum(axis=1), 1e-8)

@@ -1,8 +1,8 @@
-"""From a path on the model to a tool path on the real surface (paper 002, eq. 3 and after).
+"""Tool path on the real surface from a path on the model [Konoplin 2022, eq. 3 and after].
 
-The path is carried over with the pose that was found. Where the object is seen well and lies elsewhere than its model
-by more than the sensor's noise explains (fouled, silted, dented), points are moved along +-o onto the scanned
-triangulation; elsewhere the model is the better measurement and stays. A cubic B-spline smooths the whole.
+The path is transformed by the identified pose. Where the object is seen well and deviates from its model by more than
+the sensor's noise (fouled, silted, dented), points are moved along +-o onto the scanned triangulation. Elsewhere the
+model is the better measurement and is kept. A cubic B-spline smooths the whole path.
 """
 
 import numpy as np
@@ -29,14 +29,23 @@ def plan_path(
     bridge: float = 0.06,
     tool_radius: float = 0.0,
 ) -> ToolPath:
-    """The tool path on the real surface, in the sensor frame S.
+    """Plan the tool path on the real surface, in the sensor frame S.
 
-    `spacing` [m] of the result along its arc length; `max_deviation` [m] along the line of sight, beyond which what
-    the scan shows is taken for something else in front of or behind the object; `bridge` [m] the longest hole in the
-    scan, along the path, over which the surface on both sides is joined; `tool_radius` [m] of the ball that the tool
-    ends in: where the surface deviates, the path is that of what it can touch (0: of a point).
-    Raises PerceptionError if `found` was not accepted or the scan has a longer hole on the path, ConfigurationError
-    for a path that stands still.
+    Args:
+        found: Accepted identification of the object.
+        path: Path on the model, in T.
+        spacing: [m] of the samples along the arc length.
+        max_deviation: [m] along the line of sight; larger deviations are taken for another object.
+        bridge: [m] longest hole in the scan, along the path, over which both sides are joined.
+        tool_radius: [m] of the ball at the end of the tool, whose reachable surface the path follows where it deviates;
+            0: a point.
+
+    Returns:
+        The tool path in S.
+
+    Raises:
+        PerceptionError: If `found` was not accepted, or the scan has a longer hole on the path.
+        ConfigurationError: For a path with coinciding points, or parameters out of bounds.
     """
     if not found.accepted or found.evidence is None:
         raise PerceptionError(f"no tool path on an object that was not found: {found.reason}")
@@ -54,13 +63,20 @@ def plan_path(
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:
-    """The path's points and axes in S: paper 002, eq. (3), with both rotations and centroids in one pose."""
+    """Transform a path from T to S, points and axes [Konoplin 2022, eq. 3], with the whole pose in one matrix.
+
+    The equation has two rotations and centroids; `X_ST` (4, 4) combines them.
+    """
     R = X_ST[:3, :3]
     return ModelPath(p=transform_points(X_ST, path.p), a=path.a @ R.T, b=path.b @ R.T)
 
 
 def densified(path: ModelPath) -> ModelPath:
-    """The same path at _DENSE, through all its points. Raises ConfigurationError if two neighbours coincide."""
+    """Resample the path at a spacing of _DENSE, through all its points.
+
+    Raises:
+        ConfigurationError: If two neighbours coincide.
+    """
     chord = np.linalg.norm(np.diff(path.p, axis=0), axis=1)
     if chord.min() < 1e-9:
         raise ConfigurationError(f"tool path: points {int(chord.argmin())} and {int(chord.argmin()) + 1} coincide")

@@ -1,8 +1,8 @@
-"""Tool paths on any model: analytic curves laid on its mesh, cuts of the mesh by planes, and lists of points with axes.
+"""Tool paths on any model: curves projected on its mesh, cuts of the mesh by planes, lists of points with axes.
 
-A curve is points (N, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a direction by rays
-(Moller and Trumbore; paper 004, eq. 1 to 4), `cut` follows the surface in a plane (paper 004, section 1). What comes
-out is a ModelPath like those that the objects bring along: add it with `TargetModel.with_path`.
+A curve is points (n, 3) [m] in the model's frame T, near the surface. `laid_on` projects it along a direction by ray
+casting [Moller 1997], [Konoplin 2019, eq. 1 to 4]. `cut` follows the surface in a plane [Konoplin 2019, section 1]. The
+result is a ModelPath like those of the objects: add it with `TargetModel.with_path`.
 """
 
 from collections.abc import Sequence
@@ -27,16 +27,16 @@ from sim.interfaces.spatial import (
     unit_vector,
 )
 
-_GRAZING = np.cos(np.deg2rad(70.0))  # cosine between a ray and the normal below which a projection says nothing
+_GRAZING = np.cos(np.deg2rad(70.0))  # least cosine between a ray and the normal, for a well-conditioned projection
 _STEEPEST = 4.0  # [m]/[m] between neighbours on the surface and on the curve; more is a fall off an edge
 _FOOTPRINT = 0.01  # [m] around the path, over which normals are averaged
-_NEAR = 1e-9  # [m]
+_NEAR = 1e-9  # [m] below which a length counts as zero
 _FARTHEST = 1e3  # [m] of a path from the middle of its object: more is another unit
-_MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; of a raster
+_MOST_TURN, _MOST_LINES = 1e3, 10_000  # [rad] of a helix; lines of a raster
 
 
 def line(start: ArrayLike, end: ArrayLike) -> Array:
-    """Points (N, 3) [m] from `start` to `end` (3,)."""
+    """Points (n, 3) [m] from `start` to `end` (3,)."""
     a, b = _place(start, "line: start"), _place(end, "line: end")
     length = float(np.linalg.norm(b - a))
     if not length > _NEAR:
@@ -47,9 +47,20 @@ def line(start: ArrayLike, end: ArrayLike) -> Array:
 def circle(
     center: ArrayLike, axis: ArrayLike, start: ArrayLike, angle: float = 2.0 * np.pi, rise: float = 0.0
 ) -> Array:
-    """Points (N, 3) [m] of an arc of `angle` [rad], right-handed about `axis` through `center`, from the point `start`.
+    """Arc, circle or helix: points (n, 3) [m] from `start`, right-handed about `axis` through `center`.
 
-    With `rise` [m] along the axis by its end it is a helix; more than a turn is allowed.
+    Args:
+        center: (3,) [m] in T.
+        axis: (3,) of the rotation.
+        start: (3,) [m] first point.
+        angle: [rad] of the arc; more than one turn is allowed.
+        rise: [m] along the axis at the end, for a helix.
+
+    Returns:
+        Points (n, 3) [m] in T.
+
+    Raises:
+        ConfigurationError: For a start on the axis, or an angle or rise out of bounds.
     """
     c, p = _place(center, "circle: center"), _place(start, "circle: start")
     angle, rise = number(angle, "circle: angle [rad]"), number(rise, "circle: rise [m]")
@@ -69,10 +80,21 @@ def circle(
 
 
 def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float) -> Array:
-    """Points (N, 3) [m] of a way to and fro over a flat patch, with half circles between its lines.
+    """Raster over a flat patch: points (n, 3) [m] of parallel lines joined by half circles.
 
-    `along` and `across` (3,) [m] are the patch's edges, perpendicular, around its `center`; the lines run along
-    `along`, the half circles lie beyond its ends. Lines are at most `pitch` [m] apart.
+    The half circles lie beyond the ends of the lines.
+
+    Args:
+        center: (3,) [m] of the patch in T.
+        along: (3,) [m] edge of the patch along the lines.
+        across: (3,) [m] edge perpendicular to `along`.
+        pitch: [m] between lines, at most.
+
+    Returns:
+        Points (n, 3) [m] in T.
+
+    Raises:
+        ConfigurationError: For edges that are zero or not perpendicular, or too many lines.
     """
     c, u, v = (
         _place(value, f"raster: {name}") for value, name in ((center, "center"), (along, "along"), (across, "across"))
@@ -96,12 +118,22 @@ def raster(center: ArrayLike, along: ArrayLike, across: ArrayLike, pitch: float)
 
 
 def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, before: float = 0.5) -> ModelPath:
-    """`curve` (N, 3) [m] in T, projected on the mesh of `target` along `direction`, and the surface's normals there.
+    """Project a curve on the mesh of a target along a direction, with the surface's normals as tool axes.
 
-    `direction`: (3,), or (N, 3) one for each point, as towards the axis of a pipe. Rays begin `before` [m] ahead of
-    the curve and take the first surface that they meet. The tool axis is the inward normal, averaged over a footprint
-    of 1 cm. Raises ConfigurationError where a ray misses, meets the surface at more than 70 deg, or the path falls
-    off an edge.
+    The rays take the first surface that they meet. The tool axis is the inward normal, averaged over a footprint of 1
+    cm.
+
+    Args:
+        target: Model with the mesh.
+        curve: (n, 3) [m] in T.
+        direction: (3,), or (n, 3) one for each point, as towards the axis of a pipe.
+        before: [m] by which the rays start ahead of the curve.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: Where a ray misses, meets the surface at more than 70 deg, or the path falls off an edge.
     """
     points = _points(curve, "curve")
     ways = real_array(direction, "direction")
@@ -142,11 +174,22 @@ def laid_on(target: TargetModel, curve: ArrayLike, direction: ArrayLike, *, befo
 
 
 def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayLike) -> ModelPath:
-    """The profile of `target` between two points, in the plane through both and `direction` (paper 004, section 1).
+    """Profile of a target between two points, in the plane through both and `direction` [Konoplin 2019, section 1].
 
-    `start`, `end` (3,) [m] in T are projected along `direction` (3,) on the mesh (A_i, A_i+1); the path is where the
-    plane cuts the triangles between them (T_j). Raises ConfigurationError where they miss the mesh, or no unbroken
-    profile joins them that faces against `direction`.
+    The path is where the plane cuts the triangles (T_j) between the projected points (A_i, A_i+1).
+
+    Args:
+        target: Model with the mesh.
+        start: (3,) [m] in T, projected on the mesh along `direction`.
+        end: (3,) [m] in T, projected likewise.
+        direction: (3,) of projection.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: Where the points miss the mesh, or no unbroken profile that faces against `direction` joins
+            them.
     """
     way = unit_vector(direction, "direction")
     ends = laid_on(target, line(start, end), way).p[[0, -1]]  # raises where the profile is broken
@@ -159,7 +202,7 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     along *= np.sign(along @ chord)
     corners = np.asarray(target.vertices)[target.triangles]
     side = (corners - ends[0]) @ normal
-    side = np.where(np.abs(side) < 1e-9, 1e-9, side)  # a corner in the plane counts to one side: no lost crossings
+    side = np.where(np.abs(side) < 1e-9, 1e-9, side)  # a corner in the plane counts to one side: no crossing is lost
     t: list[Array] = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
         rows = np.flatnonzero(side[:, i] * side[:, j] < 0.0)
@@ -168,7 +211,7 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
     crossings = np.vstack(t)
     reach = (crossings - ends[0]) @ along
     crossings = crossings[(reach > 0.0) & (reach < chord @ along)]
-    # Of what lies in the plane, the part that a ray along the direction meets first.
+    # Of the crossings, keep those that a ray along the direction meets first.
     scene = RayScene(target.vertices, target.triangles)
     ahead = float(np.ptp(corners.reshape(-1, 3) @ way)) + 0.1
     first = scene.cast(crossings - ahead * way, np.broadcast_to(way, crossings.shape))["t"]
@@ -178,11 +221,19 @@ def cut(target: TargetModel, start: ArrayLike, end: ArrayLike, direction: ArrayL
 
 
 def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) -> ModelPath:
-    """A path through a list of points (N, 3) [m] in T, N >= 4, with the tool's axes (N, 3) into the surface.
+    """Path through a list of points and tool axes; a cubic spline between the points.
 
-    `along` (N, 3): the second axis; by default the path's own direction, made perpendicular to the first. Between the
-    points a cubic spline. Raises ConfigurationError for numbers that are not finite, neighbours that coincide, axes
-    that are zero or, between neighbours, opposite, or an axis along the path.
+    Args:
+        points: (n, 3) [m] in T, n >= 4.
+        axes: (n, 3) tool axes, into the surface.
+        along: (n, 3) second axes; None: the path's own direction, made perpendicular to the tool axis.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: For values that are not finite, neighbours that coincide, axes that are zero or, between
+            neighbours, opposite, or an axis along the path.
     """
     p = _points(points, "points")
     a = checked(axes, p.shape, "axes")
@@ -204,7 +255,11 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
 
 
 def joined(paths: Sequence[ModelPath]) -> ModelPath:
-    """Paths one after another as one. Raises ConfigurationError where one does not begin where the last ends."""
+    """Concatenate successive paths.
+
+    Raises:
+        ConfigurationError: Where one does not begin where the last ends.
+    """
     for i, (first, then) in enumerate(pairwise(paths)):
         gap = float(np.linalg.norm(then.p[0] - first.p[-1]))
         if gap > 2.0 * PATH_STEP:
@@ -216,7 +271,7 @@ def joined(paths: Sequence[ModelPath]) -> ModelPath:
 
 
 def _count(length: float) -> int:
-    """Points of a curve of `length` [m]."""
+    """Number of points of a curve of `length` [m]."""
     return max(4, 1 + round(abs(length) / PATH_STEP))
 
 
@@ -235,7 +290,7 @@ def _points(values: ArrayLike, name: str) -> Array:
 
 
 def _chords(points: Array, name: str) -> Array:
-    """Length (N,) [m] along the polyline. Raises ConfigurationError where neighbours coincide."""
+    """Length (n,) [m] along the polyline. Raises ConfigurationError where neighbours coincide."""
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     if steps.min() < _NEAR:
         raise ConfigurationError(f"{name}: rows {int(steps.argmin())} and {int(steps.argmin()) + 1} coincide")
@@ -257,7 +312,7 @@ def _tangents(points: Array) -> Array:
 
 
 def _averaged(normals: Array, p: Array) -> Array:
-    """Normals (N, 3) averaged along the path over the footprint."""
+    """Average normals (n, 3) along the path over the footprint."""
     step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     smooth = ndimage.gaussian_filter1d(normals / np.maximum(size, _NEAR), _FOOTPRINT / step, axis=0, mode="nearest")
@@ -265,7 +320,7 @@ def _averaged(normals: Array, p: Array) -> Array:
 
 
 def _path(p: Array, a: Array, name: str, ways: Array) -> ModelPath:
-    """The path with its own direction for b. Raises ConfigurationError where a ray along `ways` grazes the surface."""
+    """Path with its own direction for b. Raises ConfigurationError where a ray along `ways` grazes the surface."""
     cosine = np.einsum("ij,ij->i", a, ways)
     if cosine.min() < _GRAZING:
         i = int(cosine.argmin())

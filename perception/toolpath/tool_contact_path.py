@@ -1,7 +1,7 @@
-"""Where a round tool comes to lie on a surface: it bridges a hollow tighter than itself (a morphological closing).
+"""Contact path of a ball-ended tool on a surface: morphological closing, as it bridges tight hollows.
 
-The centre of a ball that rolls on the surface goes no nearer to any point of it than its radius; what the ball then
-reaches, seen from over the surface, is the surface itself or, over a tight hollow, the ball's own underside.
+The centre of a ball that rolls on the surface stays at least its radius away from every surface point. The ball then
+reaches, seen along the tool axis, the surface itself or, over a tight hollow, its own underside.
 """
 
 import numba
@@ -13,14 +13,22 @@ from perception.toolpath.path_deviation import BESIDE, Deviation
 from sim.interfaces.spatial import Array
 
 _ACROSS = 0.003  # [m] between the lines of the surface beside a path
-_GONE = 0.1  # [m] behind: where there is no surface
+_GONE = 0.1  # [m] behind the path: depth used where there is no surface
 _SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
 
 
 def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array, Array]:
-    """Points (N, 3) [m] and axes (N, 3) along `path` of a tool whose end is a ball of `radius` [m], in S.
+    """Contact points (n, 3) [m] and axes (n, 3) in S of a ball-ended tool that moves along a path.
 
-    The surface is the model's with the deviation on it, as far beside the path as BESIDE reaches.
+    The surface is the model's plus the deviation, as far beside the path as BESIDE extends.
+
+    Args:
+        path: Dense path in S.
+        deviation: Of the scanned surface along it.
+        radius: [m] of the ball.
+
+    Returns:
+        Contact points (n, 3) [m] and unit axes (n, 3) in S.
     """
     count = 2 * round(BESIDE[-1] / _ACROSS) + 1
     x = np.linspace(BESIDE[0], BESIDE[-1], count)
@@ -41,9 +49,9 @@ def rolled(path: ModelPath, deviation: Deviation, radius: float) -> tuple[Array,
 
 
 def _onward(surface: Array, rows: int, over: int) -> Array:
-    """`rows` more of a surface (N, L, 3), straight on from its last, sloped as over the last `over` rows.
+    """Extend a surface (n, l, 3) by `rows` straight rows, sloped as over its last `over` rows.
 
-    A ball at the end of a path has its centre beyond it, where the path slopes.
+    At the end of a sloped path the ball's centre lies beyond it.
     """
     last = min(over, len(surface) - 1)
     way = (surface[-1] - surface[-1 - last]).mean(axis=0) / last
@@ -51,7 +59,7 @@ def _onward(surface: Array, rows: int, over: int) -> Array:
 
 
 def _between(row: Array, x: Array) -> Array:
-    """A section (7,) at offsets `x` from the path; far off beyond what is known of it on either side."""
+    """Interpolate a section (7,) at offsets `x` [m] from the path; _GONE beyond its known part on either side."""
     known = np.isfinite(row)
     if not known[len(row) // 2]:
         return np.where(np.abs(x) < _ACROSS, 0.0, _GONE)
@@ -59,11 +67,17 @@ def _between(row: Array, x: Array) -> Array:
 
 
 def lift(surface: Array, outward: Array, radius: float) -> Array:
-    """How far (N, L) [m] a ball of `radius` [m] that rolls on `surface` stays over each of its points.
+    """Height (n, l) [m] of the underside of a rolling ball over each surface point.
 
-    `surface` (N, L, 3) [m] is a grid, dense against the radius: N places along a path, L across it. `outward` (N, 3),
-    unit, is the way that the ball comes from at each place of the path. The ball's centre stays over the grid, so that
-    it does not reach the outermost points where these slope down.
+    The ball's centre stays over the grid, so that it does not reach the outermost points where these slope down.
+
+    Args:
+        surface: (n, l, 3) [m] grid, dense against the radius: n places along a path, l across it.
+        outward: (n, 3) unit direction from which the ball comes at each place.
+        radius: [m] of the ball.
+
+    Returns:
+        Height (n, l) [m], 0 where the ball touches the point.
     """
     points = np.ascontiguousarray(surface)
     ways = np.ascontiguousarray(outward)
@@ -72,7 +86,7 @@ def lift(surface: Array, outward: Array, radius: float) -> Array:
 
 @numba.njit(cache=True)
 def _dilation(points, ways, radius):
-    """Centres (N, L, 3) of the ball over each point, as low as all points near it let it be."""
+    """Centres (n, l, 3) of the ball over each point, as low as all points near it allow."""
     n, m = points.shape[:2]
     centres = np.empty_like(points)
     for i in range(n):
@@ -91,7 +105,7 @@ def _dilation(points, ways, radius):
 
 @numba.njit(cache=True)
 def _erosion(points, ways, centres, radius):
-    """Height (N, L) over each point of the lowest underside of a ball at any of `centres`."""
+    """Height (n, l) over each point of the lowest underside of a ball at any of `centres`."""
     n, m = points.shape[:2]
     height = np.zeros((n, m))
     for i in range(n):
@@ -109,7 +123,7 @@ def _erosion(points, ways, centres, radius):
 
 @numba.njit(cache=True)
 def _near(points, i, radius):
-    """Rows of the grid in whose middle a point may be within `radius`, and a half, of that of row `i`."""
+    """Range of rows whose middle point is within 1.5 `radius` of that of row `i`."""
     n, middle = points.shape[0], points.shape[1] // 2
     reach = (1.5 * radius) ** 2
     first, last = i, i + 1
@@ -130,7 +144,7 @@ def _square(points, i, j, k):
 
 @numba.njit(cache=True)
 def _split(points, j, k, origin, way):
-    """How far points[j, k] lies over `origin` along `way`, and the square of how far beside that line."""
+    """Height of points[j, k] over `origin` along `way`, and the squared distance from that line."""
     over, total = 0.0, 0.0
     for c in range(3):
         step = points[j, k, c] - origin[c]

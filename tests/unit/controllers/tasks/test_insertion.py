@@ -131,7 +131,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> None:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
 
 
 def test_a_free_hole_is_entered_along_its_axis_and_left(within):

@@ -159,7 +159,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
     return asked
 
 
@@ -175,7 +175,7 @@ def smooth() -> Script:
             margin=1.0,
             reached=1.0,
         )
-        patch.setattr(supervisor, "place", lambda *_, **__: placement)
+        patch.setattr(supervisor, "place_hull", lambda *_, **__: placement)
         return Script().run()
 
 
@@ -402,7 +402,7 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
     script = Script(holding=ThrustMargin.of(models.load("uuv_puma").compile())).run()
     assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
     assert asked[0] == 0.6
@@ -482,7 +482,7 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeyp
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
         return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
     script = Script().run(seconds=200.0)  # half a turn takes 113
     assert script.states == [*JOURNEY, WorkState.DONE]
     assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
@@ -510,7 +510,7 @@ def test_path_out_of_reach(monkeypatch):
     def place(*_: Any, **__: Any) -> Placement:
         raise ReachError("out of reach: at best 40%")
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
     script = Script().run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
     assert script.end.note == "out of reach: at best 40%"
@@ -524,7 +524,7 @@ def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
             raise ReachError("out of reach")
         return reached(vehicle, chain, path, **options)
 
-    monkeypatch.setattr(supervisor, "place", place)
+    monkeypatch.setattr(supervisor, "place_hull", place)
     script = Script(job=SurfaceTaskConfig(forces=(60.0,), least_share=0.8)).run()
     assert script.end.state is WorkState.DONE
     assert 0.095 < script.end.path_s < 0.105

@@ -1,7 +1,8 @@
-"""Calibrate an arm by touching: the tip in one fixed point in many orientations, joint angles alone are read.
+"""Kinematic calibration of an arm from touches: the tip rests in one fixed point in many postures, encoders are read.
 
-Without --touches the touching is simulated: the paper's UR10e (3 points, 21 touches each), any published arm or a
-vehicle's own with the errors of a workshop, with a hand's noise or by contact in the water. With --touches, any arm:
+Without --touches the touching is simulated. The arm is then the UR10e of [Yukhimets 2023] (3 points, 21 touches each),
+or any published arm or a vehicle's own with workshop errors. The touches come from a hand with noise, or by contact
+under water. With --touches, any arm can be calibrated:
 
     calibrate_arm.py --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 """
@@ -73,7 +74,16 @@ class Options(ScenarioOptions):
 
 
 def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.CalibrationCase:
-    """The arm and its touches. Raises UuvError for what cannot be read or touched."""
+    """The arm and its touches, from files or simulated.
+
+    Args:
+        options: Command line.
+        folder: Folder of results; a vehicle's MJCF and the log go there.
+        rng: Draws the simulated touches.
+
+    Raises:
+        UuvError: The files cannot be read, the options contradict each other, or the arm does not reach the points.
+    """
     source = _calibration.nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
         if options.touching != "noise":
@@ -127,6 +137,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
 
 
 def main() -> int:
+    """Calibrates, writes the results and returns the exit code."""
     options = parse(Options)
     folder = options.folder("calibrate_arm")
     rng = np.random.default_rng(options.seed)

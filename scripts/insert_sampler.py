@@ -1,8 +1,8 @@
-"""Put a sampler into a hole of a subsea manifold and draw it out: hover, scan, identify, enter by feel.
+"""Insertion of a sampler into a hole of a subsea manifold, and its withdrawal.
 
-The vehicle knows the manifold's shape and roughly where it is. It takes a depth frame, finds the manifold, moves the
-sampler before the hole, and lets it in: along the axis as the force allows, across it giving way to what is felt.
-With --trials N, N seeds from --seed on run on all cores, and a table says how many went well.
+The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
+manifold and moves the sampler before the hole. The insertion is force-controlled along the axis and compliant across
+it. With --trials N, the N seeds from --seed on run on all cores, and a table gives the success rate.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -20,7 +20,7 @@ from sim.runs.provenance import provenance
 
 @dataclass(kw_only=True)
 class Options(ScenarioOptions):
-    """Put a sampler into a hole."""
+    """Insert a sampler into a hole."""
 
     hole: Literal["a", "b"] = "a"
     """Which hole of the manifold."""
@@ -47,6 +47,7 @@ class Options(ScenarioOptions):
 
 
 def main() -> int:
+    """Runs one insertion or many trials and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
     check_trials(options.trials, options.workers)

@@ -1,9 +1,10 @@
-"""Take a sample of an unknown seabed: hover over it, scan it, choose the height, and go into the soil by feel.
+"""Sampling of an unknown seabed: sonar scan, choice of the working height, and force-controlled work in the soil.
 
-The vehicle comes near over the plane that its Doppler log sees, builds the ground from its sonar's scans, lets the
-targets down on it, judges the relief and chooses where to hover. It pushes a core tube into the soil with a set force,
-or drags a box along the profile between two targets at a set depth, and draws it out. A cloud that is no ground, or
-ground that is not fit for it: it stays where it is, one line says why, exit code 2.
+The vehicle approaches over the plane that its Doppler velocity log (DVL) measures, and reconstructs the ground from
+sonar scans. It projects the targets onto the ground, judges the relief and chooses a pose for station keeping. It
+pushes a core tube into the soil with a set force, or drags a box along the profile between two targets at a set depth.
+Then it withdraws the tool. If the cloud is no ground, or the ground is unsuitable, the vehicle stays where it is: one
+line with the reason, exit code 2.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -61,6 +62,7 @@ class Options(ScenarioOptions):
 
 
 def main() -> int:
+    """Runs one job or many trials and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
     drag = options.work == "drag"

@@ -1,4 +1,4 @@
-"""The main job: a barrel to clean, its tool paths, and what a user may ask of it."""
+"""Barrel cleaning: its options and its contact job."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -26,7 +26,7 @@ class Options(ContactOptions):
 
 
 def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
-    """The job that `options` ask for, the barrel and what is coarsely known of it drawn from `rng`."""
+    """The contact job for `options`; the barrel's pose and its coarse detection are drawn from `rng`."""
     arc = 60.0 if options.quick else options.arc
     azimuth = np.radians(options.azimuth)
     length = 0.2 if options.quick else options.length

@@ -69,9 +69,7 @@ class ContactJob:
     contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
     sees_with: str = "camera"  # camera or sonar
     looks: int = 1  # depth frames, or pings, whose median the path is planned on
-    there: TargetModel | None = (
-        None  # the true object, with the same paths; None: equal to `target`, the model that is known
-    )
+    there: TargetModel | None = None  # the true object, with the same paths; None: `target`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

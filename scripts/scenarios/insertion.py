@@ -38,7 +38,7 @@ from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current
 
 TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
-BOTTOM = 0.02  # [m] hole below the set depth, so that the sampler does not touch its bottom
+BOTTOM = 0.02  # [m] by which the hole is deeper than the set depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

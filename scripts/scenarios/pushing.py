@@ -170,7 +170,7 @@ class Keeper:
 
 
 class StayPut:
-    """Planner (`sim.interfaces.protocols.Planner`) with a constant reference: hull at the origin of W, fixed posture."""
+    """Planner (`sim.interfaces.protocols.Planner`) with a constant reference: hull at W's origin, fixed posture."""
 
     period = PERIOD
 

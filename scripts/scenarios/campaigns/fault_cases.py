@@ -69,8 +69,8 @@ class Trace:
     began: float  # [s] onset, from the start of the run
     set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
-    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m], tilt [rad], collision,
-    # least and greatest contact of a substep [N], thrusts [N]
+    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m], tilt [rad],
+    # collision, least and greatest contact of a substep [N], thrusts [N]
     rows: Array
     states: list[tuple[float, WorkState, str]]
     found: list[tuple[float, str, str]]  # time, kind and part of each fault that FaultDetection found

@@ -189,9 +189,9 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         geom.friction = [friction, *np.array(geom.friction)[1:]]
     if stiffness is not None:
         # Contact and pad spring are in series: the contact is made stiff by a short time constant, and the spring gives
-        # the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. Sliding lifts
-        # the contact in proportion to the time constant; the contact force presses it in with its square. The longest time
-        # constant that is stiff enough is therefore the best.
+        # the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. Sliding
+        # lifts the contact in proportion to the time constant; the contact force presses it in with its square. The
+        # longest time constant that is stiff enough is therefore the best.
         timestep, drawn = float(spec.option.timestep), spec.copy().compile()
         longest = STEPS_PER_SOLREF * timestep
         contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness

@@ -1,11 +1,7 @@
 """Study: contact work under combined model errors of sea, vehicle, sensors and surface; each run is drawn anew.
 
-Commands:
-
     ./uvw run scripts/studies/contact.py --runs 500            # resumes an interrupted study.
-
     ./uvw run scripts/studies/contact.py --runs 500 --ablate   # adds the same runs without each method.
-
     ./uvw run scripts/studies/contact.py --only 17             # that run alone, with log and report.
 
 The draw of a run depends on --seed and its number only. Exit code 0: at least 99 % of the runs keep contact and stay

@@ -76,7 +76,7 @@ def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:
 
 
 def maps(found: Identification, offset: Array) -> list[dict[str, float]]:
-    """Figures of the map of default size and of those of SIZES; `offset` (H, W) [m] is the true one, NaN off the object."""
+    """Figures of the maps of default size and of SIZES; true `offset` (H, W) [m] of each pixel, NaN off the object."""
     rows = []
     for size in (None, *SIZES):
         made = map_deformation(found, size)

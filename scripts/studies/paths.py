@@ -40,9 +40,7 @@ from sim.sensors.stereo_noise import StereoNoise
 
 BOUND = 0.003  # [m] allowed distance of the path from the true surface
 _AHEAD = 0.08  # [m] before the path, where rays to the true surface start
-_PATCHES = (
-    8  # patches of growth or dents; identification may turn a symmetric object by up to 30 deg, its paths beside some
-)
+_PATCHES = 8  # patches; the found rotation about a symmetry axis is up to 30 deg off, and paths may miss some
 _PAD = 0.045  # [m] radius of the tool's pad
 _SWAY = 0.005  # [m] standard deviation of the camera's position between frames; known to the vehicle
 
@@ -152,7 +150,7 @@ class TrueSurface:
         self._nearest = NearestSurface.of(target.vertices, target.triangles)
 
     def distances(self, p_T: Array, z_T: Array) -> Array:
-        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest distance where an axis misses."""
+        """Distances (N,) [m] from points (N, 3) along the tool's axes (N, 3); the shortest where an axis misses."""
         along = self._scene.cast(p_T - _AHEAD * z_T, z_T)["t"] - _AHEAD
         return np.where(np.isfinite(along), along, self._nearest.query(p_T).distance)
 

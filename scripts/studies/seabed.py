@@ -44,7 +44,7 @@ from sim.runs.saving import write_whole
 from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
 
 SWATH = BEAMS.azimuth  # [rad] swath of the sonar, both ways
-STANDOFF = 0.1  # [m] of the tool over the path before the work
+STANDOFF = 0.1  # [m] from which the tool approaches the path
 FALSE = 0.03  # share of false echoes in the clouds for --speed
 
 
@@ -141,7 +141,7 @@ def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array)
 def _work(
     cloud: Array, *, vehicle: Vehicle, chain: Chain, box: Array, X_WB: Array, B: Array
 ) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
-    """Plan and working height on a cloud (N, 3) [m], None from the stage that failed on; and the reason of the failure."""
+    """Plan and working height on a cloud (N, 3) [m], None from a failed stage on; and the reason of the failure."""
     try:
         plan = plan_seabed_work(cloud, B)
     except PerceptionError as error:
@@ -224,7 +224,7 @@ def _share(values: Array) -> str:
 
 
 def speed(options: Options, console: Console) -> dict[str, Any]:
-    """Measures processor times of our pipeline and of other triangulations of the same points; contents of speed.json."""
+    """Processor times of our pipeline and of other triangulations of the same points, for speed.json."""
     try:
         o3d = open3d_loader.load()
     except MissingLibraryError as error:

@@ -31,7 +31,7 @@ from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.refraction import FlatPort, in_air, in_water
 from sim.sensors.sonar import BEAMS, Sonar
 
-FOCAL, CORNER = 554.0, 400.0  # [px] focal length, image radius at which the calibration in water fits
+FOCAL, CORNER = 554.0, 400.0  # [px] focal length; distance from the image's middle to its corner
 PORT = FlatPort()
 CAMERAS: Mapping[str, dict[str, Any]] = {
     "no port": {},

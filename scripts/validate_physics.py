@@ -57,7 +57,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """ "ok", "missed", or "skipped" with the reason."""
+        """Verdict in words: "ok", "missed", or "skipped" with the reason."""
         if self.ok:
             return "ok"
         return f"skipped: {self.skipped}" if self.skipped else "missed"

@@ -47,7 +47,7 @@ class Options:
 
 
 def craig(dh: Array) -> tuple[Array, Array]:
-    """DH rows (n, 4) in Craig's convention (alpha, a, theta, d), and the rest of the last standard row as a tool (4, 4)."""
+    """DH rows (n, 4) in Craig's convention (alpha, a, theta, d); the rest of the last standard row as a tool (4, 4)."""
     theta, d, a, alpha = dh.T
     rows = np.column_stack([np.append(0.0, alpha[:-1]), np.append(0.0, a[:-1]), theta, d])
     return rows, pose(exp_so3([alpha[-1], 0.0, 0.0]), [a[-1], 0.0, 0.0])

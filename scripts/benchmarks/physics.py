@@ -116,7 +116,7 @@ def with_water(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The vehicle compiled with MuJoCo's fluid: drag, lift and velocity terms of added mass, without the added inertia."""
+    """The vehicle with MuJoCo's fluid model: drag, lift and velocity terms of added mass, no added inertia."""
     spec.option.density, spec.option.viscosity = water.SEA_WATER, 1e-3
     for geom in spec.geoms:
         geom.fluid_ellipsoid = 1.0

@@ -32,11 +32,8 @@ from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
-INITIAL = np.array(
-    [-11.8, -498.9, -73.4, 239.782, 272.244, 239.270]
-)  # table 1, initial: x, y, z [mm], course, trim, roll [deg]
-# Table 1, given: x, y, z [mm], course, trim, roll [deg].
-GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])
+INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
+GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])  # the same, second row of table 1
 POSITION, ANGLE = 1e-3, 1e-2  # [m], [rad] published accuracy of each goal
 ALONG_X = (100.0, -100.0)  # [mm] first and last x of experiment 2
 IN_TRIM = (-50.0, -10.0)  # [deg] first and last trim of experiment 3
@@ -59,7 +56,10 @@ class Options:
 
 
 def tool_pose(row: Array) -> Array:
-    """Pose (4, 4) of the tip for a row of table 1; the published E_x is along the tool and E_z across, ours are z and x."""
+    """Pose (4, 4) of the tip for a row of table 1.
+
+    The published E_x is along the tool and E_z across it; ours are z and x.
+    """
     course, trim, roll = np.radians(row[3:])
     R = exp_so3([0.0, course, 0.0]) @ exp_so3([0.0, 0.0, trim]) @ exp_so3([roll, 0.0, 0.0])
     return pose(np.column_stack([R[:, 2], np.cross(R[:, 0], R[:, 2]), R[:, 0]]), 1e-3 * row[:3])
@@ -146,7 +146,7 @@ def draw_single(results: dict[str, IkResult], file: Path) -> None:
 
 
 def draw_motions(runs: Runs, file: Path) -> None:
-    """Plots joint values, goals and iterations along each motion, one column for each; joint values of the default method."""
+    """Plots joint values and goals of the default method and all iterations, one column for each motion."""
     figure = Figure(figsize=(12, 9), layout="constrained")
     grid = figure.subplots(3, len(runs), sharey="row", squeeze=False)
     for column, (label, values, by_method) in zip(grid.T, runs.values(), strict=True):

@@ -153,8 +153,8 @@ def object_scene(
         sensor: Name in SENSORS.
         ranges: [m] least and largest range.
         start_error: [m], [rad] bounds of the coarse start's error, uniform.
-        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed. 0: they lie on it;
-        None: neither seabed nor stones.
+        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed. 0 means that they
+            lie on it, None neither seabed nor stones.
         stones: Number of stones on the seabed.
         there: The true object; None: `target`.
         absent: Leave the object out of the scene.

@@ -261,7 +261,7 @@ def _draw_rates(axes: Any, rows: list[dict[str, Any]]) -> None:
 
 
 def _bars(values: Array, bounds: Array) -> Array:
-    """Lengths (2, k) of the error bars, at least 0: an interval of resampled medians need not contain the median itself."""
+    """Lengths (2, k) of the error bars; clipped at 0, since a bootstrap interval may exclude the median itself."""
     return np.maximum(np.stack([values - bounds[0], bounds[1] - values]), 0.0)
 
 

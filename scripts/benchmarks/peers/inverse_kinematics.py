@@ -94,7 +94,7 @@ def mjcf(task: SolverTask) -> Any:
 
 
 def _eaik(task: SolverTask) -> Solver | None:
-    """EAIK: all closed-form branches, of which the nearest to the start within the limits; six hinges of known kinds only."""
+    """EAIK: closed form, the branch within the limits that is nearest to the start; six hinges of known kinds only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -107,16 +107,14 @@ def _eaik(task: SolverTask) -> Solver | None:
         branches = robot.IK(target @ to_flange)
         answers = np.asarray(branches.Q)
         if answers.size:
-            answers = answers[
-                ~np.asarray(branches.is_LS, dtype=bool)
-            ]  # least-squares solutions do not reach the target
+            answers = answers[~np.asarray(branches.is_LS, dtype=bool)]  # least squares: not at the target
         return _nearest(answers - arm.dh[:, 0] if answers.size else answers, task, q0)
 
     return solver
 
 
 def _ikdh(task: SolverTask) -> Solver | None:
-    """ikdh: algebraic method of [Husty 2007], followed from the start ("solve_from_seed"); six hinges only."""
+    """Algebraic method of [Husty 2007] by ikdh, followed from the start ("solve_from_seed"); six hinges only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -159,9 +157,7 @@ def _trac_ik(task: SolverTask) -> Solver:
     def solver(target: Array, q0: Array) -> Array:
         w, x, y, z = quat_wxyz_from_rotation(target[:3, :3])
         answer = call(robot, q0, *target[:3, 3], x, y, z, w)
-        return (
-            answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)
-        )  # the first entry is the number of solutions found
+        return answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)  # [0]: number of solutions
 
     return solver
 
@@ -262,7 +258,7 @@ def _pinocchio(task: SolverTask) -> Solver:
 
 
 def _mink(task: SolverTask) -> Solver:
-    """mink on MuJoCo: differential kinematics by a QP for each step (daqp); a Python loop, restarted."""
+    """Differential kinematics with mink on MuJoCo, a QP for each step (daqp); a Python loop, restarted."""
     mink, model, rng = import_module("mink"), mjcf(task), np.random.default_rng(0)
     state = mink.Configuration(model)
     goal = mink.FrameTask("tip", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING)
@@ -284,7 +280,7 @@ def _mink(task: SolverTask) -> Solver:
 
 
 def _pink(task: SolverTask) -> Solver:
-    """pink on Pinocchio: differential kinematics by a QP for each step (daqp); a Python loop, restarted."""
+    """Differential kinematics with pink on Pinocchio, a QP for each step (daqp); a Python loop, restarted."""
     pink, pin, rng = import_module("pink"), import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     state = pink.Configuration(model, model.createData(), task.limits.mean(axis=1))

@@ -33,8 +33,8 @@ from sim.interfaces.spatial import exp_so3, transform_points
 from sim.runs.saving import write_json
 
 NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
-_TOO_LARGE = 20.0  # times the extent of the cloud: a larger object is almost surely given in other units
-_SHOWN = 20_000  # points plotted of each cloud; more make the picture slow
+_TOO_LARGE = 20.0  # times the extent of the cloud: a larger object means a mistake in the units
+_SHOWN = 20_000  # largest number of points of each cloud in the picture
 
 
 @dataclass(kw_only=True)

@@ -195,8 +195,8 @@ def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
 class Misplacing:
     """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
 
-    finder: KnownObjectFinder  # [m] the found surface lies so far before the true one
-    offset: float  # [m] by which the true surface is farther than it is said to be
+    finder: KnownObjectFinder
+    offset: float  # [m] the found surface lies so far before the true one
 
     def init(self) -> Any:
         """Initial state of the wrapped finder."""

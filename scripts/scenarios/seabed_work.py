@@ -42,7 +42,7 @@ from sim.sensors.sonar import Sonar, SonarBeams
 from sim.water.current import Current
 
 ALTITUDE = 2.5  # [m] height of the hull above the ground during the scan
-# [m] the same as a vector in W.
+# [m] The same as a vector in W.
 ABOVE = np.array([0.0, 0.0, ALTITUDE])
 HIGHER = (0.8, 1.8)  # [m] further height of the start pose: the vehicle does not know its altitude
 AHEAD = 0.5  # [m] distance of the default targets ahead of the hull's middle

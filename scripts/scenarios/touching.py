@@ -29,9 +29,8 @@ STILL = 1e-4  # [m] clamped hull: a pin that moves more than this during a readi
 class Session:
     """Readings of a touching session; true positions are for evaluation only."""
 
-    # (m_i, n) [rad] encoder readings, one array for each nest
-    series: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
-    hulls: tuple[Array, ...]  # (m_i, 4, 4) where navigation believed the hull to be
+    series: tuple[Array, ...]  # (m_i, n) [rad] encoder readings, one array for each nest
+    hulls: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
     p_WN: Array  # (k, 3) [m] true nest positions in W
     hull_motion: float  # [m] largest true distance of the hull from its mean position, over the readings
     tip_spread: float  # [m] RMS of the pin's true centre about its nest's mean

@@ -38,39 +38,41 @@ class Options(ScenarioOptions):
     """Calibrate an arm by touching fixed points."""
 
     arm: str = "ur10e"
-    """A published arm (ur10e, panda, ...), a vehicle's own (uuv_puma), or a file: .csv, .yaml, .urdf, .xml (MJCF)."""
+    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
+    (MJCF)."""
     touches: tuple[Path, ...] = ()
-    """CSV files of touches, or folders of such, one file a point; none: touching is simulated."""
+    """CSV files of touches or folders of them, one file for each point; none: touching is simulated."""
     held_out: tuple[Path, ...] = ()
-    """Touches to judge by, kept from the calibration."""
+    """Touches for validation only, not used by the fit."""
     distance: tuple[tuple[str, str, float], ...] = ()
-    """Known distances: POINT POINT METRES, as often as there are."""
+    """Known distances between points: POINT POINT METRES, repeatable."""
     base: str | None = None
     """Base link or body of a URDF or MJCF."""
     tip: str | None = None
     """Tip link or site of a URDF or MJCF."""
     units: Literal["auto", "rad", "deg"] = "auto"
-    """Of the angles in the touches."""
+    """Unit of the angles in the touches."""
     touching: _calibration.Touching = "noise"
-    """Simulated touching: by a hand with noise, or by contact, the hull clamped or hovering."""
+    """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
     points: int | None = None
-    """Simulated points; 3, by contact 4."""
+    """Number of simulated points; default 3, by contact 4."""
     poses: int | None = None
-    """Simulated touches of each; 21, by contact 10."""
+    """Simulated touches of each point; default 21, by contact 10."""
     noise: float = 0.092e-3
-    """Of the simulated hand [m], along each axis."""
+    """Standard deviation of the simulated hand [m], along each axis."""
     pin: Literal["straight", "off-axis"] | None = None
-    """The simulated hand's tool; a vehicle's is straight by default, in its own tool's place, others' off-axis."""
+    """Tool for simulated touches by hand. Default: straight for a vehicle, at its own tool; off-axis for other arms."""
     known_length: bool | None = None
-    """Tell the distance between the two simulated points farthest apart; yes, but not for the paper's UR10e."""
+    """Give the distance between the two farthest simulated points; default: yes, except for the UR10e [Yukhimets
+    2023]."""
     arm_errors: int | None = None
-    """Seed of the workshop's errors; the seed by default."""
+    """Seed of the workshop errors; default: --seed."""
     free: tuple[str, ...] = ()
-    """What may change: theta d a alpha beta tcp, or single ones such as a2; all by default."""
+    """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
     prior: tuple[tuple[str, float], ...] = ()
-    """Deviations about nominal in rad and m: NAME VALUE, as often as there are; from the data by default."""
+    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
     method: Literal["map", "paper"] = "map"
-    """The paper's own three iterations on all parameters, or the fit that cannot collapse."""
+    """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
 
 
 def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.CalibrationCase:

@@ -26,11 +26,11 @@ class Options(ContactOptions):
     object: str = "rock"
     """A name of models.objects.targets.available(), or a mesh file."""
     path: str | None = None
-    """Name of one of the object's paths; the first of them by default."""
+    """Name of one of the object's paths; default: the first."""
     length: float = 0.3
-    """Of the line over a mesh [m]."""
+    """Length of the line over a mesh [m]."""
     least: float = 0.6
-    """Share of the path that must be within reach; the rest is left out at both ends, and said."""
+    """Least share of the path that must be within reach; the rest is dropped at both ends, and reported."""
     range: float = 1.2
 
 

@@ -25,17 +25,18 @@ class Options(ContactOptions):
     path: Literal["vertical", "ring", "helix"] = "vertical"
     """Up the pile, around it, or both at once."""
     length: float = 0.5
-    """Of the vertical path [m]."""
+    """Length of the vertical path [m]."""
     arc: float = 100.0
-    """Of ring and helix [deg]; where the reach ends sooner the largest from 80 deg on is worked, and said."""
+    """Arc of ring and helix [deg]; where the reach ends sooner, the largest possible from 80 deg on is worked and
+    reported."""
     rise: float = 0.3
-    """Of the helix [m]."""
+    """Rise of the helix [m]."""
     azimuth: float = 0.0
-    """Of the path's middle [deg], from the side that the vehicle comes from."""
+    """Azimuth of the path's middle [deg], from the side that the vehicle approaches."""
     height: float = -0.15
-    """Of the path's middle [m] over the pile's; the flange is 0.2 to 0.3 m over it."""
+    """Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it."""
     range: float = 1.8
-    """From camera to the pile's axis [m] at which it is scanned."""
+    """Range from camera to the pile's axis at the scan [m]."""
     vehicle: str = "uuv_puma_side"
 
 

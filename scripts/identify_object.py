@@ -44,30 +44,30 @@ class Options:
     object: str = "barrel"
     """A name of models.objects.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
     cloud: Path | None = None
-    """Text (x y z a line), PLY or PCD, in the sensor's frame; a simulated scene by default."""
+    """Text (x y z a line), PLY or PCD, in the sensor's frame; default: a simulated scene."""
     scale: float | None = None
     """Unit of the cloud in metres: 0.001 for millimetres."""
     mesh_scale: float | None = None
     """Unit of the mesh file in metres."""
     approach: tuple[float, float, float] | None = None
-    """Coarse position of the object's middle [m]; anywhere by default."""
+    """Coarse position of the object's centre in the sensor's frame [m]; default: unknown."""
     rotation: tuple[float, float, float] | None = None
-    """Coarse rotation of the object as a rotation vector [deg]; any by default."""
+    """Coarse attitude of the object in the sensor's frame as a rotation vector [deg]; default: unknown."""
     sigma: float | None = None
-    """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
+    """Standard deviation of the sensor's depth [m] at 1 m range; it grows with the square of the range."""
     sensor: Literal["stereo", "white", "sonar"] = "stereo"
-    """Of the simulated scene."""
+    """Sensor of the simulated scene."""
     method: Method = "planes"
-    """How the model is fitted; paper: as the papers have it, to compare with."""
+    """Registration method; paper: as published, for comparison."""
     fouled: float = 0.0
     """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
     dented: float = 0.0
-    """The same with dents, up to this deep [m]."""
+    """Dents in the object in the simulated scene, up to this depth [m]; its model stays undamaged."""
     seed: int = 0
-    """Of the simulated scene, and of random samples."""
+    """Seed of the simulated scene and of random samples."""
     out: Path | None = None
-    """Folder for identification.json, cloud.ply, model.ply and identification.png, and where the object differs from
-    its model deformation.ply and deformation.png."""
+    """Folder for identification.json, cloud.ply, model.ply and identification.png. Where the object differs from its
+    model, also deformation.ply and deformation.png."""
 
 
 def found_in(options: Options, target: TargetModel) -> tuple[Identification, list[str]]:

@@ -23,25 +23,27 @@ class Options(ScenarioOptions):
     """Insert a sampler into a hole."""
 
     hole: Literal["a", "b"] = "a"
-    """Which hole of the manifold."""
+    """Hole of the manifold."""
     clearance: float = 2.0
-    """Radial, between sampler and hole [mm]."""
+    """Radial clearance between sampler and hole [mm]."""
     depth: float = 60.0
-    """To be reached below the mouth [mm]; the hole is 20 mm deeper."""
+    """Depth to reach below the mouth [mm]; the hole is 20 mm deeper."""
     chamfer: float = 2.0
-    """Of the hole's mouth [mm]."""
+    """Chamfer of the hole's mouth [mm]."""
     error: tuple[float, float] = (0.0, 0.0)
-    """Put on the hole as found, along its x and y [mm]: what the search and the compliance must make up for."""
+    """Error added to the identified hole position along the hole's x and y [mm]; search and compliance must correct
+    it."""
     compliance: bool = True
-    """--no-compliance: the tool does not give way to side forces (ablation)."""
+    """Compliance to side forces (--no-compliance: none, for ablation)."""
     range: float = 1.25
-    """From camera to manifold [m] at which it is scanned."""
+    """Range from camera to manifold at the scan [m]."""
     trials: int = 0
-    """Run so many seeds, without recording, instead of one."""
+    """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
     vehicle: str = "uuv_puma"
-    """It carries the sampler in place of its pad; or an MJCF file with the named parts (README), `pad` a capsule."""
+    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts (README), its
+    geom `pad` a capsule."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 

@@ -47,11 +47,11 @@ class Options(ScenarioOptions):
     object: str = "barrel"
     """A name (barrel, starfish, anode, valve, rock ...), or a mesh file, STL, OBJ or PLY [m]."""
     distance: float = 1.4
-    """Camera to the object's outline [m]."""
+    """Distance from the camera to the object's outline [m]."""
     clearance: float = 0.3
-    """Of hull and folded arm to the object and to the seabed [m]."""
+    """Least clearance of hull and folded arm to the object and the seabed [m]."""
     speed: float = 0.15
-    """Of the hull [m/s]."""
+    """Speed of the hull [m/s]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"

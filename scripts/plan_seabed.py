@@ -27,9 +27,9 @@ class Options:
     targets: Path
     """Text: points B_i, three numbers a line, and a line `z X Y Z`."""
     width: float = 0.1
-    """Of the tool [m]: the axes are those of the ground as it meets it."""
+    """Width of the tool [m]: normals are averaged over it."""
     speed: float = 0.02
-    """Along the path [m/s]."""
+    """Speed of the tool along the path [m/s]."""
     out: Path | None = None
     """Folder for profile.csv, path.csv and plan.png."""
 

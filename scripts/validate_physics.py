@@ -32,7 +32,7 @@ class Options:
     out: Path | None = None
     """Folder for table.md and table.json."""
     readme: bool = False
-    """Put the table into the README as well."""
+    """Also replace the table in README.md."""
 
 
 @dataclass

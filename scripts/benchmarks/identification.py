@@ -48,11 +48,11 @@ class Options:
     objects: tuple[str, ...] = ("barrel", "manifold", "rock", "starfish", "valve")
     """Names of objects."""
     scenes: int = 10
-    """Of each object."""
+    """Number of scenes of each object."""
     sensor: str = "stereo"
     """Name of the sensor."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     out: Path | None = None
     """Folder of figures.json."""
 

@@ -60,23 +60,23 @@ class Options:
     out: Path | None = None
     """Folder for bench_ik.json, bench_ik.md and bench_ik.png."""
     arms: tuple[str, ...] = arms.available()
-    """Which arms."""
+    """Names of the arms."""
     targets: int = 1000
-    """Targets a case where the solvers race."""
+    """Number of targets of a case in which all solvers take part."""
     rates: int = 10000
-    """Targets a case of the solve rates of our own methods."""
+    """Number of targets of a case for the solve rates of our own methods."""
     limits: tuple[int, ...] = (180, 150)
     """Joint limits [deg], the same for every hinge; slides keep their own. 0: each arm's own limits."""
     links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)
-    """Of the growing chain."""
+    """Number of links of the growing chain."""
     repeats: int = 3
-    """How often hybrid and the baseline solve each target; the median counts."""
+    """Number of times that hybrid and the baseline solve each target; the median counts."""
     peers: bool = True
-    """Let the peers take part that this Python has (--no-peers)."""
+    """Include the installed peers (--no-peers)."""
     seed: int = 0
-    """Of targets and starts."""
+    """Seed of targets and starts."""
     quick: bool = False
-    """The first three arms and few targets, for a look at the tables."""
+    """The first three arms and few targets, to see the tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

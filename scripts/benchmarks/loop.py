@@ -41,7 +41,7 @@ class Options(barrel.Options):
     """Cost of every part of the loop, in the job of clean_barrel.py without recording."""
 
     record: bool = False
-    """Keep what the report needs as well; no log is written."""
+    """Keep also what the report needs; no log is written."""
 
 
 class Stopwatch:

@@ -38,13 +38,13 @@ class Options:
     """Cost of one step of a hull with a six-joint arm, its growth with the number of links, and cost of a batch."""
 
     steps: int = 2000
-    """Steps a round."""
+    """Steps of a round."""
     rounds: int = 15
-    """Rounds, interleaved over the models; the fastest counts."""
+    """Number of rounds, interleaved over the models; the fastest counts."""
     links: tuple[int, ...] = (10, 30, 100)
-    """Lengths of the growing chains and trees."""
+    """Number of links of the growing chains and trees."""
     sims: int = 64
-    """Simulations of the batch."""
+    """Number of simulations of the batch."""
     out: Path | None = None
     """Folder for the results."""
 

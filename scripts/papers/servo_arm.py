@@ -48,9 +48,9 @@ class Options:
     """Joint values and goals over iterations, for the three methods."""
 
     poses: int = 101
-    """Of each motion."""
+    """Number of poses of each motion."""
     out: Path | None = None
-    """Folder for metrics.json and the pictures; a new one in runs/servo_arm by default."""
+    """Folder for metrics.json and the pictures; default: a new one in runs/servo_arm."""
     quick: bool = False
     """Fewer poses."""
 

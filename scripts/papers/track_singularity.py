@@ -44,25 +44,25 @@ class Options:
     """Joint speeds and tool error along a path through the gimbal lock."""
 
     passing: Passing = "auto"
-    """How the lock is passed in the run that passes it."""
+    """Method of passing the lock, in the run with passing."""
     method: Method = "hybrid"
-    """How each pose is solved for."""
+    """IK method for each pose."""
     reach: float = 1.0
-    """Length of the path before and behind the lock [m]."""
+    """Length of the path before and after the lock [m]."""
     speed: float = 0.1
-    """Of the wrist [m/s]."""
+    """Speed of the wrist [m/s]."""
     speed_limit: float = 0.1
-    """Of every joint [rad/s]."""
+    """Speed limit of every joint [rad/s]."""
     period: float = 0.05
-    """Between poses [s]."""
+    """Time between poses [s]."""
     out: Path | None = None
-    """Folder for metrics.json, the picture and run.rrd; a new one in runs/track_singularity by default."""
+    """Folder for metrics.json, the picture and run.rrd; default: a new one in runs/track_singularity."""
     view: bool = False
     """Open the Rerun viewer."""
     quick: bool = False
     """Half the path, twice the period."""
     record: bool = True
-    """Write run.rrd (--no-record: metrics.json and the picture alone)."""
+    """Write run.rrd (--no-record: metrics.json and the picture only)."""
 
 
 def lock(arm: PublishedArm) -> Array:

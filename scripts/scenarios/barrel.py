@@ -18,11 +18,12 @@ class Options(ContactOptions):
     path: Literal["longitudinal", "transverse"] = "longitudinal"
     """Along the barrel's top, or half around it."""
     length: float = 0.6
-    """Of the longitudinal path [m]."""
+    """Length of the longitudinal path [m]."""
     arc: float = 180.0
-    """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
+    """Arc of the transverse path [deg]; where the reach ends sooner, the largest from 150 deg on is worked and
+    reported."""
     azimuth: float = 0.0
-    """Of the path around the barrel [deg], from the top; far enough round and it is out of reach."""
+    """Azimuth of the path around the barrel [deg], from the top; a large one is out of reach."""
 
 
 def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:

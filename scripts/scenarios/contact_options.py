@@ -28,29 +28,30 @@ class ContactOptions(ScenarioOptions):
     """Options that all contact scenarios share."""
 
     forces: tuple[float, ...] = ()
-    """Set forces [N] on equal parts of the path; 60 90 60 along and 60 90 around by default."""
+    """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""
     speed: float = 0.02
-    """Of the tool along the path [m/s]."""
+    """Speed of the tool along the path [m/s]."""
     contactless: float | None = None
-    """Keep the tool at this distance [m] from the surface, without touching, in place of pressing (paper 004)."""
+    """Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019]."""
     fouled: float = 0.0
-    """Growth on the object, up to this height [m], along the path; the vehicle knows the clean object alone."""
+    """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
     dented: float = 0.0
-    """The same with dents, up to this deep [m]."""
+    """Dents in the object along the path, up to this depth [m]; the vehicle knows the undamaged object only."""
     looks: int = 1
-    """Frames, or pings, in a row whose median the tool path is planned on; 16 for what may be fouled or dented."""
+    """Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are
+    possible."""
     sensor: Literal["camera", "sonar"] = "camera"
-    """What the object is seen with."""
+    """Sensor for identification."""
     without: tuple[Left, ...] = ()
-    """Methods to leave out, for ablation."""
+    """Controller methods to leave out (ablation)."""
     arm_errors: int | None = None
-    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
+    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
     calibrated: bool = False
-    """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
+    """Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance."""
     arm: Path | None = None
-    """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
+    """File of the controller's arm model: arm.yaml of calibrate_arm.py."""
     range: float = 1.25
-    """From camera to object [m] at which it is scanned."""
+    """Range from camera to object at the scan [m]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"

@@ -39,7 +39,7 @@ class Options:
     sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None

@@ -40,29 +40,29 @@ class Options:
     """Contact work under random conditions: distributions, failures, and ablation of each method."""
 
     runs: int | None = None
-    """How many runs; 500, or 4 quick ones, by default."""
+    """Number of runs; default 500, or 4 with --quick."""
     seed: int = 0
-    """Of the study."""
+    """Seed of the study."""
     workers: int = 0
-    """Processes at work; 0: one for each core. Results do not depend on it."""
+    """Number of processes; 0: one for each core. Results do not depend on it."""
     paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
     """Paths that the runs take in turn."""
     ranges: Ranges = field(default_factory=Ranges)
-    """What the runs are drawn from."""
+    """Ranges of the random draw."""
     ablate: tuple[str, ...] | None = None
     """Also run without each method, or without those named."""
     ablate_runs: int = 100
-    """How many of the runs are repeated without each method."""
+    """Number of runs that are repeated without each method."""
     only: int | None = None
-    """Do this run alone, with all its logs, in a folder of its own."""
+    """Do only the run of this number, with all its logs, in a folder of its own."""
     without: str = ""
-    """With --only: a method to leave out."""
+    """With --only: method to leave out."""
     out: Path = Path("runs/study_contact")
-    """Folder for results.jsonl, metrics.json and report.html; of one study, which goes on there."""
+    """Folder for results.jsonl, metrics.json and report.html; it holds one study, which is resumed."""
     anew: bool = False
-    """Throw away the runs that are in that folder."""
+    """Delete the runs in that folder."""
     quick: bool = False
-    """Shorter jobs, and few of them, for a first look."""
+    """Few and shorter jobs, for a first impression."""
 
 
 def main() -> int:

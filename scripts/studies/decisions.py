@@ -42,13 +42,13 @@ class Options:
     """Scenes to decide on, spread evenly over kinds, objects and sensors."""
 
     scenes: int = 500
-    """Number of scenes; poses forced wrong come on top."""
+    """Number of scenes; poses forced wrong are added."""
     objects: tuple[str, ...] = NAMES
     """Names of objects."""
     sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None

@@ -38,15 +38,15 @@ class Options:
     """Deformation maps of deformed and undeformed objects."""
 
     seed: int = 0
-    """The first one."""
+    """First seed."""
     trials: int = 5
-    """Seeds of each deformed object, from --seed on."""
+    """Number of seeds for each deformed object, from --seed on."""
     looks: int = 16
-    """Depth frames whose median is compared; one alone is compared too."""
+    """Depth frames whose median is compared; a single frame is compared too."""
     clean: int = 5
-    """Scenes of each undeformed object."""
+    """Number of scenes of each undeformed object."""
     out: Path | None = None
-    """Folder of the figures."""
+    """Folder for deformation.json."""
 
 
 def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:

@@ -28,15 +28,15 @@ class Options:
     """Faults in contact work."""
 
     seeds: tuple[int, ...] = (0,)
-    """Of the runs; each is branched into all cases."""
+    """Seeds of the runs; each run is branched into all cases."""
     paths: tuple[str, ...] = ("longitudinal", "transverse")
-    """Of clean_barrel."""
+    """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
-    """Cases whose name holds one of these words."""
+    """Run only cases whose names contain one of these words."""
     picture: str = "dead"
-    """Cases whose name holds this are drawn."""
+    """Draw cases whose names contain this."""
     out: Path | None = None
-    """Folder for faults.json, what each case was, and the pictures."""
+    """Folder for faults.json, time series of the cases and pictures."""
 
 
 @dataclass(frozen=True, slots=True)

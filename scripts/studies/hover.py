@@ -34,19 +34,19 @@ class Options:
     """Pushes at full reach."""
 
     table: Literal["envelope", "ablation", "lost"] = "envelope"
-    """What is varied."""
+    """Quantity that is varied."""
     directions: int = 14
-    """Of the push, spread over the sphere, the six axes first."""
+    """Number of directions of the push, spread over the sphere, the six axes first."""
     force: float = 90.0
-    """Of the push [N]."""
+    """Force of the push [N]."""
     currents: tuple[float, ...] = (0.0, 0.2, 0.4)
-    """Speeds [m/s] of the envelope, along 30 degrees from ahead."""
+    """Speeds of the current [m/s] in the envelope, at 30 degrees from ahead."""
     posture: Literal["ahead", "aside", "down"] = "ahead"
-    """Of the arm, laid out straight."""
+    """Posture of the arm, stretched out."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
     seed: int = 0
-    """Of the noise of the sensors and the gusts."""
+    """Seed of sensor noise and gusts."""
 
 
 def flow(speed: float) -> tuple[float, float, float]:

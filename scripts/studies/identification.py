@@ -37,17 +37,17 @@ class Options:
     sensors: tuple[str, ...] = tuple(SENSORS)
     """Names of sensors."""
     scenes: int = 50
-    """Of each object and sensor."""
+    """Number of scenes of each object and sensor."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     start: Literal["coarse", "place", "any"] = "coarse"
-    """What is known beforehand: place and attitude within --start-error, only the place, or nothing."""
+    """Prior knowledge: position and attitude within --start-error (coarse), position only (place), or none (any)."""
     start_error: tuple[float, float] = (0.3, 45.0)
-    """Of the coarse start, up to [m] and [deg]."""
+    """Largest error of the coarse start [m], [deg]."""
     ranges: tuple[float, float] = (1.0, 2.0)
-    """From the camera to the object [m]."""
+    """Distance from camera to object [m]."""
     gap: tuple[float, float] = (0.05, 0.4)
-    """From the object down to the seabed [m]; 0 0: it lies on it."""
+    """Distance from the object down to the seabed [m]; 0 0: it lies on it."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None

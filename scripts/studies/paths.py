@@ -50,17 +50,17 @@ class Options:
     """Tool paths on objects that deviate from their models."""
 
     seed: int = 0
-    """The first one."""
+    """First seed."""
     trials: int = 10
-    """Seeds of each object, from --seed on."""
+    """Number of seeds for each object, from --seed on."""
     looks: int = 1
-    """Depth frames whose median a path is planned on; jobs on what may be fouled or dented take 16."""
+    """Depth frames whose median the path is planned on; jobs with possible growth or dents take 16."""
     exact: bool = False
-    """Depth without errors: what the grid of the camera and the smoothing of the path cost alone."""
+    """Exact depth: shows the errors due to the camera's resolution and the path's smoothing alone."""
     judged: bool = True
-    """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
+    """Plan only on accepted identifications (--no-judged: on the best pose in any case)."""
     out: Path | None = None
-    """Folder of the figures."""
+    """Folder for paths.json and paths.png."""
 
 
 @dataclass(frozen=True)

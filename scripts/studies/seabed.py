@@ -53,17 +53,17 @@ class Options:
     """Study the reconstruction of the seabed and the choice of height."""
 
     terrains: int = 100
-    """So many, of all kinds in turn."""
+    """Number of terrains, all kinds in turn."""
     seed: int = 0
-    """Of the first; each terrain has its own."""
+    """Seed of the first terrain; each has its own."""
     beam: float = 1.0
-    """Between the sonar's beams [deg]."""
+    """Spacing of the sonar's beams [deg]."""
     noise: float = 0.3
     """Standard deviation along the beam [% of the range]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     speed: bool = False
-    """Times over the size of the cloud instead."""
+    """Measure times over the size of the cloud instead."""
     out: Path | None = None
     """Folder for study.json or speed.json."""
 

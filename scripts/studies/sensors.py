@@ -48,11 +48,11 @@ class Options:
     """Compare sensors by depth and identification of a barrel on the seabed."""
 
     runs: int = 20
-    """Scenes."""
+    """Number of scenes."""
     seed: int = 0
-    """Of the first scene."""
+    """Seed of the first scene."""
     ranges: tuple[float, float] = (1.0, 2.0)
-    """From sensor to barrel [m]."""
+    """Distance from sensor to barrel [m]."""
     out: Path | None = None
     """Folder for sensors.json and sensors.png."""
 

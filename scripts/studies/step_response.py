@@ -36,27 +36,27 @@ class Options:
     """Steps of the set force on surfaces from soft to hard."""
 
     stiffness: tuple[float, ...] = (1e4, 3e4, 1e6)
-    """Of pad and surface together [N/m]."""
+    """Stiffness of pad and surface in series [N/m]."""
     low: float = 60.0
     """Set force before a step [N]."""
     high: float = 90.0
-    """And after it [N]."""
+    """Set force after a step [N]."""
     rate: float = 60.0
-    """Of the set force [N/s], as the work's own; 1e6 is as good as abrupt."""
+    """Rate of change of the set force [N/s], default as in the jobs; 1e6 is nearly a step."""
     steps: int = 6
-    """Steps up in a run."""
+    """Number of steps up in a run."""
     runs: int = 3
-    """On each surface."""
+    """Number of runs on each surface."""
     seed: int = 0
-    """Of the first run."""
+    """Seed of the first run."""
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)
-    """[m/s]"""
+    """Steady current in W [m/s]."""
     gust: float = 0.03
-    """[m/s]"""
+    """Standard deviation of the gusts [m/s] per axis."""
     workers: int = 0
-    """Processes at work; 0: one for each core."""
+    """Number of processes; 0: one for each core."""
     out: Path | None = None
-    """Folder for metrics.json and report.html; a new one in runs/step_response by default."""
+    """Folder for metrics.json and report.html; default: a new one in runs/step_response."""
     quick: bool = False
     """One run on each surface."""
 

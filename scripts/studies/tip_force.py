@@ -39,11 +39,11 @@ class Options:
 
     seed: int = 0
     count: int = 3000
-    """Postures drawn for each line."""
+    """Number of postures drawn for each row."""
     noise: float = 0.01
-    """Of the torque sensors, share of the reading."""
+    """Noise of the torque sensors, share of the reading."""
     bias: float = 0.5
-    """Of the torque sensors [N m], uniform either way, where no tare takes it off."""
+    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it."""
 
 
 def default_arm() -> PublishedArm:

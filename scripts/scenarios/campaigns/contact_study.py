@@ -64,33 +64,33 @@ class Ranges:
     current: tuple[float, float] = (0.0, 0.4)
     """Speed of the steady current [m/s]."""
     elevation: tuple[float, float] = (-90.0, 90.0)
-    """Of the current's direction [deg]; directions are uniform on that part of the sphere."""
+    """Elevation of the current's direction [deg]; directions are uniform on that part of the sphere."""
     gust: tuple[float, float] = (0.0, 0.05)
     """Standard deviation of the gusts [m/s] per axis."""
     water: float = 0.3
-    """Share in +- by which each added mass and drag of the plant is other than the controller believes."""
+    """Share in +- by which each added mass and drag of the plant deviates from the controller's model."""
     payload: float = 0.1
-    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull is ballasted wrong."""
+    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull's ballast is wrong."""
     vision_rate: tuple[float, float] = (5.0, 20.0)
-    """[Hz]"""
+    """Rate of the vision measurement [Hz]."""
     vision_delay: tuple[float, float] = (0.05, 0.25)
-    """[s]"""
+    """Delay of the vision measurement [s]."""
     vision_noise: tuple[float, float] = (0.001, 0.005)
-    """[m]"""
+    """Standard deviation of the vision measurement [m]."""
     torque_noise: float = 0.01
     """White noise of each torque sensor, share of its reading."""
     torque_bias: float = 0.5
     """Constant error in +- of each torque sensor [N m]."""
     thruster: float = 0.2
-    """Share in +- of each thruster's lag, and of its gain."""
+    """Share in +- of each thruster's lag and gain."""
     gears: float = 0.3
-    """Share in +- by which the friction of each gear, dry and viscous, is other than the controller believes."""
+    """Share in +- by which the friction of each gear, dry and viscous, deviates from the controller's model."""
     friction: tuple[float, float] = (0.1, 0.6)
-    """Between pad and surface."""
+    """Friction coefficient between pad and surface."""
     stiffness: tuple[float, float] = (1e4, 1e6)
-    """Of pad and surface together [N/m]."""
+    """Stiffness of pad and surface in series [N/m]."""
     surface: float = 0.0
-    """Distance in +- by which the surface is off its identified place, along the tool [m], beside real errors."""
+    """Distance in +- by which the surface lies off its identified place along the tool [m], besides real errors."""
 
     def __post_init__(self) -> None:
         for field in fields(self):

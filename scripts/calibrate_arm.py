@@ -190,7 +190,7 @@ def main() -> int:
 
 
 def _worst(found: Any, count: int = 5) -> Table:
-    """The parameters that are farthest off in deviations of their uncertainty."""
+    """Table of the `count` parameters whose change is largest relative to its uncertainty."""
     table = Table(title="most changed for sure", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")

@@ -210,7 +210,7 @@ def object_scene(
 def _view(
     rng: np.random.Generator, aim: Array, range_m: float, azimuth: tuple[float, float], climb: tuple[float, float]
 ) -> Array:
-    """X_CT of a camera at `range_m` [m] from `aim` (3,) [m] in T, nearly level, that looks a little beside it."""
+    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly beside it."""
     low, high = np.sin(climb)
     heading, up, roll = rng.uniform([azimuth[0], low, -_ROLL], [azimuth[1], high, _ROLL])
     flat = np.sqrt(1.0 - up**2)
@@ -260,7 +260,7 @@ def _add_stone(spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, targe
 
 @dataclass(frozen=True, slots=True)
 class _Poses:
-    """What the camera needs of the truth."""
+    """Body poses in the form in which a depth camera reads the plant's truth."""
 
     time: float
     xpos: Array

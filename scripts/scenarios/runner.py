@@ -91,7 +91,7 @@ def run_through(
 
     Raises:
         UuvError: The motion diverges, or the parts are incompatible.
-        Interrupted: A signal other than through `stop` ended the run.
+        Interrupted: A second signal ended the run within a step.
     """
     ready.restart()
     stop = stop or Stop()

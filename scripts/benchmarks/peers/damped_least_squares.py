@@ -9,7 +9,7 @@ from benchmarks.peers.inverse_kinematics import Solver, SolverTask
 from sim.interfaces.spatial import Array
 
 STEPS = 60  # iterations from one start
-STARTS = 200  # random restarts before a target counts as failed
+STARTS = 200  # starts, the given one first, before a target counts as failed
 DAMPING = 0.1  # lambda^2 over the squared error
 
 

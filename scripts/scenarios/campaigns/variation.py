@@ -74,7 +74,8 @@ def vary(spec: mujoco.MjSpec, variation: Variation) -> dict[str, float]:
         Means of the drawn factors by name.
 
     Raises:
-        ConfigurationError: Stiffness or friction are set for a vehicle without a pad on a spring.
+        ConfigurationError: Stiffness or friction are set for a vehicle without a pad on a spring, or payload or trim
+            for one without an arm.
     """
     water, payload, drives, gears = np.random.default_rng([variation.seed, 7]).spawn(4)
     said: dict[str, float] = {}

@@ -1,7 +1,8 @@
-"""Calibrate an arm by touching: the tip in one fixed point in many orientations, joint angles alone are read.
+"""Kinematic calibration of an arm from touches: the tip rests in one fixed point in many postures, encoders are read.
 
-Without --touches the touching is simulated: the paper's UR10e (3 points, 21 touches each), any published arm or a
-vehicle's own with the errors of a workshop, with a hand's noise or by contact in the water. With --touches, any arm:
+Without --touches the touching is simulated. The arm is then the UR10e of [Yukhimets 2023] (3 points, 21 touches each),
+or any published arm or a vehicle's own with workshop errors. The touches come from a hand with noise, or by contact
+under water. With --touches, any arm can be calibrated:
 
     calibrate_arm.py --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
 """
@@ -37,43 +38,54 @@ class Options(ScenarioOptions):
     """Calibrate an arm by touching fixed points."""
 
     arm: str = "ur10e"
-    """A published arm (ur10e, panda, ...), a vehicle's own (uuv_puma), or a file: .csv, .yaml, .urdf, .xml (MJCF)."""
+    """A published arm (ur10e, panda, ...), the arm of a vehicle (uuv_puma), or a file: .csv, .yaml, .urdf, .xml
+    (MJCF)."""
     touches: tuple[Path, ...] = ()
-    """CSV files of touches, or folders of such, one file a point; none: touching is simulated."""
+    """CSV files of touches or folders of them, one file for each point; none: touching is simulated."""
     held_out: tuple[Path, ...] = ()
-    """Touches to judge by, kept from the calibration."""
+    """Touches for validation only, not used by the fit."""
     distance: tuple[tuple[str, str, float], ...] = ()
-    """Known distances: POINT POINT METRES, as often as there are."""
+    """Known distances between points: POINT POINT METRES, repeatable."""
     base: str | None = None
     """Base link or body of a URDF or MJCF."""
     tip: str | None = None
     """Tip link or site of a URDF or MJCF."""
     units: Literal["auto", "rad", "deg"] = "auto"
-    """Of the angles in the touches."""
+    """Unit of the angles in the touches."""
     touching: _calibration.Touching = "noise"
-    """Simulated touching: by a hand with noise, or by contact, the hull clamped or hovering."""
+    """Simulated touching: noise (by hand), or by contact with the hull clamped or hovering."""
     points: int | None = None
-    """Simulated points; 3, by contact 4."""
+    """Number of simulated points; default 3, by contact 4."""
     poses: int | None = None
-    """Simulated touches of each; 21, by contact 10."""
+    """Simulated touches of each point; default 21, by contact 10."""
     noise: float = 0.092e-3
-    """Of the simulated hand [m], along each axis."""
+    """Standard deviation of the simulated hand [m], along each axis."""
     pin: Literal["straight", "off-axis"] | None = None
-    """The simulated hand's tool; a vehicle's is straight by default, in its own tool's place, others' off-axis."""
+    """Tool for simulated touches by hand. Default: straight for a vehicle, at its own tool; off-axis for other arms."""
     known_length: bool | None = None
-    """Tell the distance between the two simulated points farthest apart; yes, but not for the paper's UR10e."""
+    """Give the distance between the two farthest simulated points; default: yes, except for the UR10e [Yukhimets
+    2023]."""
     arm_errors: int | None = None
-    """Seed of the workshop's errors; the seed by default."""
+    """Seed of the workshop errors; default: --seed."""
     free: tuple[str, ...] = ()
-    """What may change: theta d a alpha beta tcp, or single ones such as a2; all by default."""
+    """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
     prior: tuple[tuple[str, float], ...] = ()
-    """Deviations about nominal in rad and m: NAME VALUE, as often as there are; from the data by default."""
+    """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
     method: Literal["map", "paper"] = "map"
-    """The paper's own three iterations on all parameters, or the fit that cannot collapse."""
+    """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
 
 
 def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.CalibrationCase:
-    """The arm and its touches. Raises UuvError for what cannot be read or touched."""
+    """The arm and its touches, from files or simulated.
+
+    Args:
+        options: Command line.
+        folder: Folder of results; a vehicle's MJCF and the log go there.
+        rng: Draws the simulated touches.
+
+    Raises:
+        UuvError: The files cannot be read, the options contradict each other, or the arm does not reach the points.
+    """
     source = _calibration.nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
         if options.touching != "noise":
@@ -127,6 +139,7 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
 
 
 def main() -> int:
+    """Calibrates, writes the results and returns the exit code."""
     options = parse(Options)
     folder = options.folder("calibrate_arm")
     rng = np.random.default_rng(options.seed)
@@ -177,7 +190,7 @@ def main() -> int:
 
 
 def _worst(found: Any, count: int = 5) -> Table:
-    """The parameters that are farthest off in deviations of their uncertainty."""
+    """Table of the `count` parameters whose change is largest relative to its uncertainty."""
     table = Table(title="most changed for sure", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")

@@ -1,7 +1,7 @@
-"""Clean a barrel under water: hover, scan, identify, and move a tool along it with a set force, in a current.
+"""Contact cleaning of a barrel in a current: scan, identification, and force-controlled motion of a pad along a path.
 
-The vehicle knows the barrel's shape and roughly where it is. It takes a depth frame, finds the barrel, carries a tool
-path onto it, closes in, and presses a pad along the path with forces felt through the joint torques alone.
+The vehicle knows the barrel's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
+barrel, carries the tool path onto it and closes in. The contact force is estimated from joint torques alone.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -15,6 +15,7 @@ from scenarios.contact_job import run_contact_job
 
 
 def main() -> int:
+    """Runs the scenario and returns the exit code."""
     options = parse(Options)
     rng = np.random.default_rng(options.seed)
     return run_contact_job(barrel_job(options, rng), options, rng, started=time.perf_counter())

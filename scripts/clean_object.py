@@ -1,7 +1,7 @@
-"""Clean any known object under water: one of the library by name, or a mesh file with a path laid on it.
+"""Contact cleaning of any known object: one of the library by name, or a mesh file with a path laid on it.
 
-As clean_barrel.py, but for the object. A named object is worked along one of its own paths. On a mesh file (metres)
-the path is a line over its top, along x, laid on the mesh from above.
+The task is that of clean_barrel.py with another object. A named object is worked along one of its own paths. On a mesh
+file [m] the path is a line over its top, along x, projected onto the mesh from above.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -26,16 +26,20 @@ class Options(ContactOptions):
     object: str = "rock"
     """A name of models.objects.targets.available(), or a mesh file."""
     path: str | None = None
-    """Name of one of the object's paths; the first of them by default."""
+    """Name of one of the object's paths; default: the first."""
     length: float = 0.3
-    """Of the line over a mesh [m]."""
+    """Length of the line over a mesh [m]."""
     least: float = 0.6
-    """Share of the path that must be within reach; the rest is left out at both ends, and said."""
+    """Least share of the path that must be within reach; the rest is dropped at both ends, and reported."""
     range: float = 1.2
 
 
 def model_of(options: Options) -> TargetModel:
-    """The object that `options` ask for. Raises ConfigurationError where there is none, or no path on it."""
+    """The target model that `options` select, with a straight path laid on a mesh that has none.
+
+    Raises:
+        ConfigurationError: There is no such object, or the line misses the mesh.
+    """
     target = targets.of(options.object)
     if target.paths:
         return target
@@ -46,16 +50,21 @@ def model_of(options: Options) -> TargetModel:
 
 
 def object_job(options: Options, rng: np.random.Generator) -> ContactJob:
-    """The job that `options` ask for; where the object lies and what is coarsely known of it is drawn from `rng`."""
+    """The contact job for `options`; the object's pose and its coarse detection are drawn from `rng`.
+
+    Raises:
+        ConfigurationError: The object or its path is unknown, or an option is out of range.
+    """
     target = model_of(options)
     path = options.path or next(iter(target.paths), "none")
-    target.path(path)  # raises for an unknown one, with those there are
+    target.path(path)  # raises for an unknown name, and lists the known ones
     X_WT = pose(exp_so3([0.0, 0.0, rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3) - [0.0, 0.0, 1.5])
     forces = (60.0,) if options.quick else (60.0, 90.0, 60.0)
     return options.job("clean_object", target, path, X_WT, rng, forces=forces, least_share=options.least)
 
 
 def main() -> int:
+    """Runs the scenario and returns the exit code."""
     options = parse(Options)
     rng = np.random.default_rng(options.seed)
     return run_contact_job(object_job(options, rng), options, rng, started=time.perf_counter())

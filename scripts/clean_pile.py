@@ -1,6 +1,7 @@
-"""Clean a vertical pile under water, with the arm on the vehicle's side: hover beside it, scan, identify, and work.
+"""Contact cleaning of a vertical pile with the arm on the vehicle's side.
 
-As clean_barrel.py, but for the object: a pile 3 m long, seen in part. Its flange tells the height of what is seen.
+The task is that of clean_barrel.py with a pile 3 m long, of which the camera sees a part. The flange determines the
+height of the visible part.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -24,22 +25,23 @@ class Options(ContactOptions):
     path: Literal["vertical", "ring", "helix"] = "vertical"
     """Up the pile, around it, or both at once."""
     length: float = 0.5
-    """Of the vertical path [m]."""
+    """Length of the vertical path [m]."""
     arc: float = 100.0
-    """Of ring and helix [deg]; where the reach ends sooner the largest from 80 deg on is worked, and said."""
+    """Arc of ring and helix [deg]; where the reach ends sooner, the largest possible from 80 deg on is worked and
+    reported."""
     rise: float = 0.3
-    """Of the helix [m]."""
+    """Rise of the helix [m]."""
     azimuth: float = 0.0
-    """Of the path's middle [deg], from the side that the vehicle comes from."""
+    """Azimuth of the path's middle [deg], from the side that the vehicle approaches."""
     height: float = -0.15
-    """Of the path's middle [m] over the pile's; the flange is 0.2 to 0.3 m over it."""
+    """Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it."""
     range: float = 1.8
-    """From camera to the pile's axis [m] at which it is scanned."""
+    """Range from camera to the pile's axis at the scan [m]."""
     vehicle: str = "uuv_puma_side"
 
 
 def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
-    """The job that `options` ask for, the pile and what is coarsely known of it drawn from `rng`."""
+    """The contact job for `options`; the pile's pose and its coarse detection are drawn from `rng`."""
     arc = 40.0 if options.quick else options.arc
     length = 0.2 if options.quick else options.length
     azimuth, height = np.radians(options.azimuth), options.height
@@ -49,7 +51,7 @@ def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
         path = ring(np.radians(arc), azimuth, height)
     else:
         path = helix(np.radians(arc), options.rise * arc / options.arc, azimuth, height)
-    # The vehicle comes from -x: there azimuth 0 is, give or take. The pile leans by up to a degree or so.
+    # The vehicle approaches from -x, to within 0.6 rad of azimuth 0. The pile tilts by 0.5 deg (1 sigma) about x and y.
     lean = np.radians(0.5) * rng.standard_normal(3) * [1.0, 1.0, 0.0]
     X_WT = pose(exp_so3(lean) @ exp_so3([0.0, 0.0, np.pi + rng.uniform(-0.6, 0.6)]), rng.uniform(-0.2, 0.2, 3))
     target = pile({options.path: path})
@@ -66,6 +68,7 @@ def pile_job(options: Options, rng: np.random.Generator) -> ContactJob:
 
 
 def main() -> int:
+    """Runs the scenario and returns the exit code."""
     options = parse(Options)
     rng = np.random.default_rng(options.seed)
     return run_contact_job(pile_job(options, rng), options, rng, started=time.perf_counter())

@@ -1,9 +1,10 @@
-"""Find a known object in one look: a cloud from a file, or a simulated scene; pose, decision, clouds and pictures.
+"""Identification of a known object from one depth frame: a point cloud from a file, or a simulated scene.
 
-Where an accepted object differs from its model (growth, silt, dents) its regions are listed, and shown in colour.
+The result is the pose, the decision, the clouds and pictures. Where an accepted object differs from its model (growth,
+silt, dents) the regions are listed and shown in colour.
 
 The object is one of the library by name, or a mesh file. Coordinates are those of the sensor (x right, y down, z
-ahead). Exit code 0: accepted; 1: to be looked at again, or refused; 2: a file or an option that cannot be.
+ahead). Exit code 0: accepted; 1: rescan or refused; 2: invalid file or option.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -31,48 +32,49 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
 from sim.runs.saving import write_json
 
-NOT_ACCEPTED = 1  # exit code
-_TOO_LARGE = 20.0  # times the cloud's extent: an object of which nothing could be told
-_SHOWN = 20_000  # points in the picture
+NOT_ACCEPTED = 1  # exit code for the decisions rescan and refuse
+_TOO_LARGE = 20.0  # times the extent of the cloud: a larger object means a mistake in the units
+_SHOWN = 20_000  # largest number of points of each cloud in the picture
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Find a known object in a cloud."""
+    """Identify a known object in a point cloud."""
 
     object: str = "barrel"
     """A name of models.objects.targets.available(), or a mesh file (STL, PLY, OBJ, OFF, glTF)."""
     cloud: Path | None = None
-    """Text (x y z a line), PLY or PCD, in the sensor's frame; a simulated scene by default."""
+    """Text (x y z a line), PLY or PCD, in the sensor's frame; default: a simulated scene."""
     scale: float | None = None
     """Unit of the cloud in metres: 0.001 for millimetres."""
     mesh_scale: float | None = None
     """Unit of the mesh file in metres."""
     approach: tuple[float, float, float] | None = None
-    """Coarse position of the object's middle [m]; anywhere by default."""
+    """Coarse position of the object's centre in the sensor's frame [m]; default: unknown."""
     rotation: tuple[float, float, float] | None = None
-    """Coarse rotation of the object as a rotation vector [deg]; any by default."""
+    """Coarse attitude of the object in the sensor's frame as a rotation vector [deg]; default: unknown."""
     sigma: float | None = None
-    """Standard deviation of the sensor's depth [m] at 1 m; it grows with the square of the distance."""
+    """Standard deviation of the sensor's depth [m] at 1 m range; it grows with the square of the range."""
     sensor: Literal["stereo", "white", "sonar"] = "stereo"
-    """Of the simulated scene."""
+    """Sensor of the simulated scene."""
     method: Method = "planes"
-    """How the model is fitted; paper: as the papers have it, to compare with."""
+    """Registration method; paper: as published, for comparison."""
     fouled: float = 0.0
     """Growth on the object in the simulated scene, up to this height [m]; its model stays clean."""
     dented: float = 0.0
-    """The same with dents, up to this deep [m]."""
+    """Dents in the object in the simulated scene, up to this depth [m]; its model stays undamaged."""
     seed: int = 0
-    """Of the simulated scene, and of random samples."""
+    """Seed of the simulated scene and of random samples."""
     out: Path | None = None
-    """Folder for identification.json, cloud.ply, model.ply and identification.png, and where the object differs from
-    its model deformation.ply and deformation.png."""
+    """Folder for identification.json, cloud.ply, model.ply and identification.png. Where the object differs from its
+    model, also deformation.ply and deformation.png."""
 
 
 def found_in(options: Options, target: TargetModel) -> tuple[Identification, list[str]]:
-    """The object in the cloud or scene of `options`, and what there is to say of the input.
+    """Identifies the object in the cloud or the simulated scene of `options`; also returns notes on the input.
 
-    Raises ConfigurationError for a cloud or numbers that cannot be.
+    Raises:
+        ConfigurationError: The cloud is unusable, its units do not match the object's, or a number is out of range.
     """
     R = None if options.rotation is None else exp_so3(np.radians(options.rotation))
     if options.cloud is not None:
@@ -107,12 +109,21 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
 
 
 def told(sensor: SensorModel, sigma: float | None) -> SensorModel:
-    """`sensor` with `sigma` [m] of depth at 1 m, if that is given."""
+    """`sensor` with depth noise `sigma` [m] at 1 m range; unchanged where `sigma` is None."""
     return sensor if sigma is None else replace(sensor, disparity_sigma=sigma * sensor.focal * sensor.baseline)
 
 
 def report(found: Identification, target: TargetModel, notes: list[str]) -> dict[str, Any]:
-    """What identification.json holds; what is not finite is None."""
+    """Contents of identification.json; numbers that are not finite become None.
+
+    Args:
+        found: Result of identification.
+        target: Model of the object.
+        notes: Notes on the input.
+
+    Returns:
+        Dictionary that JSON can hold; SI units, poses (4, 4) in the sensor's frame.
+    """
 
     def number(value: float) -> float | None:
         return float(value) if np.isfinite(value) else None
@@ -155,7 +166,7 @@ def report(found: Identification, target: TargetModel, notes: list[str]) -> dict
 
 
 def picture(found: Identification, title: str) -> Figure:
-    """Cloud and model as the sensor sees them, and from the side."""
+    """Scatter plots of cloud and fitted model: along the sensor's z axis, and from the side."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     parts = ((found.model_after, "tab:orange", "model, where found", 8.0), (found.cloud, "k", "cloud", 1.0))
     left, right = figure.subplots(1, 2)
@@ -171,6 +182,7 @@ def picture(found: Identification, title: str) -> Figure:
 
 
 def main() -> int:
+    """Runs the identification, writes its files and returns the exit code."""
     options, console = parse(Options), Console()
     least, most = SIGMA_ALLOWED
     if options.sigma is not None and not least <= options.sigma <= most:

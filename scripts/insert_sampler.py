@@ -1,8 +1,8 @@
-"""Put a sampler into a hole of a subsea manifold and draw it out: hover, scan, identify, enter by feel.
+"""Insertion of a sampler into a hole of a subsea manifold, and its withdrawal.
 
-The vehicle knows the manifold's shape and roughly where it is. It takes a depth frame, finds the manifold, moves the
-sampler before the hole, and lets it in: along the axis as the force allows, across it giving way to what is felt.
-With --trials N, N seeds from --seed on run on all cores, and a table says how many went well.
+The vehicle knows the manifold's shape and roughly where it is. It keeps station, takes a depth frame, identifies the
+manifold and moves the sampler before the hole. The insertion is force-controlled along the axis and compliant across
+it. With --trials N, the N seeds from --seed on run on all cores, and a table gives the success rate.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -20,33 +20,36 @@ from sim.runs.provenance import provenance
 
 @dataclass(kw_only=True)
 class Options(ScenarioOptions):
-    """Put a sampler into a hole."""
+    """Insert a sampler into a hole."""
 
     hole: Literal["a", "b"] = "a"
-    """Which hole of the manifold."""
+    """Hole of the manifold."""
     clearance: float = 2.0
-    """Radial, between sampler and hole [mm]."""
+    """Radial clearance between sampler and hole [mm]."""
     depth: float = 60.0
-    """To be reached below the mouth [mm]; the hole is 20 mm deeper."""
+    """Depth to reach below the mouth [mm]; the hole is 20 mm deeper."""
     chamfer: float = 2.0
-    """Of the hole's mouth [mm]."""
+    """Chamfer of the hole's mouth [mm]."""
     error: tuple[float, float] = (0.0, 0.0)
-    """Put on the hole as found, along its x and y [mm]: what the search and the compliance must make up for."""
+    """Error added to the identified hole position along the hole's x and y [mm]; search and compliance must correct
+    it."""
     compliance: bool = True
-    """--no-compliance: the tool does not give way to side forces (ablation)."""
+    """Compliance to side forces (--no-compliance: none, for ablation)."""
     range: float = 1.25
-    """From camera to manifold [m] at which it is scanned."""
+    """Range from camera to manifold at the scan [m]."""
     trials: int = 0
-    """Run so many seeds, without recording, instead of one."""
+    """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
     vehicle: str = "uuv_puma"
-    """It carries the sampler in place of its pad; or an MJCF file with the named parts (README), `pad` a capsule."""
+    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts (README), its
+    geom `pad` a capsule."""
     controller: str = "controllers.work_controller:WorkController"
     """MODULE:CLASS of the controller."""
 
 
 def main() -> int:
+    """Runs one insertion or many trials and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
     check_trials(options.trials, options.workers)

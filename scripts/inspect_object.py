@@ -1,7 +1,7 @@
-"""Inspect a known object: find it, then fly once around it at a set distance, the camera on it (paper 004, eq. 6).
+"""Inspection of a known object: one orbit at a set distance with the camera on it [Konoplin 2019, eq. 6].
 
-The object lies on the seabed; the vehicle knows its model and, coarsely, where it is. Where the way around would bring
-hull or arm too near, it stays where it is, one line says why, exit code 2.
+The object lies on the seabed; the vehicle knows its model and its coarse pose. Where the orbit would bring hull or arm
+too near, the vehicle stays where it is: one line with the reason, exit code 2.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -38,21 +38,21 @@ from sim.sensors import proprioception as sensors
 from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current
 
-FAR = 5.0  # [m] at which the camera still tells something of a surface
+FAR = 5.0  # [m] largest range at which a surface point counts as seen
 
 
 @dataclass(kw_only=True)
 class Options(ScenarioOptions):
-    """Fly once around a known object."""
+    """Fly one orbit around a known object."""
 
     object: str = "barrel"
     """A name (barrel, starfish, anode, valve, rock ...), or a mesh file, STL, OBJ or PLY [m]."""
     distance: float = 1.4
-    """Camera to the object's outline [m]."""
+    """Distance from the camera to the object's outline [m]."""
     clearance: float = 0.3
-    """Of hull and folded arm to the object and to the seabed [m]."""
+    """Least clearance of hull and folded arm to the object and the seabed [m]."""
     speed: float = 0.15
-    """Of the hull [m/s]."""
+    """Speed of the hull [m/s]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"
@@ -60,7 +60,11 @@ class Options(ScenarioOptions):
 
 
 def prepare(options: Options) -> tuple[Ready, TrueInspection]:
-    """Everything of one flight, drawn from the seed. Raises UuvError for what cannot be."""
+    """Builds one flight, drawn from the seed: plant, parts and the truth for evaluation.
+
+    Raises:
+        UuvError: The object or the vehicle is unknown, or an option is out of range.
+    """
     rng = np.random.default_rng(options.seed)
     target = targets.of(options.object)
     job = InspectionJob(distance=options.distance, clearance=options.clearance, speed=options.speed)
@@ -118,7 +122,7 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
 
 
 def pictures(recording: Recording, truth: TrueInspection) -> Iterator[tuple[str, str, Figure]]:
-    """The way around, from above."""
+    """Plan view of the hull's reference and true path around the object."""
     work = recording.within(WorkState.WORK)
     if not work.any():
         return
@@ -134,6 +138,7 @@ def pictures(recording: Recording, truth: TrueInspection) -> Iterator[tuple[str,
 
 
 def main() -> int:
+    """Runs the flight and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
     console = Console()

@@ -1,7 +1,7 @@
-"""From a cloud of the seabed and targets over it to the tool's path on it: points T_j with their axes, and a picture.
+"""Tool path on the seabed from a point cloud and targets above it: points T_j with their axes, and a picture.
 
-The cloud is a text file (x y z a line), PLY or PCD; the targets are a text file of points B_i and the direction z
-(paper 004). A cloud that is no surface, a hole under a target, a relief that is too rough: one line and exit code 2.
+The cloud is a text file (x y z a line), PLY or PCD. The targets are a text file of points B_i and the direction z
+[Konoplin 2019]. A cloud without a surface, a hole under a target or too rough a relief end in one line and exit code 2.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -20,22 +20,22 @@ from sim.interfaces.spatial import finite_number
 
 @dataclass(kw_only=True)
 class Options:
-    """Lay a tool path on a seabed."""
+    """Plan a tool path on a seabed."""
 
     cloud: Path
     """Text, PLY or PCD [m]."""
     targets: Path
     """Text: points B_i, three numbers a line, and a line `z X Y Z`."""
     width: float = 0.1
-    """Of the tool [m]: the axes are those of the ground as it meets it."""
+    """Width of the tool [m]: normals are averaged over it."""
     speed: float = 0.02
-    """Along the path [m/s]."""
+    """Speed of the tool along the path [m/s]."""
     out: Path | None = None
     """Folder for profile.csv, path.csv and plan.png."""
 
 
 def picture(plan: SeabedPlan) -> Figure:
-    """From above, the mesh coloured by how well it is known; from aside, the profile with its axes."""
+    """Plan view with the mesh coloured by standard error, and the profile with its axes from the side."""
     terrain = plan.terrain
     ground, A = terrain.ground(terrain.vertices), terrain.ground(plan.targets.A)
     figure = Figure(figsize=(9, 9.5), layout="compressed")
@@ -81,6 +81,7 @@ def picture(plan: SeabedPlan) -> Figure:
 
 
 def main() -> int:
+    """Plans the path, writes its files and returns the exit code."""
     options = parse(Options)
     finite_number(options.width, "--width [m]", least=NARROWEST, most=WIDEST)
     finite_number(options.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)

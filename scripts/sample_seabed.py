@@ -1,9 +1,10 @@
-"""Take a sample of an unknown seabed: hover over it, scan it, choose the height, and go into the soil by feel.
+"""Sampling of an unknown seabed: sonar scan, choice of the working height, and force-controlled work in the soil.
 
-The vehicle comes near over the plane that its Doppler log sees, builds the ground from its sonar's scans, lets the
-targets down on it, judges the relief and chooses where to hover. It pushes a core tube into the soil with a set force,
-or drags a box along the profile between two targets at a set depth, and draws it out. A cloud that is no ground, or
-ground that is not fit for it: it stays where it is, one line says why, exit code 2.
+The vehicle approaches over the plane that its Doppler velocity log (DVL) measures, and reconstructs the ground from
+sonar scans. It projects the targets onto the ground, judges the relief and chooses a pose for station keeping. It
+pushes a core tube into the soil with a set force, or drags a box along the profile between two targets at a set depth.
+Then it withdraws the tool. If the cloud is no ground, or the ground is unsuitable, the vehicle stays where it is: one
+line with the reason, exit code 2.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -32,28 +33,29 @@ class Options(ScenarioOptions):
     """Take a sample of the seabed."""
 
     terrain: Kind | Literal["any"] = "ripples"
-    """Of the seabed, drawn from the seed; any: the kinds in turn."""
+    """Kind of terrain, drawn from the seed; any: the kinds in turn."""
     soil: Literal["sand", "mud"] = "sand"
-    """That it is of (models/site/soil.py)."""
+    """Kind of soil (models/site/soil.py)."""
     work: Literal["core", "drag"] = "core"
-    """Push a tube in and draw it out, or drag a box along the profile between the targets."""
+    """core: push a tube in and withdraw it; drag: drag a box along the profile between the targets."""
     push: float = 50.0
-    """Of the core [N]; --quick asks for 40 at most."""
+    """Set force on the core tube [N]; at most 40 with --quick."""
     depth: float | None = None
-    """Dragged at [mm], default 30; of a core: at which the tube is full, default 180."""
+    """drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm], default 180."""
     targets: Path | None = None
-    """Text: points B_i over the seabed, a line `z X Y Z`, in axes of the level hull 2.5 m over the terrain's middle;
-    default: ahead of the hull."""
+    """Text file: points B_i over the seabed and a line `z X Y Z`, in the axes of a level hull 2.5 m above the terrain's
+    middle; default: ahead of the hull."""
     cloud: Path | None = None
-    """Text, PLY or PCD, in the same axes: believed in place of the scan, and judged before the vehicle comes near."""
+    """Text, PLY or PCD, in the same axes: replaces the scan, and is judged before the vehicle approaches."""
     dead_beams: tuple[int, ...] = ()
-    """Of the Doppler log, 1 to 4, that hear nothing."""
+    """Beams of the Doppler log, 1 to 4, that return no echo."""
     without: tuple[Method, ...] = ()
-    """Methods to leave out, e.g. compensation (ablation)."""
+    """Controller methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
-    """It carries a core tube or a box in place of its pad; or an MJCF file with the named parts (README)."""
+    """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
+    (README)."""
     trials: int = 0
-    """Run so many seeds, without recording, instead of one."""
+    """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
     controller: str = "controllers.work_controller:WorkController"
@@ -61,6 +63,7 @@ class Options(ScenarioOptions):
 
 
 def main() -> int:
+    """Runs one job or many trials and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
     drag = options.work == "drag"

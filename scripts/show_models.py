@@ -1,6 +1,6 @@
-"""The named models: what each is, how big, what moves it, and where its figures are from.
+"""Table of the named models: degrees of freedom, mass, volume, actuation, and the source of the figures.
 
-`./uvw run scripts/show_models.py` prints one table.
+`./uvw run scripts/show_models.py` prints it.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,11 @@ from scenarios.start import parse, run_scenario
 class Options:
     """Named models and their sources."""
 
-    names: tuple[str, ...] = ()  # of models.available(); all by default
+    names: tuple[str, ...] = ()  # names of models.available(); default: all
 
 
 def main() -> int:
+    """Prints the table and returns the exit code."""
     options = parse(Options)
     names = options.names or tuple(name for name in models.available() if models.describe(name).name == name)
     table = Table(title="Named models")

@@ -1,7 +1,7 @@
-"""The validation page: every check of the physics against its reference, in one table.
+"""Validation table of the physics: each check with its reference, its largest error and its tolerance.
 
-The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One line sums up all tests
-of one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
+The checks are the tests in tests/physics that carry `@pytest.mark.check(name, reference)`. One row sums up all tests of
+one name: the error that comes nearest to its tolerance, over all seeds and cases. Writes table.md and table.json.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -32,40 +32,45 @@ class Options:
     out: Path | None = None
     """Folder for table.md and table.json."""
     readme: bool = False
-    """Put the table into the README as well."""
+    """Also replace the table in README.md."""
 
 
 @dataclass
 class Row:
-    """One line of the page."""
+    """One row of the table: a check over all its cases."""
 
     name: str
-    reference: str
+    reference: str  # closed form, conservation law or formulation that the check compares with
     cases: int = 0
     passed: int = 0
-    skipped: str = ""  # the reason of the last one that was
-    figures: list[tuple[str, float, float]] = field(default_factory=list)  # what, largest error, tolerance
+    skipped: str = ""  # reason of the last skipped case
+    figures: list[tuple[str, float, float]] = field(default_factory=list)  # quantity, largest error, tolerance
 
     @property
     def ok(self) -> bool:
-        """Whatever UUV_TOLERANCE_SCALE lets pass in the tests, here the tolerances hold as they stand."""
+        """True if every case ran and passed within its nominal tolerance.
+
+        UUV_TOLERANCE_SCALE widens the tolerances of the tests; it is ignored here.
+        """
         kept = all(error <= tolerance for _, error, tolerance in self.figures)
         return kept and self.cases > 0 and self.passed == self.cases
 
     @property
     def verdict(self) -> str:
+        """Verdict in words: "ok", "missed", or "skipped" with the reason."""
         if self.ok:
             return "ok"
         return f"skipped: {self.skipped}" if self.skipped else "missed"
 
     @property
     def worst(self) -> tuple[str, float, float] | None:
-        """The figure nearest to its tolerance; None for a check of words, such as a refusal by name."""
+        """The figure nearest to its tolerance; None for a check without figures, such as a specified error."""
         return max(
             self.figures, key=lambda figure: figure[1] / figure[2] if figure[2] else float(figure[1] > 0), default=None
         )
 
     def columns(self) -> list[str]:
+        """Cells of the row: name, reference, largest error, tolerance."""
         if self.worst is None:
             return [self.name, self.reference, f"{self.passed} of {self.cases} cases", "all"]
         what, error, tolerance = self.worst
@@ -80,12 +85,14 @@ class Page:
         self._row_of: dict[str, Row] = {}
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Hook of pytest: makes one row for each name among the markers."""
         for item in items:
             for mark in item.iter_markers(MARK):
                 name, reference = mark.args
                 self._row_of[item.nodeid] = self.rows.setdefault(name, Row(name, reference))
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Hook of pytest: adds the outcome and the figures of one test to its row."""
         row = self._row_of[report.nodeid]
         if report.when == "call" or not report.passed:
             row.cases += 1
@@ -100,7 +107,11 @@ def _short(value: float, digits: int) -> str:
 
 
 def put_into_readme(lines: list[str]) -> None:
-    """Replace the title and the table below it, which are the README's only table of checks."""
+    """Replaces the README's table of checks, and the title above it, by `lines`.
+
+    Raises:
+        ConfigurationError: The README does not hold exactly one such table.
+    """
     readme = ROOT / "README.md"
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
     text, count = old.subn(lambda _: "\n".join(lines), readme.read_text())
@@ -112,6 +123,7 @@ def put_into_readme(lines: list[str]) -> None:
 
 
 def main() -> int:
+    """Runs the checks, prints and writes the table; exit code 0 if all hold."""
     options = parse(Options)
     out = new_folder("validate_physics", options.out).resolve()
     page, begin, worked = Page(), time.perf_counter(), time.process_time()
@@ -127,7 +139,7 @@ def main() -> int:
             "--tb=short",
             "-W",
             "ignore::pytest.PytestAssertRewriteWarning",
-        ],  # tyro has loaded typeguard, which is a plugin too
+        ],  # tyro has loaded typeguard, which is also a pytest plug-in
         plugins=[page],
     )
     seconds, worked = time.perf_counter() - begin, time.process_time() - worked

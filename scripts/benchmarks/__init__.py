@@ -1,1 +1,1 @@
-"""Benchmarks: each a command that times ours beside named peers, as ratios in one run."""
+"""Benchmarks: each command times our code beside named peers, as ratios within one run."""

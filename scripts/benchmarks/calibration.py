@@ -1,11 +1,13 @@
-"""How long a fit of 63 touches takes: ours against pybotics with SciPy, the same residuals, prior and start.
+"""Benchmark: time of a calibration fit of 63 touches, ours against pybotics with SciPy.
 
-    ./uvw run scripts/benchmarks/calibration.py                                         # ours alone
+Residuals, prior and start are the same.
+
+    ./uvw run scripts/benchmarks/calibration.py                                         # ours alone.
     python3 -m venv /tmp/peers && /tmp/peers/bin/pip install pybotics scipy
-    ./uvw run scripts/benchmarks/calibration.py --peer-python /tmp/peers/bin/python     # and the peer
+    ./uvw run scripts/benchmarks/calibration.py --peer-python /tmp/peers/bin/python     # with the peer.
 
-pybotics holds numpy below 2, so it runs in a Python of its own, in turns with ours; its imports do not count.
-figaroh does not take part: it has no residual of coincidence (its data are measured poses or planes).
+pybotics requires numpy below 2, so it runs in a Python of its own, alternating with ours; its imports are not timed.
+figaroh is left out: it has no residual of coincidence (its data are measured poses or planes).
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -29,29 +31,37 @@ from scenarios.calibration_input import nominal, simulated
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
 
-NOISE = 0.092e-3  # [m]
+NOISE = 0.092e-3  # [m] standard deviation of a touch along each axis
 SAME = "ours, the same fit"
+# Standard deviations of the prior: theta, alpha [rad], d, a, tcp [m].
 PRIOR = {"theta": np.deg2rad(0.2), "alpha": np.deg2rad(0.2), "d": 0.5e-3, "a": 0.5e-3, "tcp": 0.1}
 
 
 @dataclass
 class Options:
-    """Time of a fit of the paper's 63 touches of a UR10e."""
+    """Time of a fit of 63 touches of a UR10e, as in [Yukhimets 2023]."""
 
-    rounds: int = 5  # ours and the peer's in turns; medians count
+    rounds: int = 5  # repetitions, alternating between the fits; medians count
     seed: int = 0
-    peer_python: Path | None = None  # a Python that has pybotics and scipy
+    peer_python: Path | None = None  # Python with pybotics and scipy; none: no peer
 
 
 def craig(dh: Array) -> tuple[Array, Array]:
-    """Craig's rows (n, 4): alpha, a, theta, d, of standard ones, and the rest of the last row as a tool (4, 4)."""
+    """DH rows (n, 4) in Craig's convention (alpha, a, theta, d); the rest of the last standard row as a tool (4, 4)."""
     theta, d, a, alpha = dh.T
     rows = np.column_stack([np.append(0.0, alpha[:-1]), np.append(0.0, a[:-1]), theta, d])
     return rows, pose(exp_so3([alpha[-1], 0.0, 0.0]), [a[-1], 0.0, 0.0])
 
 
 def write_task(file: Path, series: list[Array], dh: Array, tcp: Array) -> None:
-    """The task for the peer."""
+    """Writes the peer's input.
+
+    Args:
+        file: NPZ file.
+        series: Touches (m, n) [rad], one array for each point.
+        dh: (n, 4) standard rows: theta [rad], d [m], a [m], alpha [rad].
+        tcp: (3,) [m] start of the tool point.
+    """
     rows, rest = craig(dh)
     sigma = np.tile([PRIOR["alpha"], PRIOR["a"], PRIOR["theta"], PRIOR["d"]], (len(rows), 1))
     np.savez(
@@ -66,7 +76,19 @@ def write_task(file: Path, series: list[Array], dh: Array, tcp: Array) -> None:
 
 
 def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
-    """Seconds, cost [m^2] and calls of the residuals of one fit by the peer."""
+    """Runs one fit by the peer.
+
+    Args:
+        python: Python with pybotics and scipy.
+        task: Input of `write_task`.
+        folder: Folder for the result.
+
+    Returns:
+        "seconds", "cost" [m^2] and "calls" of the residuals.
+
+    Raises:
+        ConfigurationError: The peer failed.
+    """
     result = folder / "result.npz"
     script = Path(__file__).parent / "peers" / "calibration.py"
     run = subprocess.run([python, script, task, result], capture_output=True, text=True, check=False)
@@ -76,10 +98,11 @@ def peer_fit(python: Path, task: Path, folder: Path) -> dict[str, float]:
 
 
 def main() -> int:
+    """Runs the benchmark, prints its table and returns the exit code."""
     options = parse(Options)
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would take
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # one core, whatever the libraries would use
     if options.peer_python is not None and not options.peer_python.exists():
         raise ConfigurationError(f"--peer-python: there is no {options.peer_python}")
     rng = np.random.default_rng(options.seed)
@@ -121,7 +144,7 @@ def main() -> int:
     cost: dict[str, float] = {}
     calls = 0
     for way in ways.values():
-        way()  # compiles
+        way()  # compiles the kernels
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_task(folder / "task.npz", series, np.array(source.arm.table[:, :4]), tcp)

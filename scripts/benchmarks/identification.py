@@ -1,13 +1,14 @@
-"""Identification raced against what people use: the same scenes, the same points cut out, the same coarse start.
+"""Benchmark: object identification against Open3D and small_gicp on the same points, with the same coarse start.
 
-    ./uvw run --extra open3d scripts/benchmarks/identification.py                      # against Open3D
-    ./uvw run --extra open3d --with small_gicp scripts/benchmarks/identification.py    # and small_gicp
+    ./uvw run --extra open3d scripts/benchmarks/identification.py                      # against Open3D.
+    ./uvw run --extra open3d --with small_gicp scripts/benchmarks/identification.py    # with small_gicp.
 
-All get the points that our segmentation leaves of the object and the model sampled evenly, and start from the coarse
-attitude with the middles of both clouds laid on each other; RANSAC on FPFH features needs no start. The peers match
-scan to whole model in three stages, whose reach narrows from 20 cm to three spacings. Times are of the processor, in
-turns, without segmentation but for "ours, whole", which begins at the depth frame. A pose counts as found within 1 % of
-the range and 5 deg, modulo declared symmetry.
+All methods get the points that our segmentation assigns to the object, and the model sampled evenly. They start from
+the coarse attitude with the centroids of both clouds aligned; RANSAC on FPFH features needs no start. The peers match
+scan to whole model in three stages, whose correspondence distance narrows from 20 cm to three spacings.
+
+Times are processor times, the methods in turn. They exclude segmentation, except for "ours, whole", which begins at the
+depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo declared symmetry.
 """
 
 import json
@@ -34,49 +35,52 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from sim.runs.saving import write_whole
 
-FOUND = (0.01, 5.0)  # of range, deg
-FIT_POINTS = 10_000
-FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] off the truth, where a fit alone is timed
+FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
+FIT_POINTS = 10_000  # scan points of a fit that is timed alone
+FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] offset from the truth, where a fit alone starts
 Method = Callable[["SceneCase"], Array]
 
 
 @dataclass
 class Options:
-    """Scenes to race on."""
+    """Scenes of the benchmark."""
 
     objects: tuple[str, ...] = ("barrel", "manifold", "rock", "starfish", "valve")
     """Names of objects."""
     scenes: int = 10
-    """Of each object."""
+    """Number of scenes of each object."""
     sensor: str = "stereo"
     """Name of the sensor."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     out: Path | None = None
     """Folder of figures.json."""
 
 
 @dataclass(frozen=True, eq=False)
 class SceneCase:
-    """What every method gets."""
+    """Input of every method."""
 
     scene: ObjectScene
     surface: ModelSurface
     evidence: Evidence
-    X_start: Array  # (4, 4) of T in S
+    X_start: Array  # (4, 4) start pose of T in S
 
     @property
     def stages(self) -> tuple[float, ...]:
+        """Correspondence distances [m] of the peers' three stages."""
         return 0.2, 0.05, 3.0 * self.surface.spacing  # [m]
 
 
 def whole(case: SceneCase) -> Array:
+    """Our identification from the depth frame on; X_ST (4, 4)."""
     scene = case.scene
     found = identify(scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     return found.X_sensor_target
 
 
 def ours(case: SceneCase) -> Array:
+    """Our search and fit on the segmented points; X_ST (4, 4)."""
     scene, evidence = case.scene, case.evidence
     expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
     starts = initial_poses(evidence.scan, evidence.mask, case.surface, evidence.sensor, expected)
@@ -85,6 +89,8 @@ def ours(case: SceneCase) -> Array:
 
 
 def open3d_icp(kind: str) -> Method:
+    """Open3D's ICP in three stages; `kind` is "point", "plane" or "generalised"."""
+
     def method(case: SceneCase) -> Array:
         registration = open3d_loader.load().pipelines.registration
         X_TS = inverse(case.X_start)
@@ -96,6 +102,7 @@ def open3d_icp(kind: str) -> Method:
 
 
 def fpfh(case: SceneCase) -> Array:
+    """Open3D's RANSAC on FPFH features, refined by point-to-plane ICP; X_ST (4, 4)."""
     o3d = open3d_loader.load()
     registration = o3d.pipelines.registration
     o3d.utility.random.seed(case.scene.seed)
@@ -124,6 +131,7 @@ def fpfh(case: SceneCase) -> Array:
 
 
 def small_gicp(case: SceneCase) -> Array:
+    """Generalised ICP of small_gicp in three stages; X_ST (4, 4)."""
     library = import_module("small_gicp")
     model, points = case.surface.points, case.evidence.points
     X_TS = inverse(case.X_start)
@@ -141,7 +149,7 @@ def small_gicp(case: SceneCase) -> Array:
 
 
 def _clouds(case: SceneCase) -> tuple[Any, Any]:
-    """Scan and model as Open3D's clouds with normals."""
+    """Scan and model as Open3D point clouds with normals."""
     o3d = open3d_loader.load()
     clouds = []
     for thing in (case.evidence, case.surface):
@@ -179,7 +187,7 @@ if find_spec("small_gicp"):
 
 
 def case_of(scene: ObjectScene, surface: ModelSurface) -> SceneCase | None:
-    """None if the segmentation leaves nothing."""
+    """Input for the methods from a scene; None if the segmentation leaves no points."""
     found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     if found.evidence is None:
         return None
@@ -189,7 +197,7 @@ def case_of(scene: ObjectScene, surface: ModelSurface) -> SceneCase | None:
 
 
 def fit_times(case: SceneCase, rng: np.random.Generator) -> dict[str, float]:
-    """Processor time [s] of a fit alone of 10 000 scan points from nearby, ours and Open3D's."""
+    """Processor time [s] of a fit alone from a close start on 10 000 scan points, ours and Open3D's."""
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
     points = points[rng.choice(len(points), FIT_POINTS, replace=len(points) < FIT_POINTS)]
@@ -220,6 +228,7 @@ def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def main() -> None:
+    """Runs the benchmark, prints its tables and writes figures.json."""
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
@@ -254,7 +263,16 @@ def main() -> None:
 
 
 def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Options, folder: Path) -> None:
-    """Tables on the screen, figures in a file of `folder`. Errors are of the poses that were found."""
+    """Prints the tables and writes figures.json.
+
+    Errors are those of found poses.
+
+    Args:
+        rows: Results of all scenes and methods.
+        fits: Times of the fits alone.
+        options: Options of the benchmark.
+        folder: Folder for figures.json.
+    """
     table = Table("method", *options.objects, "time: median [ms]", "to ours")
     base = np.median([row["process_s"] for row in rows if row["method"] == "ours, search and fit"])
     for method in METHODS:

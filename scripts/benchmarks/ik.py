@@ -1,12 +1,12 @@
-"""Inverse kinematics against its goals, a compiled baseline and the peers at hand.
+"""Benchmark: inverse kinematics against its goals, a compiled baseline and installed peers.
 
-    ./uvw run scripts/benchmarks/ik.py  # our methods and the baseline
-    ./uvw run --with-requirements scripts/benchmarks/ik_requirements.txt scripts/benchmarks/ik.py  # and the peers
+    ./uvw run scripts/benchmarks/ik.py  # our methods and the baseline.
+    ./uvw run --with-requirements scripts/benchmarks/ik_requirements.txt scripts/benchmarks/ik.py  # with the peers.
 
-The second command lays the peers over the project's environment for this run; uv.lock and .venv stay as they are. KDL
-has no wheel: it takes part where PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a
-forward kinematics written here. In a case all solvers take turns, a few targets at a time, so that a slow moment of the
-machine hits all alike: compare times inside one run only. Exit code 0: the solve rates reach their goals.
+The second command overlays the peers on the project's environment for this run; uv.lock and .venv stay as they are. KDL
+has no wheel: it takes part if PYTHONPATH has a folder with your distribution's PyKDL. Every answer is checked by a
+forward kinematics of this file. In each case all solvers take turns, a few targets at a time, so that a slow moment of
+the machine affects all alike. Compare times within one run only. Exit code 0: the solve rates reach their goals.
 """
 
 import json
@@ -38,18 +38,18 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 from sim.runs.saving import write_whole
 
-BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad]
+BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad] accuracies
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
-LITERAL = "plain, tip's axes"  # the dissertation's own aims
+LITERAL = "plain, tip's axes"  # the aims as published [Danilov 2021]
 BASELINE = "compiled DLS"
-GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # the ratios' geometric means are over these
+GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # arms of the geometric means of the ratios
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
-OWN_LIMITS = 0  # in place of degrees: those of the arm itself, uneven ones among them
-REACH = math.radians(150.0)  # targets come from joint values within this
-NEARBY = math.radians(5.0)  # a warm start is within this of a solution
+OWN_LIMITS = 0  # as --limits: the arm's own limits, asymmetric ones included
+REACH = math.radians(150.0)  # [rad] targets come from joint values within this
+NEARBY = math.radians(5.0)  # [rad] a warm start is within this of a solution
 HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])  # [rad] cold starts
-SLACK = 1.01  # of the bar: peers measure their errors in other ways
-BLOCK = 25  # targets that a solver takes at a time
+SLACK = 1.01  # times the bar: peers measure their errors differently
+BLOCK = 25  # targets that a solver takes in one turn
 RESAMPLES = 400  # of the bootstrap
 
 
@@ -60,23 +60,23 @@ class Options:
     out: Path | None = None
     """Folder for bench_ik.json, bench_ik.md and bench_ik.png."""
     arms: tuple[str, ...] = arms.available()
-    """Which arms."""
+    """Names of the arms."""
     targets: int = 1000
-    """Targets a case where the solvers race."""
+    """Number of targets of a case in which all solvers take part."""
     rates: int = 10000
-    """Targets a case of the solve rates of our own methods."""
+    """Number of targets of a case for the solve rates of our own methods."""
     limits: tuple[int, ...] = (180, 150)
     """Joint limits [deg], the same for every hinge; slides keep their own. 0: each arm's own limits."""
     links: tuple[int, ...] = (6, 12, 24, 60, 120, 240)
-    """Of the growing chain."""
+    """Number of links of the growing chain."""
     repeats: int = 3
-    """How often hybrid and the baseline solve each target; the median counts."""
+    """Number of times that hybrid and the baseline solve each target; the median counts."""
     peers: bool = True
-    """Let the peers take part that this Python has (--no-peers)."""
+    """Include the installed peers (--no-peers)."""
     seed: int = 0
-    """Of targets and starts."""
+    """Seed of targets and starts."""
     quick: bool = False
-    """The first three arms and few targets, for a look at the tables."""
+    """The first three arms and few targets, to see the tables."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,32 +87,34 @@ class IkCase:
     degrees: int
     warm: bool
     bar: str
-    limits: Array  # (n, 2)
+    limits: Array  # (n, 2) [rad] or [m]
     targets: Array  # (N, 4, 4)
-    starts: Array  # (N, n)
+    starts: Array  # (N, n) [rad] or [m]
 
     @property
     def task(self) -> SolverTask:
+        """The arm, its limits and the accuracy, for the peers."""
         return SolverTask(arm=self.arm, limits=self.limits, bar=BARS[self.bar])
 
     @property
     def chain(self) -> Chain:
+        """The arm for our own solver."""
         return Chain.from_dh(self.arm.dh, self.arm.joint_types, limits=self.limits, tool=self.arm.tool)
 
     def told(self) -> dict[str, Any]:
-        """What names this case in the results."""
+        """Entries that identify this case in the results."""
         start = "warm" if self.warm else "cold"
         return {"arm": self.arm.title, "limits_deg": self.degrees, "start": start, "bar": self.bar}
 
 
 @dataclass(slots=True)
 class Results:
-    """All that is measured, as it goes into bench_ik.json."""
+    """All measurements, as in bench_ik.json."""
 
     machine: dict[str, Any]
     rates: list[dict[str, Any]] = field(default_factory=list)  # our methods, many targets
     race: list[dict[str, Any]] = field(default_factory=list)  # every solver, every case
-    ratios: list[dict[str, Any]] = field(default_factory=list)  # geometric means over arms, to hybrid
+    ratios: list[dict[str, Any]] = field(default_factory=list)  # geometric means over arms, relative to hybrid
     kernel: list[dict[str, Any]] = field(default_factory=list)  # without Python
     growth: dict[str, Any] = field(default_factory=dict)  # by the number of links
 
@@ -132,7 +134,7 @@ def dh_forward(arm: PublishedArm, q: Array) -> Array:
 
 
 def reached(case: IkCase, q: Array) -> np.ndarray:
-    """Which joint values (N, n) bring the tip within the bar and keep the limits; those with NaN do not."""
+    """(N,) bool: joint values (N, n) bring the tip within the bar and keep the limits; False for NaN."""
     X, bar = dh_forward(case.arm, q), BARS[case.bar]
     D = np.swapaxes(X[:, :3, :3], 1, 2) @ case.targets[:, :3, :3]
     twice = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]], axis=1)
@@ -143,7 +145,13 @@ def reached(case: IkCase, q: Array) -> np.ndarray:
 
 
 def cases(options: Options, name: str, count: int) -> Iterator[IkCase]:
-    """Every limit, start and bar of an arm, all with the same joint values to be found."""
+    """Yields every combination of limits, start and bar for an arm, all with the same joint values to be found.
+
+    Args:
+        options: Options of the benchmark.
+        name: Name of the arm.
+        count: Number of targets.
+    """
     arm = arms.load(name)
     rng = np.random.default_rng([options.seed, arms.available().index(name)])
     slides = np.array([kind == "p" for kind in arm.joint_types])
@@ -175,18 +183,27 @@ def cases(options: Options, name: str, count: int) -> Iterator[IkCase]:
 
 
 def own(chain: Chain, method: Method, bar: tuple[float, float], target: Array, q0: Array) -> Array:
+    """Joint values (n,) from one call of our solver.
+
+    Args:
+        chain: The arm.
+        method: Method of the solver.
+        bar: [m], [rad] accuracy.
+        target: (4, 4) tip pose.
+        q0: (n,) start.
+    """
     return solve(chain, target, q0, *bar, method=method).q
 
 
 def rate(case: IkCase, method: Method) -> dict[str, Any]:
-    """Share of the targets that one of our methods reaches."""
+    """Row of the solve rate of one of our methods."""
     found = solve_many(case.chain, case.targets, case.starts, *BARS[case.bar], method=method)
     good = reached(case, found.q)
     return case.told() | {"method": method, "rate": float(np.mean(good)), "said": float(np.mean(found.converged))}
 
 
 def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
-    """All that can solve this case, hybrid first."""
+    """All solvers for this case, hybrid first."""
     chain, bar = case.chain, BARS[case.bar]
     found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
     found[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", stage_axes="tip").q
@@ -195,7 +212,16 @@ def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
 
 
 def race(case: IkCase, solvers: dict[str, Solver], repeats: int) -> dict[str, tuple[float, Array]]:
-    """For every solver the share of targets reached, and the time of each call (N,) [us]."""
+    """Runs all solvers on a case in turns.
+
+    Args:
+        case: Targets and starts.
+        solvers: Solvers by name.
+        repeats: Number of times that hybrid and the baseline solve each target.
+
+    Returns:
+        By solver: share of targets reached, time of each call (N,) [us].
+    """
     count = len(case.targets)
     lanes = list(solvers) + ["hybrid", BASELINE] * (repeats - 1)
     times = {name: [np.empty(count) for _ in range(lanes.count(name))] for name in solvers}
@@ -223,9 +249,15 @@ def spread(values: Array) -> list[float]:
 
 
 def race_all(options: Options, results: Results, progress: Progress) -> None:
-    """Every case of every arm; then ratios to hybrid, with intervals, over the goals' arms and over all."""
+    """Runs every case of every arm, then computes ratios to hybrid with intervals.
+
+    Args:
+        options: Options of the benchmark.
+        results: Filled in.
+        progress: Progress display.
+    """
     rng = np.random.default_rng(options.seed)
-    logs: dict[tuple[str, ...], dict[str, tuple[float, Array]]] = {}  # log ratio, and resampled ones, by case and arm
+    logs: dict[tuple[str, ...], dict[str, tuple[float, Array]]] = {}  # log ratio and its resamples, by case and arm
     bar = progress.add_task("race", total=len(options.arms) * len(options.limits) * 2 * len(BARS))
     for name in options.arms:
         for case in cases(options, name, options.targets):
@@ -253,10 +285,10 @@ def race_all(options: Options, results: Results, progress: Progress) -> None:
 
 
 def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
-    """Mean time a target [us] without Python between targets, in turns: hybrid, the baseline, their ratio.
+    """Mean time for a target [us] without Python between targets: hybrid, the baseline, their ratio.
 
-    Medians of the rounds, and the middle 95 % of the ratio's median by bootstrap. Processor time of this thread, in the
-    loop that `solve_many` gives to its threads.
+    Medians over the rounds, with the middle 95 % of the ratio's median by bootstrap. Processor time of this thread, in
+    the loop that `solve_many` gives to its threads.
     """
     chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
     dh, slides, limits, tool, J, A, X = arguments(case.task)
@@ -282,7 +314,7 @@ def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
 
 
 def snake(links: int) -> PublishedArm:
-    """A chain of 3 m, its axes crossing by turns."""
+    """A chain of 3 m with `links` links, its axes perpendicular in turn."""
     alpha = np.where(np.arange(links) % 2, 0.5 * math.pi, -0.5 * math.pi)
     rows = np.column_stack([np.zeros(links), np.zeros(links), np.full(links, 3.0 / links), alpha])
     limits = np.tile([-math.pi, math.pi], (links, 1))
@@ -292,7 +324,7 @@ def snake(links: int) -> PublishedArm:
 
 
 def growth(options: Options, progress: Progress) -> dict[str, Any]:
-    """Median time [us] of a solve at bar A by the number of links, the chain bent at random; fitted exponents."""
+    """Median time [us] of a solve at bar A by the number of links, with fitted exponents; targets are random bends."""
     times: dict[str, list[float]] = {}
     shares: dict[str, list[float]] = {}
     for n in progress.track(options.links, description="growth"):
@@ -323,7 +355,7 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    """Where this was measured, and with what."""
+    """Processor, load and versions of the packages."""
     packages = {}
     for name in (
         "numpy",
@@ -353,6 +385,7 @@ def machine() -> dict[str, Any]:
 
 
 def main() -> int:
+    """Runs the benchmark and writes its files; exit code 0 if the solve rates reach their goals."""
     options = parse(Options)
     if options.quick:
         options.arms, options.targets, options.rates = options.arms[:3], 25, 250
@@ -400,6 +433,7 @@ def main() -> int:
 
 
 def vars_of(results: Results) -> dict[str, Any]:
+    """Fields of `results` as a dictionary."""
     return {name: getattr(results, name) for name in Results.__slots__}
 
 

@@ -1,10 +1,10 @@
-"""Where the time of a contact job's loop goes: microseconds a physics step for each part, and how often real time.
+"""Benchmark: computing time of each part of a contact job's loop, and the real-time factor.
 
-    ./uvw run scripts/benchmarks/loop.py                     # about half a minute; any option of clean_barrel.py too
+    ./uvw run scripts/benchmarks/loop.py                     # half a minute; takes any option of clean_barrel.py.
 
-The job runs twice from the same seed: as it is, for the real-time factor on processor time, so that other work on the
-machine does not count; then with a stopwatch around every part, for the shares. Both must end alike to the last bit;
-the digest of what was recorded is printed, so that a change that ought to change nothing can be held against it.
+The job runs twice from the same seed. The first run is unchanged and gives the real-time factor on processor time, so
+that other load on the machine does not count. In the second, a stopwatch around every part gives the shares. Both must
+end with the same bits. The printed digest of the recording shows whether a change of the code changes the results.
 Writes bench_loop.json into --out.
 """
 
@@ -32,8 +32,8 @@ from sim.loop.rollout import Moment
 from sim.runs.saving import write_json
 from sim.sensors.depth_camera import DepthCamera
 
-GOAL = 20.0  # times real time
-SLOWEST = 0.01  # share of a part's calls that is left out: those in which the machine did something else
+GOAL = 20.0  # least real-time factor of the loop
+SLOWEST = 0.01  # share of a part's slowest calls that is left out: in those the machine did something else
 
 
 @dataclass(kw_only=True)
@@ -41,18 +41,19 @@ class Options(barrel.Options):
     """Cost of every part of the loop, in the job of clean_barrel.py without recording."""
 
     record: bool = False
-    """Keep what the report needs as well; no log is written."""
+    """Keep also what the report needs; no log is written."""
 
 
 class Stopwatch:
-    """Durations of one kind of call, by one of the two clocks."""
+    """Durations of one kind of call, measured by a given clock."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self.spent = array("q")  # [ns]
-        self.tally = 0  # [ns] since somebody set it to zero
+        self.tally = 0  # [ns] sum since the last reset
         self._clock = clock
 
     def around(self, call: Callable[..., Any]) -> Callable[..., Any]:
+        """`call`, with its durations recorded."""
         clock, add = self._clock, self.spent.append
 
         def timed(*given: Any) -> Any:
@@ -67,17 +68,17 @@ class Stopwatch:
 
     @property
     def total(self) -> float:
-        """[s]"""
+        """Sum of all durations [s]."""
         return 1e-9 * sum(self.spent)
 
     def typical(self, overhead: float) -> float:
-        """Mean [us] of a call, the slowest left out, less what reading the clock costs [us]."""
+        """Mean duration [us] of a call without the slowest ones, less `overhead` [us] of reading the clock."""
         spent = np.sort(self.spent)[: max(1, int((1.0 - SLOWEST) * len(self.spent)))]
         return max(0.0, 1e-3 * float(spent.mean()) - overhead)
 
 
 class Part:
-    """A part of the loop with a stopwatch around one of its methods; otherwise as it is."""
+    """Proxy of a part of the loop, with a stopwatch around one of its methods."""
 
     def __init__(self, part: Any, method: str, watch: Stopwatch) -> None:
         self._part = part
@@ -88,13 +89,14 @@ class Part:
 
 
 class PlannerPart:
-    """A planner whose placement of the hull, one long call, has a stopwatch of its own."""
+    """Proxy of a planner; the one long call, the placement of the hull, has a stopwatch of its own."""
 
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
         self.period, self.init = part.period, part.init
         self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
 
     def step(self, state: Any, *given: Any) -> Any:
+        """Step of the planner; a step that ends the scan counts as placement."""
         scanning = state.state is WorkState.SCAN
         state, reference = self._step(state, *given)
         if scanning and reference.state is not WorkState.SCAN:
@@ -103,13 +105,14 @@ class PlannerPart:
 
 
 class Rest:
-    """What each step takes beside the calls that have a stopwatch."""
+    """Observer that measures the time of each step outside the timed calls."""
 
     def __init__(self, watches: Mapping[str, Stopwatch]) -> None:
         self.watch = Stopwatch(time.perf_counter_ns)
         self._watches, self._last = watches, time.perf_counter_ns()
 
     def observe(self, moment: Moment) -> None:
+        """Records the rest of one step and resets the tallies."""
         now = time.perf_counter_ns()
         inside = sum(watch.tally for watch in self._watches.values())
         if moment.tick:
@@ -120,18 +123,19 @@ class Rest:
 
 
 class Instants:
-    """Keeps copies of the plant's data every second, to step MuJoCo alone from the same states."""
+    """Observer that copies the plant's data every second, for steps of MuJoCo alone from the same states."""
 
     def __init__(self, built: Built) -> None:
         self._model, self._data, self.copies = built.plant.model, built.plant.data, []
         self._ticks = round(1.0 / built.plant.timestep)
 
     def observe(self, moment: Moment) -> None:
+        """Copies the data once a second."""
         if moment.tick % self._ticks == 0:
             self.copies.append(copy.copy(self._data))
 
     def step_us(self) -> float:
-        """What MuJoCo's own step takes [us]: the best of ten at each instant, and their mean."""
+        """Time [us] of MuJoCo's own step: best of ten at each instant, averaged over the instants."""
         best = []
         for data in self.copies:
             spent = []
@@ -144,7 +148,7 @@ class Instants:
 
 
 def fresh(options: Options) -> Built:
-    """The job, built from the seed, its code loaded."""
+    """The job assembled from the seed, with its code loaded."""
     rng = np.random.default_rng(options.seed)
     built = build(barrel.barrel_job(options, rng), options, rng)
     rehearse(built.ready)
@@ -152,7 +156,7 @@ def fresh(options: Options) -> Built:
 
 
 def digest(outcome: Outcome) -> str:
-    """Twelve letters that change with any bit of what was recorded."""
+    """Hash of the recording, twelve hexadecimal digits."""
     word = hashlib.sha256()
     for name, series in sorted(outcome.recording.series.items()):
         word.update(name.encode() + series.value.tobytes())
@@ -160,7 +164,7 @@ def digest(outcome: Outcome) -> str:
 
 
 def as_it_is(options: Options) -> tuple[Outcome, dict[str, float], Instants]:
-    """Run the job; processor time [s] of the whole, of identification and of placement."""
+    """Runs the unchanged job; returns outcome, processor times [s] (whole, identification, placement) and instants."""
     built = fresh(options)
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
     parts = built.parts
@@ -178,7 +182,7 @@ def as_it_is(options: Options) -> tuple[Outcome, dict[str, float], Instants]:
 
 
 def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]:
-    """Run the job with a stopwatch around every part, and one for the rest of the loop."""
+    """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for the rest."""
     built = fresh(options)
     watches: dict[str, Stopwatch] = {}
 
@@ -203,6 +207,7 @@ def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]
 
 
 def main() -> int:
+    """Runs the benchmark and writes its file; exit code 0 if the loop reaches GOAL."""
     options = parse(Options)
     folder = options.folder("bench_loop")
     console = Console()
@@ -219,7 +224,7 @@ def main() -> int:
     reading = clock.typical(0.0)  # [us]
     once = ("sensor DepthCamera", "finder", "placement")
     rows = {name: (len(w.spent) / steps, w.typical(reading)) for name, w in watches.items() if name not in once}
-    # Around a call a stopwatch costs about as much again as it sees of itself.
+    # A stopwatch takes about as much time outside its own measurement as within it.
     rest = rest_watch.typical(reading * sum(often for often, _ in rows.values()))
     whole = rest + sum(often * us for often, us in rows.values())
     table = Table(title=f"{steps} physics steps of {1e3 * simulated / steps:g} ms, digest {digest(outcome)}")

@@ -1,9 +1,10 @@
-"""What exact hydrodynamics costs: every model stepped in turn in one run, the best of many rounds.
+"""Benchmark: cost of the exact hydrodynamics over bare MuJoCo and other fluid models, the best of many rounds.
 
-    ./uvw run scripts/benchmarks/physics.py                          # one core; then a batch on one and two threads
-    ./uvw run --with auv-sim-bench scripts/benchmarks/physics.py     # and that vehicle simulator from the package index
+    ./uvw run scripts/benchmarks/physics.py                          # one core; then a batch on one and two threads.
+    ./uvw run --with auv-sim-bench scripts/benchmarks/physics.py     # adds the simulator auv-sim-bench from PyPI.
 
-Only ratios of one run compare; the batch wants an idle machine. Writes bench_physics.json and .md into --out.
+Only ratios within one run are comparable; the batch needs an idle machine. Writes bench_physics.json and .md into
+--out.
 """
 
 import json
@@ -28,43 +29,51 @@ from sim import hydrodynamics
 from sim.runs.saving import write_whole
 
 LINK = np.array([0.3, 0.0, 0.0])  # [m] from joint to joint
+# Goals: exact over bare and over ellipsoid fluid, at most; two threads over one, at least.
 GOALS = {"bare": 1.6, "ellipsoid": 0.3, "threads": 1.8}
 
 
 @dataclass
 class Options:
-    """Cost of a step of a hull with a six-joint arm, how it grows with the number of links, and of a batch."""
+    """Cost of one step of a hull with a six-joint arm, its growth with the number of links, and cost of a batch."""
 
     steps: int = 2000
-    """Steps a round."""
+    """Steps of a round."""
     rounds: int = 15
-    """Rounds, interleaved over the models; the fastest counts."""
+    """Number of rounds, interleaved over the models; the fastest counts."""
     links: tuple[int, ...] = (10, 30, 100)
-    """Lengths of the growing chains and trees."""
+    """Number of links of the growing chains and trees."""
     sims: int = 64
-    """Simulations of the batch."""
+    """Number of simulations of the batch."""
     out: Path | None = None
     """Folder for the results."""
 
 
 @dataclass
 class Contender:
-    """Something that steps, and the passive callback that it runs with (None: the one that is installed)."""
+    """A stepped model, with its passive callback (None: the installed one)."""
 
     run: Callable[[int], object]
     callback: Callable[[mujoco.MjModel, mujoco.MjData], None] | None = None
-    best: float = np.inf  # [s] a step
+    best: float = np.inf  # [s] for a step
 
 
 @dataclass
 class Report:
-    """Tables for the screen, the same for a file, and the numbers."""
+    """Collects tables for the terminal and for a file, and the numbers."""
 
     console: Console
     numbers: dict[str, Any] = field(default_factory=dict)
     markdown: list[str] = field(default_factory=list)
 
     def table(self, title: str, columns: tuple[str, ...], rows: list[list[str]]) -> None:
+        """Prints a table and adds it to the file as markdown.
+
+        Args:
+            title: Title.
+            columns: Headings.
+            rows: Cells.
+        """
         table = Table(title=title, title_justify="left")
         for k, column in enumerate(columns):
             table.add_column(column, justify="right" if k else "left")
@@ -76,7 +85,13 @@ class Report:
 
 
 def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.MjSpec:
-    """A free hull and `links` capsules on hinges, in one chain or in chains of at most ten."""
+    """A free hull with `links` capsules on hinges.
+
+    Args:
+        links: Number of links.
+        integrator: MuJoCo's integrator.
+        branched: Chains of at most ten links; False: one chain.
+    """
     spec = mujoco.MjSpec.from_string(f'<mujoco><option timestep="0.002" integrator="{integrator}"/></mujoco>')
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_CONTACT
     hull = spec.worldbody.add_body(name="hull")
@@ -93,7 +108,7 @@ def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.Mj
 
 
 def with_water(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """The vehicle with the exact hydrodynamics: full 6x6 added masses, drag, strips on the links."""
+    """The vehicle compiled with the exact hydrodynamics: full 6x6 added masses, drag, strips on the links."""
     link = water.cylinder(0.05, np.zeros(3), LINK)
     hull = water.box([1.4, 0.8, 0.6])
     water.attach(spec, {body.name: hull if body.name == "hull" else link for body in spec.bodies[1:]})
@@ -101,7 +116,7 @@ def with_water(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """MuJoCo's own fluid: drag, lift and the velocity terms of added mass, without the added inertia."""
+    """The vehicle with MuJoCo's fluid model: drag, lift and velocity terms of added mass, no added inertia."""
     spec.option.density, spec.option.viscosity = water.SEA_WATER, 1e-3
     for geom in spec.geoms:
         geom.fluid_ellipsoid = 1.0
@@ -109,7 +124,7 @@ def with_ellipsoids(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def stepping(model: mujoco.MjModel) -> Callable[[int], object]:
-    """Steps of `model`, from the same state in motion each time."""
+    """Function that takes steps of `model`, each time from the same moving state."""
     data = mujoco.MjData(model)
 
     def run(steps: int) -> None:
@@ -121,14 +136,20 @@ def stepping(model: mujoco.MjModel) -> Callable[[int], object]:
 
 
 def measure(contenders: list[Contender], steps: int, rounds: int) -> None:
-    """Fill in `best`, round by round over all contenders, so that a slow moment of the machine hits all alike."""
+    """Updates `best` of all contenders, round by round, so that a slow moment of the machine affects all alike.
+
+    Args:
+        contenders: Models to step.
+        steps: Steps of a round.
+        rounds: Number of rounds.
+    """
     for _ in range(rounds):
         for contender in contenders:
             if contender.callback:
                 hydrodynamics.uninstall()
                 mujoco.set_mjcb_passive(contender.callback)
             contender.run(20)
-            begin = time.thread_time()  # of this thread's processor: what else runs on the machine takes no part
+            begin = time.thread_time()  # processor time of this thread: other load on the machine does not count
             contender.run(steps)
             contender.best = min(contender.best, (time.thread_time() - begin) / steps)
             if contender.callback:
@@ -137,11 +158,19 @@ def measure(contenders: list[Contender], steps: int, rounds: int) -> None:
 
 
 def verdict(value: float, goal: float, *, most: bool = True) -> str:
+    """A ratio formatted with its goal.
+
+    Args:
+        value: The ratio.
+        goal: Its bound.
+        most: The bound is an upper one.
+    """
     held = value <= goal if most else value >= goal
     return f"{value:.2f} x ({'' if held else 'NOT '}{'at most' if most else 'at least'} {goal:g})"
 
 
 def one_vehicle(options: Options, report: Report) -> None:
+    """Adds the table of the six-joint vehicle: bare, exact, ellipsoid fluid, numpy callback."""
     rows = []
     for integrator in ("Euler", "implicitfast"):
         bare = vehicle(6, integrator).compile()
@@ -165,6 +194,7 @@ def one_vehicle(options: Options, report: Report) -> None:
 
 
 def growth(options: Options, report: Report) -> None:
+    """Adds the table of the cost over the number of links."""
     rows, numbers = [], []
     for branched in (False, True):
         shape, first = "branched" if branched else "serial", 0.0
@@ -184,7 +214,7 @@ def growth(options: Options, report: Report) -> None:
 
 
 def one_body(options: Options, report: Report) -> None:
-    """Against loops that step one rigid body in Python."""
+    """Adds the table of one rigid body, against loops that step it in Python."""
     spec = mujoco.MjSpec.from_string(
         '<mujoco><option timestep="0.002"/><worldbody><body name="hull"><freejoint/>'
         '<geom type="box" size=".7 .4 .3" mass="680"/></body></worldbody></mujoco>'
@@ -204,13 +234,13 @@ def one_body(options: Options, report: Report) -> None:
 
 
 def resident() -> int:
-    """Memory that this process holds [bytes]; 0 where the system does not tell."""
+    """Resident memory of this process [bytes]; 0 where the system does not report it."""
     statm = Path("/proc/self/statm")
     return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
 
 
 def batch(options: Options, report: Report) -> None:
-    """Many simulations of the 12-degree vehicle on one thread and on two, in turn, by the clock on the wall."""
+    """Adds the table of many simulations of the vehicle on one and two threads, by wall-clock time."""
     model = with_water(vehicle(6, "implicitfast"))
     starts = 0.1 * np.random.default_rng(0).normal(size=(options.sims, model.nv))
     batches = {n: mujoco.batch.Batch(model, nsim=options.sims, nthread=n) for n in (1, 2)}
@@ -250,6 +280,7 @@ def batch(options: Options, report: Report) -> None:
 
 
 def main() -> int:
+    """Runs the benchmark, writes its files and returns the exit code."""
     options = parse(Options)
     folder = new_folder("bench_physics", options.out)
     report = Report(Console())
@@ -261,7 +292,7 @@ def main() -> int:
     report.markdown.append(head)
     hydrodynamics.install()
     if cores:
-        os.sched_setaffinity(0, cores[:1])  # one core, whatever the libraries would take
+        os.sched_setaffinity(0, cores[:1])  # one core, whatever the libraries would use
     one_vehicle(options, report)
     growth(options, report)
     one_body(options, report)

@@ -1,1 +1,1 @@
-"""Figures and tables of the papers, computed again."""
+"""Reproduced figures and tables of the papers."""

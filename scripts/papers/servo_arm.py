@@ -1,13 +1,16 @@
-"""The dissertation's three experiments with its eight-joint servo arm (paper 003, chapter 4, table 1, fig. 9).
+"""Reproduction of the three experiments with the eight-joint servo arm of [Danilov 2021, ch. 4, table 1, fig. 9].
 
     ./uvw run scripts/papers/servo_arm.py
 
-1, a single solution from the first row of table 1 to the second; 2, motion along x; 3, motion in trim; all by the three
-methods, to the paper's accuracy of 0.001 m and 0.01 rad for each goal. The arm's dimensions are not public:
-`models.arms.published_arms.SERVO_ARM` is a stand-in, and the ranges of the two motions are ours. So are the angles:
-course about y, which is up, then trim about z, then roll about x; read so, the arm of the first row hangs straight
-down. Writes metrics.json and two pictures. Exit code 0: every method reached the single solution, and the default one
-all poses.
+1, a single solution from the first row of table 1 to the second; 2, motion along x; 3, motion in trim. All use the
+three methods, to the published accuracy of 0.001 m and 0.01 rad for each goal.
+
+The arm's dimensions are not public: `models.arms.published_arms.SERVO_ARM` is a stand-in. The ranges of the two motions
+are ours. So is the order of the angles: course about y, which is up, then trim about z, then roll about x. With this
+order, the arm of the first row hangs straight down.
+
+Writes metrics.json and two pictures. Exit code 0: every method reached the single solution, and the default one all
+poses.
 """
 
 import math
@@ -30,10 +33,10 @@ from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
 INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
-GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])
-POSITION, ANGLE = 1e-3, 1e-2  # [m], [rad] the paper's accuracy, of each goal
-ALONG_X = (100.0, -100.0)  # [mm]
-IN_TRIM = (-50.0, -10.0)  # [deg]
+GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])  # the same, second row of table 1
+POSITION, ANGLE = 1e-3, 1e-2  # [m], [rad] published accuracy of each goal
+ALONG_X = (100.0, -100.0)  # [mm] first and last x of experiment 2
+IN_TRIM = (-50.0, -10.0)  # [deg] first and last trim of experiment 3
 METHODS: tuple[Method, ...] = ("plain", "jacobian_free", "hybrid")
 GOALS = ("F_R [m]", "F_alpha1 [rad]", "F_alpha2 [rad]")
 Runs = dict[str, tuple[str, Array, dict[Method, list[IkResult]]]]  # by motion: label, values, results by method
@@ -42,31 +45,43 @@ _CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#0
 
 @dataclass
 class Options:
-    """Joint values and goals against iterations, for the three methods."""
+    """Joint values and goals over iterations, for the three methods."""
 
     poses: int = 101
-    """Of each motion."""
+    """Number of poses of each motion."""
     out: Path | None = None
-    """Folder for metrics.json and the pictures; a new one in runs/servo_arm by default."""
+    """Folder for metrics.json and the pictures; default: a new one in runs/servo_arm."""
     quick: bool = False
     """Fewer poses."""
 
 
 def tool_pose(row: Array) -> Array:
-    """Pose (4, 4) of the tip for a row of table 1. The paper's E_x is along the tool, E_z across; ours are z and x."""
+    """Pose (4, 4) of the tip for a row of table 1.
+
+    The published E_x is along the tool and E_z across it; ours are z and x.
+    """
     course, trim, roll = np.radians(row[3:])
     R = exp_so3([0.0, course, 0.0]) @ exp_so3([0.0, 0.0, trim]) @ exp_so3([roll, 0.0, 0.0])
     return pose(np.column_stack([R[:, 2], np.cross(R[:, 0], R[:, 2]), R[:, 0]]), 1e-3 * row[:3])
 
 
 def row_of(X: Array) -> Array:
-    """The row of table 1 for a pose: the inverse of `tool_pose`, angles in (-180, 180] deg, trim in [-90, 90]."""
+    """The row of table 1 for a pose, inverse of `tool_pose`; angles in (-180, 180] deg, trim in [-90, 90] deg."""
     R = np.column_stack([X[:3, 2], np.cross(X[:3, 0], X[:3, 2]), X[:3, 0]])
     course, roll = math.atan2(-R[2, 0], R[0, 0]), math.atan2(-R[1, 2], R[1, 1])
     return np.array([*(1e3 * X[:3, 3]), *np.degrees([course, math.atan2(R[1, 0], math.hypot(R[0, 0], R[2, 0])), roll])])
 
 
 def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -> IkResult:
+    """Solves for one row of table 1 with the published accuracies.
+
+    Args:
+        chain: The arm.
+        row: x, y, z [mm], course, trim, roll [deg].
+        q: (n,) [rad] start.
+        method: Method of the solver.
+        track: Keep the branch of the start.
+    """
     return solve(
         chain,
         tool_pose(row),
@@ -81,7 +96,14 @@ def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -
 
 
 def motion(chain: Chain, rows: Array, q: Array, method: Method) -> list[IkResult]:
-    """Each row in turn, from where the last one left off."""
+    """Solves each row in turn, each from the result before.
+
+    Args:
+        chain: The arm.
+        rows: (N, 6) rows as in table 1.
+        q: (n,) [rad] start.
+        method: Method of the solver.
+    """
     found = []
     for row in rows:
         found.append(solved(chain, row, q, method, track=True))
@@ -90,13 +112,13 @@ def motion(chain: Chain, rows: Array, q: Array, method: Method) -> list[IkResult
 
 
 def goals_of(result: IkResult) -> Array:
-    """The three goals (iterations + 1, 3), which `solved` asks for."""
+    """The three goals (iterations + 1, 3) of a result of `solved`."""
     assert result.goals is not None
     return result.goals
 
 
 def draw_single(results: dict[str, IkResult], file: Path) -> None:
-    """Joint values and goals against iterations, one column a method (paper 003, fig. 9)."""
+    """Plots joint values and goals over iterations, one column for each method [Danilov 2021, fig. 9]."""
     figure = Figure(figsize=(13, 7), layout="constrained")
     grid = figure.subplots(2, len(results), sharey="row", squeeze=False)
     for column, (method, result) in zip(grid.T, results.items(), strict=True):
@@ -124,7 +146,7 @@ def draw_single(results: dict[str, IkResult], file: Path) -> None:
 
 
 def draw_motions(runs: Runs, file: Path) -> None:
-    """Joint values, goals and iterations along each motion, one column a motion; joint values of the default method."""
+    """Plots joint values and goals of the default method and all iterations, one column for each motion."""
     figure = Figure(figsize=(12, 9), layout="constrained")
     grid = figure.subplots(3, len(runs), sharey="row", squeeze=False)
     for column, (label, values, by_method) in zip(grid.T, runs.values(), strict=True):
@@ -164,7 +186,7 @@ def draw_motions(runs: Runs, file: Path) -> None:
 
 
 def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
-    """What is measured of a motion that began at `q`."""
+    """Figures of a motion that began at `q`."""
     steps = np.abs(np.diff(np.vstack([q, *(result.q for result in results)]), axis=0))
     counts = [result.iterations for result in results]
     return {
@@ -178,13 +200,14 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
 
 
 def main() -> int:
+    """Runs the experiments and writes their files; exit code as in the module's docstring."""
     options = parse(Options)
     count = max(2, options.poses // 8 if options.quick else options.poses)
     folder = new_folder("servo_arm", options.out)
     arm = arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)
     console = Console(width=None if sys.stdout.isatty() else 120)
-    # All methods start from one set of joint values, found closely.
+    # All methods start from the same joint values, solved to a tight tolerance.
     q_initial = np.array(solve(chain, tool_pose(INITIAL), np.full(chain.n, 0.1), 1e-6, 1e-6).q)
     single = {method: solved(chain, GIVEN, q_initial, method, track=False) for method in METHODS}
 

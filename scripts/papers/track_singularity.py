@@ -1,13 +1,15 @@
-"""The European Robotic Arm moves its wrist through the gimbal lock, with and without passing (paper 003, figs. 6, 7).
+"""Reproduction: ERA's wrist moves through gimbal lock with and without passing [Danilov 2021, figs. 6, 7].
 
     ./uvw run scripts/papers/track_singularity.py
     ./uvw run scripts/papers/track_singularity.py --passing limit --speed 0.05 --view
 
-The lock: the wrist's yaw at 90 deg turns its roll axis parallel to its pitch axis, and its pitch turns the yaw axis
-until it points at the shoulder. The tool can then not move along the pitch axis, which the paper's path along y0 asks
-for. The arm has a seventh joint and may evade the lock; the start is chosen where it does not, by going back from the
-lock along the path. Writes metrics.json, track_singularity.png and run.rrd. Exit code 0: without passing a joint was
-too fast, with passing none was, and the tool was back on its path at the end.
+The arm is the European Robotic Arm (ERA). The lock: at a yaw of 90 deg the wrist's roll axis is parallel to its pitch
+axis. Its pitch turns the yaw axis until it points at the shoulder. The tool then cannot move along the pitch axis,
+which the published path along y0 requires. The arm has a seventh joint and may evade the lock. The start is therefore
+found by tracking the path backwards from the lock.
+
+Writes metrics.json, track_singularity.png and run.rrd. Exit code 0: a joint exceeds the speed limit without passing,
+none does with passing, and the tool ends on its path.
 """
 
 import math
@@ -32,41 +34,42 @@ from sim.interfaces.spatial import Array, pose, rotation_angle
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
-AT_LOCK = np.radians([90.0, 0.0, -30.0, 60.0, 62.64, 90.0, 0.0])  # its fifth is refined by `lock`
+AT_LOCK = np.radians([90.0, 0.0, -30.0, 60.0, 62.64, 90.0, 0.0])  # [rad]; `lock` refines the fifth
 BLUE, ORANGE = (0, 114, 178), (230, 159, 0)
 _CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000")
 
 
 @dataclass
 class Options:
-    """Speeds of the joints and error of the tool on the way through the gimbal lock."""
+    """Joint speeds and tool error along a path through the gimbal lock."""
 
     passing: Passing = "auto"
-    """How the lock is passed in the run that passes it."""
+    """Method of passing the lock, in the run with passing."""
     method: Method = "hybrid"
-    """How each pose is solved for."""
+    """IK method for each pose."""
     reach: float = 1.0
-    """Length of the path before and behind the lock [m]."""
+    """Length of the path before and after the lock [m]."""
     speed: float = 0.1
-    """Of the wrist [m/s]."""
+    """Speed of the wrist [m/s]."""
     speed_limit: float = 0.1
-    """Of every joint [rad/s]."""
+    """Speed limit of every joint [rad/s]."""
     period: float = 0.05
-    """Between poses [s]."""
+    """Time between poses [s]."""
     out: Path | None = None
-    """Folder for metrics.json, the picture and run.rrd; a new one in runs/track_singularity by default."""
+    """Folder for metrics.json, the picture and run.rrd; default: a new one in runs/track_singularity."""
     view: bool = False
     """Open the Rerun viewer."""
     quick: bool = False
     """Half the path, twice the period."""
     record: bool = True
-    """Write run.rrd (--no-record: metrics.json and the picture alone)."""
+    """Write run.rrd (--no-record: metrics.json and the picture only)."""
 
 
 def lock(arm: PublishedArm) -> Array:
-    """Joint values (7,) in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by bisection.
+    """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by bisection.
 
-    The yaw axis passes through the shoulder (joint 2) where the link before it is across the line from there to it.
+    The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to the line to the
+    shoulder.
     """
 
     def along(pitch: float) -> float:
@@ -82,7 +85,17 @@ def lock(arm: PublishedArm) -> Array:
 
 
 def start(chain: Chain, q_lock: Array, path: Array, options: Options) -> Array:
-    """Joint values at the first pose of `path`, from which the way leads into the lock: back from there, unhurried."""
+    """Joint values at the first pose of `path` from which tracking leads into the lock, found backwards from the lock.
+
+    Args:
+        chain: The arm.
+        q_lock: (7,) [rad] in the lock.
+        path: (N, 4, 4) tip poses, the lock in the middle.
+        options: Options of the command.
+
+    Raises:
+        ConfigurationError: The arm does not return to its path in time.
+    """
     back = path[: len(path) // 2][::-1]
     run = track(chain, back, q_lock, options.period, speed_limits=4.0 * options.speed_limit, passing="limit")
     if not run.converged[-1]:
@@ -93,7 +106,7 @@ def start(chain: Chain, q_lock: Array, path: Array, options: Options) -> Array:
 
 
 def figures(run: Track, options: Options) -> dict[str, Any]:
-    """What is measured of one run."""
+    """Figures of one run."""
     fastest = np.abs(run.qd).max(axis=0)
     return {
         "largest_joint_speed": float(fastest.max()),
@@ -108,6 +121,15 @@ def figures(run: Track, options: Options) -> dict[str, Any]:
 
 
 def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array, view: bool) -> None:
+    """Writes run.rrd.
+
+    Args:
+        file: RRD file.
+        arm: Kinematics.
+        runs: Runs by name.
+        path: (N, 4, 4) tip poses.
+        view: Also show it in the Rerun viewer.
+    """
     import rerun.blueprint as rrb
 
     names = list(runs)
@@ -134,7 +156,13 @@ def write_log(file: Path, arm: PublishedArm, runs: dict[str, Track], path: Array
 
 
 def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
-    """Joint values, joint speeds and tool errors of each run over time, one column a run (paper 003, fig. 7)."""
+    """Plots joint values, joint speeds and tool errors over time, one column for each run [Danilov 2021, fig. 7].
+
+    Args:
+        runs: Runs by name.
+        options: Options of the command.
+        file: PNG file.
+    """
     figure = Figure(figsize=(12, 10), layout="constrained")
     grid = figure.subplots(4, len(runs), sharex=True, sharey="row", squeeze=False)
     for column, (name, run) in zip(grid.T, runs.items(), strict=True):
@@ -179,6 +207,7 @@ def draw(runs: dict[str, Track], options: Options, file: Path) -> None:
 
 
 def main() -> int:
+    """Runs both tracks and writes their files; exit code as in the module's docstring."""
     options = parse(Options)
     for name in ("reach", "speed", "speed_limit", "period"):
         if not (math.isfinite(value := getattr(options, name)) and value > 0.0):
@@ -211,7 +240,7 @@ def main() -> int:
                 method=options.method,
             )
     told = {name: figures(run, options) for name, run in runs.items()}
-    for name, run in runs.items():  # by the arm's own forward kinematics, not the solver's
+    for name, run in runs.items():  # by the arm's own forward kinematics, independent of the solver
         tips = np.array([arm.frames(row)[-1] for row in run.q])
         told[name]["checked_position_error_m"] = float(np.linalg.norm(tips[:, :3, 3] - path[1:, :3, 3], axis=1).max())
         turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path[1:], strict=True)]

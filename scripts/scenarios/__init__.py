@@ -1,1 +1,1 @@
-"""The scenario layer: wires the rooms together into runs. Nothing else may."""
+"""Scenario layer: the only code that connects the rooms (sim, perception, controllers, calib) into runs."""

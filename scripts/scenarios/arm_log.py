@@ -1,4 +1,4 @@
-"""Visual logs of arms that move on given joint values, for the Rerun viewer; timeline "sim_time"."""
+"""Rerun log of arms that move along given joint values; timeline "sim_time"."""
 
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,10 @@ TIMELINE = "sim_time"
 
 
 class ArmLog:
-    """Writes `file`; with `view`, also shows it in a Rerun viewer. Use as a context manager, or call `close`."""
+    """Writer of one Rerun file, with `view` also to a viewer; a context manager, else call `close`."""
 
     def __init__(self, file: Path, title: str, blueprint: Any, *, view: bool) -> None:
-        import rerun as rr  # heavy, and not needed without a log
+        import rerun as rr  # slow to import, and needless without a log
 
         self._rr, self._stream = rr, rr.RecordingStream("uuv-arm")
         if view:
@@ -37,7 +37,16 @@ class ArmLog:
     def arm(
         self, name: str, arm: PublishedArm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1
     ) -> None:
-        """The arm's links and joints and the trail of its tip at joint values `q` (N, n), each `stride` rows."""
+        """Logs an arm's links and joints over time.
+
+        Args:
+            name: Name of the entity.
+            arm: Kinematics.
+            time: (N,) [s].
+            q: (N, n) [rad] or [m] joint values.
+            color: RGB, 0 to 255.
+            stride: Rows per logged frame.
+        """
         rr = self._rr
         points = np.array([arm.frames(row)[:, :3, 3] for row in q[::stride]])
         strips = [np.vstack([np.zeros(3), row]) for row in points]
@@ -53,18 +62,32 @@ class ArmLog:
         self._stream.log(f"world/{name}/joints", rr.Points3D.from_fields(colors=color, radii=2.0 * size), static=True)
 
     def line(self, name: str, points: Array, color: tuple[int, int, int], radius: float) -> None:
-        """A line (N, 3) [m] that stays."""
+        """Logs a static line.
+
+        Args:
+            name: Name of the entity.
+            points: (N, 3) [m] in W.
+            color: RGB, 0 to 255.
+            radius: [m].
+        """
         rr = self._rr
         self._stream.log(f"world/{name}", rr.LineStrips3D([points], colors=color, radii=radius), static=True)
 
     def series(self, name: str, labels: list[str], time: Array, values: Array) -> None:
-        """Curves over time: `values` (N, k), one label each."""
+        """Logs curves over time.
+
+        Args:
+            name: Name of the entity.
+            labels: k names of the curves.
+            time: (N,) [s].
+            values: (N, k).
+        """
         rr = self._rr
         self._stream.log(f"series/{name}", rr.SeriesLines(names=labels, widths=1.5), static=True)
         self._columns(f"series/{name}", time, rr.Scalars.columns(scalars=values))
 
     def close(self) -> None:
-        """Write the rest and close the file."""
+        """Flushes and closes the file."""
         self._stream.flush(timeout_sec=10.0)
         self._stream.disconnect()
 

@@ -1,4 +1,4 @@
-"""The main job: a barrel to clean, its tool paths, and what a user may ask of it."""
+"""Barrel cleaning: its options and its contact job."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,15 +18,16 @@ class Options(ContactOptions):
     path: Literal["longitudinal", "transverse"] = "longitudinal"
     """Along the barrel's top, or half around it."""
     length: float = 0.6
-    """Of the longitudinal path [m]."""
+    """Length of the longitudinal path [m]."""
     arc: float = 180.0
-    """Of the transverse path [deg]; where the reach ends sooner the largest arc from 150 deg on is worked, and said."""
+    """Arc of the transverse path [deg]; where the reach ends sooner, the largest from 150 deg on is worked and
+    reported."""
     azimuth: float = 0.0
-    """Of the path around the barrel [deg], from the top; far enough round and it is out of reach."""
+    """Azimuth of the path around the barrel [deg], from the top; a large one is out of reach."""
 
 
 def barrel_job(options: Options, rng: np.random.Generator) -> ContactJob:
-    """The job that `options` ask for, the barrel and what is coarsely known of it drawn from `rng`."""
+    """The contact job for `options`; the barrel's pose and its coarse detection are drawn from `rng`."""
     arc = 60.0 if options.quick else options.arc
     azimuth = np.radians(options.azimuth)
     length = 0.2 if options.quick else options.length

@@ -1,4 +1,4 @@
-"""What is to be calibrated: an arm and touches of it, from files or simulated, with the truth where there is one."""
+"""Input and evaluation of an arm calibration: arm and touches, from files or simulated, with the truth where known."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -29,13 +29,15 @@ from sim.interfaces.spatial import Array, readonly
 from sim.loop.rollout import Observer
 
 Touching = Literal["noise", "clamped", "hovering"]
-TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] in the flange
+TOOLS = {"straight": (0.0, 0.0, 0.15), "off-axis": (0.06, 0.0, 0.15)}  # [m] tip in the flange
+# Tool direction in an arm's base whose z axis points up.
 LOOKING_DOWN = (0.0, 0.0, -1.0)
+# Errors of an arm as built in a workshop: theta, alpha, beta [rad], d, a [m].
 WORKSHOP = {"theta": np.deg2rad(0.3), "d": 2e-3, "a": 2e-3, "alpha": np.deg2rad(0.3), "beta": np.deg2rad(0.3)}
-# What a maker's own calibration leaves: of the order of the 0.256 mm that the paper measured of its UR10e's table.
+# Errors left by a maker's own calibration: of the order of the 0.256 mm measured in [Yukhimets 2023] for its UR10e.
 MAKERS = {"theta": np.deg2rad(0.02), "d": 2e-4, "a": 2e-4, "alpha": np.deg2rad(0.02), "beta": np.deg2rad(0.02)}
 
-# Paper 000, the table identified for its UR10e: theta [deg], a [mm], d [mm], alpha [deg].
+# Identified DH table of the UR10e in [Yukhimets 2023]: theta [deg], a [mm], d [mm], alpha [deg].
 PAPER_UR10E = np.array(
     [
         [0.0, 0.0015, 180.7, 90.0193],
@@ -50,7 +52,7 @@ PAPER_UR10E = np.array(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueArm:
-    """The arm as it is, of which nothing but touches is known to the calibration."""
+    """The true arm of a simulation; the calibration gets only its touches."""
 
     arm: Arm
     tcp: Array  # (3,) [m]
@@ -60,35 +62,45 @@ class TrueArm:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationCase:
-    """What is calibrated, and what it will be judged by."""
+    """Input of a calibration, and the data to evaluate it with."""
 
     title: str
-    source: ArmSource  # the nominal arm
+    source: ArmSource  # nominal arm
     touches: Touches
     distances: tuple[tuple[int, int, float, float], ...] = ()
     held_out: Touches | None = None
     truth: TrueArm | None = None
-    session: Session | None = None  # of touching by contact
-    X_BA: Array | None = None  # (4, 4) arm base on a hull that moved while it touched
+    session: Session | None = None  # touching by contact
+    X_BA: Array | None = None  # (4, 4) arm base on a hull that moved during the touches; None: fixed base
     notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CalibrationOutcome:
-    """A calibration and what it is worth."""
+    """A calibration with the figures of its evaluation."""
 
     calibration: Calibration
-    arm: Arm  # identified, without the joints of a hull that moved
+    arm: Arm  # identified, without the joints of a moving hull
     tcp: Array  # (3,) [m]
-    series: tuple[Array, ...]  # what was identified from
+    series: tuple[Array, ...]  # joint values that were identified from
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
-    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # point: RMS [m] nominal, identified
+    held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # by point: RMS [m] nominal, identified
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
-    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering, navigation left aside
+    uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
 
 
 def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
-    """The arm called `name`: a published one, the arm of a vehicle (written to `folder`), or a file."""
+    """The nominal arm called `name`: a published arm, the arm of a vehicle, or a file.
+
+    Args:
+        name: Name or path.
+        folder: A vehicle's MJCF is written there.
+        base: Base link or body of a URDF or MJCF.
+        tip: Tip link or site of a URDF or MJCF.
+
+    Raises:
+        ConfigurationError: The name is unknown, or the file is unusable.
+    """
     if name in arms.available():
         found = arms.load(name)
         arm = replace(Arm.from_dh(found.dh, found.joint_types), X_n_flange=readonly(found.tool))
@@ -120,7 +132,18 @@ def from_files(
     units: Literal["auto", "rad", "deg"],
     distances: Sequence[tuple[str, str, float]],
 ) -> CalibrationCase:
-    """Touches of the user's own arm. Raises ConfigurationError for points that `distances` name and that are none."""
+    """Calibration case from the user's own touches.
+
+    Args:
+        source: Nominal arm.
+        touches: CSV files, or folders of them.
+        held_out: Touches for validation only.
+        units: Unit of the angles.
+        distances: Known distances: point, point, [m].
+
+    Raises:
+        ConfigurationError: A file is unusable, or `distances` names an unknown point.
+    """
     how = {
         "joint_types": source.arm.joint_types,
         "joint_names": source.joint_names,
@@ -156,16 +179,29 @@ def simulated(
     errors: int,
     rng: np.random.Generator,
 ) -> CalibrationCase:
-    """Touches by hand of an arm with errors: the paper's own for a UR10e, else those of a workshop, of seed `errors`.
+    """Calibration case from simulated touches by hand of an arm with errors.
 
-    `known` tells the distance between the two points that are farthest apart.
+    The true arm is that of [Yukhimets 2023] for a UR10e, else one with workshop errors.
+
+    Args:
+        source: Nominal arm.
+        points: Number of points.
+        touches: Touches of each point.
+        noise: [m] standard deviation of a touch along each axis.
+        pin: Name in TOOLS.
+        known: Give the distance between the two farthest points.
+        errors: Seed of the workshop errors.
+        rng: Draws points, touches and the error of the distance.
+
+    Raises:
+        ReachError: Too few points are reached.
     """
     drawing = np.random.default_rng(errors)
     if source.kind == "mjcf":
         _, geometry = mjcf_geometry(source.path, source.base, source.tip)
         built = arm_geometry.with_errors(geometry, drawing)
         arm, limits = of_geometry(built), np.array(built.limits)
-        # The tool is what the tip site is the tip of; off-axis it stands out to the side.
+        # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from it.
         tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
         hangs, title = True, f"Calibration of {source.path.stem}, built with workshop errors {errors}"
     else:
@@ -198,7 +234,25 @@ def by_contact(
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> CalibrationCase:
-    """Touches by contact: the vehicle's own arm, built with the errors of seed `errors`, presses a pin into nests."""
+    """Calibration case from touches by contact: the vehicle's built arm presses a pin into nests.
+
+    Args:
+        source: Nominal arm.
+        vehicle: Name of the vehicle, or an MJCF file.
+        hovering: Station keeping with the thrusters; False: the hull is clamped.
+        points: Number of nests.
+        touches: Touches of each nest.
+        known: Give the distance between the two farthest nests.
+        errors: Seed of the errors with which the arm is built.
+        current: [m/s] steady current in W, while hovering.
+        gust: [m/s] standard deviation of the gusts per axis, while hovering.
+        rng: Draws nests, touches, gusts and sensor noise.
+        watch: Makes a further observer of the loop for the compiled world.
+
+    Raises:
+        ConfigurationError: The vehicle lacks a part, or fewer than two nests were found.
+        ReachError: The arm does not reach enough nests.
+    """
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
     hull = with_parts(own, but=(CAMERA_SITE, TOOL_GEOM))
@@ -255,7 +309,16 @@ def _simulated_case(
 def solve(
     case: CalibrationCase, *, free: Sequence[str], prior: dict[str, float], method: Literal["map", "paper"]
 ) -> CalibrationOutcome:
-    """Identify and judge. Navigation's poses of a hull that moved are taken in where there are any."""
+    """Identifies the arm of a case and evaluates the result.
+
+    The hull poses of navigation enter the fit where the hull moved.
+
+    Args:
+        case: Input.
+        free: Free parameters; empty: all.
+        prior: Prior standard deviations [rad], [m] by name; empty: from the data.
+        method: Fit: maximum a posteriori, or as published [Yukhimets 2023].
+    """
     series, arm = list(case.touches.series), case.source.arm
     options = {"prior": prior or None, "method": method, "distances": case.distances}
     plain = identify(series, arm, free=list(free) or None, **options)
@@ -293,34 +356,35 @@ def _judged(case: CalibrationCase, found: Calibration, arm: Arm, series: Sequenc
 
 
 def _first_tcp(case: CalibrationCase) -> Array:
-    """The tool point that the nominal arm is given: eq. (16) of paper 000 on the touches of the calibration."""
+    """Tool point (3,) [m] for the nominal arm: [Yukhimets 2023, eq. 16] on the touches of the calibration."""
     from calib.touches import first_tcp
 
     return first_tcp(case.source.arm, list(case.touches.series))
 
 
 def _scatter(tips: Array) -> float:
-    """RMS distance of tips (m, 3) from their mean [m]."""
+    """RMS distance [m] of tips (m, 3) from their mean."""
     return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
 def _clouds(case: CalibrationCase, identified: Arm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
-    """The paper's comparison with a tracker: 13 flange points, the flange turned alike, by each model of the arm."""
+    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude."""
     truth = case.truth
     assert truth is not None
     q = _moves(case, rng)
     measured = verification.track(truth.arm, q, rng)
     none = np.zeros(3)
     tables = {"nominal": case.source.arm, "identified": identified}
-    if not truth.hangs:  # a robot that was bought has a table of its maker's, with errors of its own
+    if not truth.hangs:  # a bought robot has its maker's own table, with errors
         tables["controller"] = wrong_arm(truth.arm, MAKERS, rng)
     return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
 
 
 def _moves(case: CalibrationCase, rng: np.random.Generator, count: int = 13, tries: int = 60) -> Array:
-    """Joint values (count, n) of flange points in a box, the flange turned alike, as the nominal arm moves to them.
+    """Joint values (count, n) for flange points of equal attitude in a box, solved with the nominal arm.
 
-    Where the arm does not take the paper's box with the flange down, a box about a touched pose, in its direction.
+    The box is that of [Yukhimets 2023] with the flange down. Where the arm does not reach it, the box lies about a
+    touched pose, with the attitude of that pose.
     """
     truth, arm = case.truth, case.source.arm
     assert truth is not None
@@ -348,7 +412,10 @@ def _moves(case: CalibrationCase, rng: np.random.Generator, count: int = 13, tri
 
 
 def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list[str]:
-    """Why the identified arm is not to be used, where that can be judged; the paper's own run never settles."""
+    """Reasons to reject the identified arm; empty: accepted.
+
+    Convergence counts for `method` "map" only: the published three iterations do not converge.
+    """
     found, out = outcome.calibration, []
     if not found.cost < found.cost_nominal:
         out.append("the touches of a point lie no closer than by the nominal arm")
@@ -364,7 +431,7 @@ def failed(outcome: CalibrationOutcome, method: Literal["map", "paper"]) -> list
 
 
 def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list[tuple[str, str]]:
-    """Names and values for the terminal and the page."""
+    """Names and formatted values for the terminal and the report."""
     found, rank = outcome.calibration, outcome.calibration.rank
     touches = sum(len(each) for each in found.residuals)
     out = [
@@ -405,7 +472,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
 
 
 def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
-    """What is known of the arm's size."""
+    """Accuracy of the arm's scale, which only a known distance determines."""
     if not case.distances:
         return "not told: no distance is known"
     longest = max(case.distances, key=lambda one: one[2])
@@ -417,7 +484,14 @@ def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
 
 
 def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
-    """metrics.json: SI units, null where there is nothing to tell."""
+    """Contents of metrics.json: SI units, null where a figure does not exist.
+
+    Args:
+        case: Input.
+        outcome: Result.
+        ok: The result is accepted.
+        seed: Seed of the run.
+    """
     found, rank, clouds, session = outcome.calibration, outcome.calibration.rank, outcome.clouds, case.session
     return {
         "title": case.title,

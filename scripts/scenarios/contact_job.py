@@ -1,4 +1,4 @@
-"""A contact job: its parts wired together as a value, run without a word, or run and written for a scenario."""
+"""Contact job: its specification as a value, its assembly from parts, and its run with or without report."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ from sim.water.current import Current
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ContactJob:
-    """What a scenario asks for; the truth about the object is for the plant and the judge alone."""
+    """Specification of a contact job; the truth about the object goes to plant and evaluation only."""
 
     scenario: str
     title: str
@@ -55,7 +55,7 @@ class ContactJob:
     path: str
     forces: tuple[float, ...]  # [N]
     speed: float  # [m/s]
-    least_share: float  # of the path that must be reached
+    least_share: float  # share of the path that must be within reach
     X_WT: Array  # (4, 4) true pose of the object
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) coarse orientation
@@ -63,19 +63,19 @@ class ContactJob:
     vehicle: str
     controller: str  # MODULE:CLASS
     without: frozenset[str]
-    arm_errors: int | None  # seed of the errors with which the arm was built; None: none
-    calibrated: bool = False  # the controller knows the arm as identified from touches
-    arm: Path | None = None  # or as a file says
-    force_rate: float = 60.0  # [N/s] at which a set force changes
+    arm_errors: int | None  # seed of the errors with which the arm was built; None: no errors
+    calibrated: bool = False  # the controller's arm model is identified from touches
+    arm: Path | None = None  # file of the controller's arm model; excludes `calibrated`
+    force_rate: float = 60.0  # [N/s] rate of change of the set force
     contactless: float | None = None  # [m] distance to keep from the surface; None: press with `forces`
-    sees_with: str = "camera"  # or a sonar
+    sees_with: str = "camera"  # camera or sonar
     looks: int = 1  # depth frames, or pings, whose median the path is planned on
-    there: TargetModel | None = None  # what really stands there, with the same paths; None: `target`, as it is known
+    there: TargetModel | None = None  # the true object, with the same paths; None: `target`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Built:
-    """A job ready to run, once: its streams of random numbers run on."""
+    """An assembled job, to be run once: its random number generators are consumed."""
 
     job: ContactJob
     options: ScenarioOptions
@@ -83,20 +83,20 @@ class Built:
     plant: Plant
     parts: Parts
     truth: TrueObject
-    X_WB: Array  # (4, 4) the hull's first pose
+    X_WB: Array  # (4, 4) initial pose of the hull
     gusts: np.random.Generator
     noise: np.random.Generator  # of the sensors
-    said: str  # of the arm; empty where there is nothing to say
-    drawn: Mapping[str, float]  # what was drawn for the variation
+    said: str  # line about the arm for the terminal, or empty
+    drawn: Mapping[str, float]  # factors drawn for the variation, by name
 
     def current(self) -> Current:
-        """The current of the job, from its beginning."""
+        """The current of the job from its beginning, with gusts."""
         options = self.options
         return Current(options.current, gust=options.gust, timestep=self.plant.timestep, rng=self.gusts)
 
     @property
     def ready(self) -> Ready:
-        """What runs it."""
+        """Plant, parts and restart for the runner."""
         return Ready(
             seed=self.options.seed,
             plant=self.plant,
@@ -108,7 +108,7 @@ class Built:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outcome:
-    """What came of a job."""
+    """Result of a job: recording, assessment and last moment."""
 
     job: ContactJob
     recording: Recording
@@ -117,7 +117,20 @@ class Outcome:
 
 
 def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
-    """Wire the parts of `job` together. Writes and prints nothing; raises UuvError where the job cannot be."""
+    """Assembles the parts of a job without any output.
+
+    Args:
+        job: Specification.
+        options: Options of the scenario: seed, current, gusts, recording.
+        rng: Parent of the streams for gusts, sensor noise, start pose and sampling.
+        variation: Deviations of the plant from the controller's model.
+
+    Returns:
+        The assembled job.
+
+    Raises:
+        UuvError: The vehicle lacks a part, or a number of the job is out of range.
+    """
     work = SurfaceTaskConfig(
         forces=job.forces,
         speed=job.speed,
@@ -131,9 +144,9 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     believed, built, said = believed_and_built(
         job.vehicle, arm_errors=job.arm_errors, calibrated=job.calibrated, arm_file=job.arm
     )
-    timestep = float(built.option.timestep)  # of the loop; a stiff surface wants a shorter one of the physics
+    timestep = float(built.option.timestep)  # of the loop; a stiff surface needs a shorter timestep of the physics
     drawn = vary(built, variation)
-    own = believed.compile()  # what the vehicle knows of itself; nothing of the scene
+    own = believed.compile()  # the vehicle's model of itself, without the scene
     vehicle = with_parts(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
@@ -183,7 +196,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
             X_WB_scan=X_WB,
             hull_box=hull_box(own, vehicle),
             view_B=X_BC[:3, 2],
-            floor=scenes.seabed_height(job.target, job.X_WT),  # the depth there is charted
+            floor=scenes.seabed_height(job.target, job.X_WT),  # the charted depth there
             holding=ThrustMargin.of(own),
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
@@ -206,10 +219,19 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
 def run(
     built: Built, *, recorder: Recorder | None = None, observers: Sequence[Observer] = (), longest: float = LONGEST
 ) -> Outcome:
-    """Run the job to its end, or for `longest` [s] simulated. Writes and prints nothing.
+    """Runs an assembled job to its end without any output.
 
-    `recorder` is that of the outcome where it is given; else one is made that keeps what the metrics need. Raises
-    UuvError for a motion that blows up, or parts that do not fit together.
+    Args:
+        built: The assembled job.
+        recorder: Recorder of the outcome; None: one that keeps the series for the metrics.
+        observers: Further observers of the loop.
+        longest: [s] limit of the simulated time.
+
+    Returns:
+        Recording, assessment and last moment.
+
+    Raises:
+        UuvError: The motion diverges, or the parts are incompatible.
     """
     plant = built.plant
     recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=built.options.record)
@@ -218,7 +240,7 @@ def run(
 
 
 def judge(built: Built, ran: Ran) -> Assessment:
-    """The figures of a job that was run."""
+    """Assessment of a job that was run, against the true object."""
     state = ran.last.found
     found = state.last if isinstance(state, FinderState) else None
     return assess(
@@ -233,11 +255,25 @@ def judge(built: Built, ran: Ran) -> Assessment:
 def run_contact_job(
     job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, started: float, variation: Variation = NOMINAL
 ) -> int:
-    """Build, run, judge, write. Returns the exit code; raises UuvError where the job could not begin."""
+    """Assembles, runs and assesses a job, and writes its results.
+
+    Args:
+        job: Specification.
+        options: Options of the scenario.
+        rng: Parent of all random streams.
+        started: [s] time.perf_counter() at the start of the command.
+        variation: Deviations of the plant from the controller's model.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UuvError: The job could not begin.
+    """
     console = Console()
     if not kernel_cache.is_kept("joint_servo"):
         console.print("first start: the inner loops are compiled, once; this takes a minute or so")
-    folder = options.folder(job.scenario)  # before the work: it may not be possible
+    folder = options.folder(job.scenario)  # before the work: the folder may be unusable
     built = build(job, options, rng, variation)
     if built.said:
         console.print(built.said, highlight=False)

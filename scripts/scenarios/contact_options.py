@@ -1,4 +1,4 @@
-"""What every scenario of contact work can be asked, and what a coarse detection says of an object."""
+"""Options that all contact scenarios share, and the model of a coarse detection."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,40 +17,41 @@ Left = Literal[
 ]
 
 SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of the tool along a path
-_MOST_FORCE = 1e3  # [N] beyond what any vehicle here can press with
-_MOST_LOOKS = 40  # that come within the time that a scan is waited for
-_HIGHEST = 1.0  # [m] of growth, or dents
-_PATCHES = 3  # of growth, or dents
+_MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
+_MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
+_HIGHEST = 1.0  # [m] largest growth or dents
+_PATCHES = 3  # patches of growth or dents on an object
 
 
 @dataclass(kw_only=True)
 class ContactOptions(ScenarioOptions):
-    """What every scenario of contact work can be asked."""
+    """Options that all contact scenarios share."""
 
     forces: tuple[float, ...] = ()
-    """Set forces [N] on equal parts of the path; 60 90 60 along and 60 90 around by default."""
+    """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""
     speed: float = 0.02
-    """Of the tool along the path [m/s]."""
+    """Speed of the tool along the path [m/s]."""
     contactless: float | None = None
-    """Keep the tool at this distance [m] from the surface, without touching, in place of pressing (paper 004)."""
+    """Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019]."""
     fouled: float = 0.0
-    """Growth on the object, up to this height [m], along the path; the vehicle knows the clean object alone."""
+    """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
     dented: float = 0.0
-    """The same with dents, up to this deep [m]."""
+    """Dents in the object along the path, up to this depth [m]; the vehicle knows the undamaged object only."""
     looks: int = 1
-    """Frames, or pings, in a row whose median the tool path is planned on; 16 for what may be fouled or dented."""
+    """Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are
+    possible."""
     sensor: Literal["camera", "sonar"] = "camera"
-    """What the object is seen with."""
+    """Sensor for identification."""
     without: tuple[Left, ...] = ()
-    """Methods to leave out, for ablation."""
+    """Controller methods to leave out (ablation)."""
     arm_errors: int | None = None
-    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, which the controller does not know."""
+    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
     calibrated: bool = False
-    """Calibrate the arm first, touching four points with a hand's noise of 0.1 mm; one distance is known."""
+    """Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance."""
     arm: Path | None = None
-    """Arm as the controller shall know it: arm.yaml of calibrate_arm.py."""
+    """File of the controller's arm model: arm.yaml of calibrate_arm.py."""
     range: float = 1.25
-    """From camera to object [m] at which it is scanned."""
+    """Range from camera to object at the scan [m]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     controller: str = "controllers.work_controller:WorkController"
@@ -67,10 +68,21 @@ class ContactOptions(ScenarioOptions):
         forces: tuple[float, ...],
         least_share: float,
     ) -> ContactJob:
-        """Work along `path` of `target`, which lies at `X_WT` (4, 4); `forces` [N] where none are asked for.
+        """Specification of contact work along a path of an object.
 
-        What is coarsely known of it, and what the sea has made of it, is drawn from `rng`. Raises ConfigurationError
-        for a number of looks, or heights of growth, that cannot be.
+        The coarse detection, and growth and dents, are drawn from `rng`.
+
+        Args:
+            scenario: Name of the scenario.
+            target: Model of the object.
+            path: Name of one of its paths.
+            X_WT: (4, 4) true pose of the object.
+            rng: Source of the random draws.
+            forces: [N] set forces where --forces gives none.
+            least_share: Share of the path that must be within reach.
+
+        Raises:
+            ConfigurationError: An option is out of range.
         """
         whole_number(self.looks, "--looks", least=1, most=_MOST_LOOKS)
         if self.arm_errors is not None:
@@ -105,9 +117,10 @@ class ContactOptions(ScenarioOptions):
         )
 
     def _there(self, target: TargetModel, path: str, rng: np.random.Generator) -> TargetModel | None:
-        """What the sea has made of `target`, mostly along its path `path`; None: nothing. Draws only if asked to.
+        """The true object: `target` with growth and dents near `path`; None: equal to `target`, nothing drawn.
 
-        Raises ConfigurationError for heights that cannot be.
+        Raises:
+            ConfigurationError: A height is out of range.
         """
         return left_by_the_sea(target, self.fouled, self.dented, rng, near=target.path(path).p)
 
@@ -115,9 +128,20 @@ class ContactOptions(ScenarioOptions):
 def left_by_the_sea(
     target: TargetModel, fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
 ) -> TargetModel | None:
-    """`target` with growth up to `fouled` [m] and dents up to `dented` [m], `near` points (N, 3) in T or all over.
+    """`target` with random growth and dents.
 
-    None, and nothing drawn, if both are 0. Raises ConfigurationError for heights that cannot be.
+    Args:
+        target: Model of the clean object.
+        fouled: [m] largest height of the growth.
+        dented: [m] largest depth of the dents.
+        rng: Draws the patches.
+        near: (N, 3) [m] points in T around which the patches lie; None: all over the object.
+
+    Returns:
+        The deformed object; None, and nothing drawn, if both heights are 0.
+
+    Raises:
+        ConfigurationError: A height is out of range.
     """
     shown = target
     for name, height in (("fouled", fouled), ("dented", dented)):
@@ -128,7 +152,11 @@ def left_by_the_sea(
 
 
 def coarse_detection(X_WT: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """What a coarse detection says of an object at `X_WT`: place (3,) [m], 10 to 30 cm off, and axes, up to 30 deg."""
+    """Coarse pose of an object at `X_WT` (4, 4), with a random error.
+
+    Returns:
+        Position (3,) [m], 10 to 30 cm off; rotation (3, 3), up to 30 deg off.
+    """
     way, axis = rng.standard_normal((2, 3))
     approach = X_WT[:3, 3] + rng.uniform(0.1, 0.3) * way / np.linalg.norm(way)
     turn = exp_so3(rng.uniform(0.0, np.radians(30.0)) * axis / np.linalg.norm(axis))

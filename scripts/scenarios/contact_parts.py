@@ -1,4 +1,4 @@
-"""The concrete parts of a contact job, made from what the job says."""
+"""Factories for the parts of a contact job: vehicle models, sensor, controller, scan pose, hull box."""
 
 import importlib
 import traceback
@@ -26,16 +26,30 @@ from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
-_FARTHEST = 1e3  # [m] from an object, far beyond what any sensor here sees
-_FOREIGN = 100  # characters of what a foreign error says
+_FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
+_FOREIGN = 100  # characters kept of the message of a foreign error
 SEES_WITH = ("camera", "sonar")
 
 
 def believed_and_built(
     vehicle: str, *, arm_errors: int | None, calibrated: bool, arm_file: Path | None
 ) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
-    """The vehicle as its controller knows it, and as it is, alike but for errors of the arm that are asked for; and
-    what there is to say of the arm. Raises ConfigurationError for an arm that is both calibrated and given."""
+    """Specs of the vehicle as its controller knows it (believed) and as it is (built).
+
+    Both are equal but for the arm errors that are asked for.
+
+    Args:
+        vehicle: Name of the vehicle, or an MJCF file.
+        arm_errors: Seed of the errors with which the arm is built; None: no errors.
+        calibrated: Identify the believed arm from touches on deck.
+        arm_file: File of the believed arm; excludes `calibrated`.
+
+    Returns:
+        Believed spec, built spec, line about the arm for the terminal (empty: nothing to report).
+
+    Raises:
+        ConfigurationError: The arm is to be both calibrated and read from a file, or the file does not match.
+    """
     if arm_errors is not None:
         whole_number(arm_errors, "--arm-errors")
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
@@ -60,9 +74,18 @@ def believed_and_built(
 
 
 def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | Sonar, SensorModel | None]:
-    """What the vehicle sees with, at `X_BS` (4, 4) on the hull, and what perception is told of it; None: as usual.
+    """The vehicle's depth camera or sonar, and the sensor model that perception uses.
 
-    Raises ConfigurationError for a `kind` that is not one of SEES_WITH.
+    Args:
+        kind: "camera" or "sonar".
+        model: The compiled world.
+        X_BS: (4, 4) pose of the sensor on the hull.
+
+    Returns:
+        The sensor, and its model; None: the default model.
+
+    Raises:
+        ConfigurationError: `kind` is not in SEES_WITH.
     """
     if kind == "camera":
         return DepthCamera(model, HULL_BODY, X_BS), None
@@ -72,21 +95,27 @@ def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | S
 
 
 def tool_radius(model: mujoco.MjModel) -> float:
-    """Radius [m] of the ball that the tool's pad is; 0, a point, for a pad of another form."""
+    """Radius [m] of a spherical tool pad; 0 (a point) for a pad of another shape."""
     pad = model.geom(TOOL_GEOM)
     return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
 
 
 def passive_joints(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Joints beside the arm's own and the hull's: springs, a pad."""
+    """Names of the joints that belong neither to the arm nor to the hull: springs, a pad."""
     return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
 
 
 def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
-    """The controller named MODULE:CLASS on the vehicle's own model.
+    """The controller named MODULE:CLASS, made of the vehicle's own model and wrapped in SafetyWrapper.
 
-    Raises ConfigurationError if there is none, and for whatever its module raises while it is imported or the class
-    while it is made, with the place.
+    Args:
+        name: MODULE:CLASS.
+        own: The vehicle's model of itself.
+        without: Methods to leave out (ablation).
+        water_error: Share by which the controller's hydrodynamic coefficients are wrong.
+
+    Raises:
+        ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
     """
     module, _, word = name.partition(":")
     if not (module and word):
@@ -109,7 +138,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
 
 
 def _told(error: BaseException) -> str:
-    """The kind of a foreign error, what it says, and the line it came from, where that is not ours."""
+    """Type and message of a foreign error, and the line in foreign code that raised it."""
     if isinstance(error, SyntaxError) and error.filename:
         where = f" ({error.filename}:{error.lineno})"
     else:
@@ -120,24 +149,35 @@ def _told(error: BaseException) -> str:
 
 
 def with_parts(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
-    """The vehicle in `own`, which must have every part that a job of the arm needs, `but` for those named.
+    """The vehicle in `own`, checked for every part that work with the arm needs, except those in `but`.
 
-    Raises ConfigurationError that names all that is missing, with what it is for.
+    Raises:
+        ConfigurationError: Parts are missing; the message names them all and their purpose.
     """
     check_parts(own, but)
     return Vehicle.of(own)
 
 
 def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) from which the camera at `X_BC`, looking towards +x of W or down or up, sees the coarse
-    position from `scan_range` [m]."""
+    """Level hull pose (4, 4) in W from which the camera sees the coarse position from the scan range.
+
+    The camera looks towards +x of W, or down, or up.
+
+    Args:
+        X_BC: (4, 4) pose of the camera on the hull.
+        approach_W: (3,) [m] coarse position of the object.
+        scan_range: [m] distance along the camera's axis.
+
+    Raises:
+        ConfigurationError: The scan range is out of range.
+    """
     finite_number(scan_range, "--range [m]", above=0.0, most=_FARTHEST)
     R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
     return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))
 
 
 def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
-    """Corners (2, 3) [m] of the box around the hull's own geoms, hull axes."""
+    """Corners (2, 3) [m] in B of the box around the hull's own geoms."""
     geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
     if not geoms:
         return np.zeros((2, 3))
@@ -154,15 +194,26 @@ def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Misplacing:
-    """A finder (`sim.interfaces.protocols.TargetFinder`) whose finds lie off, against the tool's way into them."""
+    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
 
     finder: KnownObjectFinder
-    offset: float  # [m] by which the true surface is farther than it is said to be
+    offset: float  # [m] the found surface lies so far before the true one
 
     def init(self) -> Any:
+        """Initial state of the wrapped finder."""
         return self.finder.init()
 
     def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+        """Step of the wrapped finder, its target shifted.
+
+        Args:
+            state: State of the wrapped finder.
+            estimate: State estimate of the vehicle.
+            measurement: Measurements of this step.
+
+        Returns:
+            New state, shifted target or None.
+        """
         state, target = self.finder.step(state, estimate, measurement)
         if target is None or target.path is None:
             return state, target

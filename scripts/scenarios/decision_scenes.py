@@ -1,6 +1,6 @@
-"""Scenes that a check must tell apart: the right object clean, hidden in part or fouled; another one, none, too little.
+"""Test scenes for PoseCheck: the object clean, partly hidden or fouled; another object, none, or too little of it.
 
-Built on the random scenes of `_object_scenes`; what hides the object stands in the scene as parts of its stand.
+Built on the random scenes of `scenarios.object_scenes`; occluders are added as parts of the object's stand.
 """
 
 from collections.abc import Mapping
@@ -18,36 +18,40 @@ from scenarios.object_scenes import ObjectScene, object_scene, target_of
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
-KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it can be seen
+KINDS: Mapping[str, bool] = {  # name: the object is there, and enough of it is visible
     "clean": True,
-    "hidden": True,  # 20 to 50 % of what would be seen
-    "fouled": True,  # 30 % of the surface, 10 to 40 mm thick, or a tenth of the object's radius
+    "hidden": True,  # 20 to 50 % of its visible part is hidden
+    "fouled": True,  # 30 % of the surface, 10 to 40 mm thick, or at most a tenth of the object's radius
     "hidden_most": False,  # 70 to 90 %
     "other": False,  # another object, or the same in another size
     "absent": False,
 }
 UNEVEN = "uneven starfish"
 NAMES: tuple[str, ...] = (*targets.available(), UNEVEN)
-_FINE = 60_000  # triangles at which a mesh is no longer divided
-_RAYS = 4  # [px] between the rays by which hiding is measured
+_FINE = 60_000  # largest number of triangles after a subdivision
+_RAYS = 4  # [px] spacing of the rays that measure occlusion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawn:
-    """A scene, and what was done in it."""
+    """A scene with the share of the object that is hidden."""
 
     scene: ObjectScene
-    hidden: float  # share of the object's picture behind something else
+    hidden: float  # share of the object's image behind occluders
 
 
 @cache
 def object_of(name: str) -> TargetModel:
-    """The object `name` of NAMES; raises ConfigurationError for an unknown one."""
+    """The object `name` of NAMES.
+
+    Raises:
+        ConfigurationError: The name is unknown.
+    """
     return uneven_starfish() if name == UNEVEN else target_of(name)
 
 
 def uneven_starfish() -> TargetModel:
-    """Five arms that differ in length by up to 16 %: turned by 72 deg it nearly looks the same, but is not."""
+    """Starfish whose five arms differ in length by up to 16 %: a turn by 72 deg is nearly a symmetry."""
     sides, rings, height = 200, 12, 0.035
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     radius = np.full(sides, 0.055)
@@ -79,7 +83,17 @@ def uneven_starfish() -> TargetModel:
 
 
 def draw(name: str, kind: str, seed: int, sensor: str) -> Drawn:
-    """The scene of `seed`. Raises ConfigurationError for unknown names."""
+    """The scene of `seed`.
+
+    Args:
+        name: Object in NAMES.
+        kind: Kind of scene in KINDS.
+        seed: Draws the scene and what is changed in it.
+        sensor: Name in `scenarios.object_scenes.SENSORS`.
+
+    Raises:
+        ConfigurationError: A name is unknown.
+    """
     if kind not in KINDS:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
     target, rng = object_of(name), np.random.default_rng([seed, 17])
@@ -102,7 +116,7 @@ def draw(name: str, kind: str, seed: int, sensor: str) -> Drawn:
 
 
 def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
-    """Another object, or `target` 15 to 30 % smaller or 18 to 43 % larger, as a mesh."""
+    """Another object of NAMES, or `target` 15 to 30 % smaller or 18 to 43 % larger as a mesh."""
     others = [object_of(name) for name in NAMES if object_of(name).name != target.name]
     if rng.random() < 0.6:
         return others[int(rng.integers(len(others)))]
@@ -118,7 +132,14 @@ def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
 def fouled(
     target: TargetModel, rng: np.random.Generator, thick: tuple[float, float], cover: float = 0.3
 ) -> TargetModel:
-    """`target` with mounds `thick` [m] on a share `cover` of its vertices, along their normals."""
+    """`target` with random mounds of growth along its normals.
+
+    Args:
+        target: The clean object.
+        rng: Draws the mounds.
+        thick: [m] bounds of their height.
+        cover: Share of the vertices that are covered.
+    """
     vertices, triangles = welded(target.vertices, target.triangles)
     while len(triangles) < _FINE // 4:
         vertices, triangles = split(vertices, triangles, np.ones(len(triangles), dtype=bool), 0.0)
@@ -140,7 +161,17 @@ def fouled(
 def occluders(
     target: TargetModel, X_CT: Array, share: float, rng: np.random.Generator
 ) -> tuple[tuple[Solid, ...], float]:
-    """Balls between camera and object that hide about `share` of its picture, in T, and the share that they do."""
+    """Spheres between camera and object that hide a share of its image.
+
+    Args:
+        target: The object.
+        X_CT: (4, 4) its pose in the camera frame.
+        share: Share of the image to hide.
+        rng: Draws the spheres.
+
+    Returns:
+        Spheres in T; share that they hide.
+    """
     X_TC = inverse(X_CT)
     x, y = np.meshgrid((np.arange(0, 640, _RAYS) - 319.5) / 554.0, (np.arange(0, 480, _RAYS) - 239.5) / 554.0)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3)
@@ -171,7 +202,18 @@ def occluders(
 
 
 def forced(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> dict[str, Array]:
-    """Wrong poses: 3 cm and 10 deg off in any direction that can be told; of the uneven starfish, 72 deg or more."""
+    """Wrong poses by name: off by 3 cm, by 10 deg, and for the uneven starfish by a multiple of 72 deg.
+
+    The 10 deg are about an axis perpendicular to the object's axis of symmetry, if it has one.
+
+    Args:
+        X_CT: (4, 4) true pose.
+        target: The object.
+        rng: Draws the directions.
+
+    Returns:
+        Poses (4, 4) in C by name.
+    """
     aside, axis = rng.normal(size=(2, 3))
     poses = {"3 cm": pose(p=0.03 * aside / np.linalg.norm(aside)) @ X_CT}
     if target.symmetry.axis is not None:

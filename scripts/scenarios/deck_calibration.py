@@ -1,4 +1,4 @@
-"""The arm of a vehicle calibrated on deck, before the dive: touches with a hand's noise, or an arm from a file."""
+"""Arm calibration on deck before the dive: from simulated touches with a hand's noise, or from a file."""
 
 from pathlib import Path
 
@@ -12,17 +12,17 @@ from models.arms.dh_geometry import ArmGeometry
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array
 
-POINTS, TOUCHES = 4, 21  # how many points are touched, and how often each
-HAND = 1e-4  # [m] deviation of a touch along each axis
-LENGTH_ERROR = 5e-5  # [m] deviation of the one known distance
-CONE = np.deg2rad(60.0)  # [rad] of the tool about the way down
-PLACES_TRIED = 2000
-OWN_TOOL = 0.03  # [m] from the nominal tip, within which a tool is the vehicle's own
-DOWN = (0.0, 0.0, 1.0)  # in the arm's base, whose z points away from the hull
+POINTS, TOUCHES = 4, 21  # number of points, touches of each
+HAND = 1e-4  # [m] standard deviation of a touch along each axis
+LENGTH_ERROR = 5e-5  # [m] standard deviation of the one known distance
+CONE = np.deg2rad(60.0)  # [rad] half angle of the tool's directions about vertical
+PLACES_TRIED = 2000  # random postures tried before ReachError
+OWN_TOOL = 0.03  # [m] from the nominal tip: a tool within this is taken for the vehicle's own
+DOWN = (0.0, 0.0, 1.0)  # in the arm's base, whose z axis points away from the hull
 
 
 def farthest(points: Array) -> tuple[int, int]:
-    """The two of `points` (k, 3) that are farthest apart."""
+    """Indices of the two of `points` (k, 3) that are farthest apart."""
     gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
     i, j = np.unravel_index(int(gaps.argmax()), gaps.shape)
     return int(min(i, j)), int(max(i, j))
@@ -39,10 +39,25 @@ def touched(
     noise: float = HAND,
     way: ArrayLike = DOWN,
 ) -> tuple[list[Array], Array]:
-    """Touches (m, n) [rad] by the arm as built, one array a point, and the true points (k, 3) [m] in its base.
+    """Simulates touches by the arm as built.
 
-    Points are drawn where the arm reaches with its flange about `way` (3,), well apart. Raises ReachError if there are
-    no such.
+    Points are drawn well apart, where the arm reaches with its flange about `way`.
+
+    Args:
+        arm: True kinematics.
+        tcp: (3,) [m] true tool point in the flange.
+        limits: (n, 2) [rad] or [m] joint limits.
+        rng: Draws points, postures and noise.
+        points: Number of points.
+        touches: Touches of each point.
+        noise: [m] standard deviation along each axis.
+        way: (3,) direction of the tool in the arm's base.
+
+    Returns:
+        Joint values (m, n) [rad], one array for each point; true points (k, 3) [m] in the arm's base.
+
+    Raises:
+        ReachError: Too few points are reached from enough directions.
     """
     bounds = np.clip(limits, -np.pi, np.pi)
     apart = 0.25 * (arm.reach + float(np.linalg.norm(tcp)))
@@ -51,7 +66,7 @@ def touched(
     for _ in range(PLACES_TRIED):
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
         place = arm.tips(q[None], tcp)[0]
-        # The flange's own direction is left to the touches; a place that is reached with joints to spare takes many.
+        # Touches have flange directions of their own. A point reached with a posture far from the limits takes many.
         if any(float(np.linalg.norm(place - other)) < apart for other in places):
             continue
         if arm.flange(q[None])[0, :3, 2] @ np.asarray(way) < np.cos(CONE):
@@ -69,7 +84,16 @@ def touched(
 
 
 def on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator) -> tuple[ArmGeometry, str]:
-    """The arm as identified from touches of the built one, and what to say of it in a line."""
+    """Calibrates the believed arm from simulated touches of the built one.
+
+    Args:
+        believed: Nominal geometry.
+        built: True geometry.
+        rng: Draws the touches and the error of the known distance.
+
+    Returns:
+        Identified geometry, summary line for the terminal.
+    """
     series, places = touched(of_geometry(built), np.zeros(3), built.limits, rng)
     i, j = farthest(places)
     length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
@@ -78,7 +102,7 @@ def on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator)
 
 
 def in_a_line(found: Calibration, length: float) -> str:
-    """What a calibration found, for the terminal."""
+    """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
     touches = sum(len(each) for each in found.residuals)
     before, after = (1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost))
     return (
@@ -93,9 +117,13 @@ def _pairs(found: Calibration) -> int:
 
 
 def from_file(file: Path, believed: ArmGeometry) -> tuple[ArmGeometry, str]:
-    """The arm of a file that `calibrate_arm.py` wrote, for a vehicle whose arm is `believed`, and a line about it.
+    """Arm geometry from a file that calibrate_arm.py wrote, for a vehicle whose arm is `believed`.
 
-    Raises ConfigurationError if it has other joints.
+    Returns:
+        Geometry, summary line for the terminal.
+
+    Raises:
+        ConfigurationError: The file has other joints, or was calibrated with another tool.
     """
     source = read_arm(file)
     if source.joint_names != believed.joint_names:

@@ -1,4 +1,4 @@
-"""A map of deformation as people read it: a table of regions, a picture, a coloured cloud, and figures for a file."""
+"""Reports of a deformation map: table of regions, image, coloured point cloud, and figures for JSON."""
 
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,11 @@ from perception.toolpath.deformation import DeformationMap
 from sim.interfaces.spatial import Array
 
 _COLOURS = matplotlib.colormaps["RdBu_r"]  # red: growth, blue: dents
-_MARGIN = 10  # [px] around what is shown
+_MARGIN = 10  # [px] margin around the compared area
 
 
 def table(made: DeformationMap) -> Table:
-    """The regions, largest first."""
+    """Table of the regions, largest first."""
     rows = Table(
         title=f"Off the model by more than {1e3 * made.size_m:.1f} mm",
         caption="middle in the object's own frame; growth positive, dents negative",
@@ -33,7 +33,7 @@ def table(made: DeformationMap) -> Table:
 
 
 def figures(made: DeformationMap) -> dict[str, Any]:
-    """The same for a JSON file, with all digits."""
+    """The regions and the noise of the map for a JSON file, all digits kept."""
     return {
         "size_m": made.size_m,
         "noise_m": made.noise_m,
@@ -54,7 +54,7 @@ def figures(made: DeformationMap) -> dict[str, Any]:
 
 
 def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
-    """Deviations in colour as the sensor sees them, regions outlined and numbered; what was not compared is grey."""
+    """Image of the deviations in the sensor's view, regions outlined and numbered; pixels not compared are grey."""
     rows, columns = np.nonzero(np.isfinite(made.deviation))
     window = tuple(slice(max(0, int(at.min()) - _MARGIN), int(at.max()) + _MARGIN + 1) for at in (rows, columns))
     off, label = 1e3 * made.deviation[window], made.label[window]
@@ -85,7 +85,7 @@ def picture_of_deviations(made: DeformationMap, title: str) -> Figure:
 
 
 def save_cloud(made: DeformationMap, file: Path) -> None:
-    """The points that were compared, in the sensor's frame, in the colours of the picture, as a PLY file."""
+    """Writes the compared points in the sensor's frame as a PLY file, with the colours of the image."""
     points, off = made.cloud_S
     write_ply(file, points, colours=np.asarray(_COLOURS(0.5 + 0.5 * off / _most(made)))[:, :3])
 

@@ -1,4 +1,4 @@
-"""Steps of the set force while a tool moves along a barrel: the responses of one run, and their figures."""
+"""Steps of the set force while the tool moves along a barrel: responses of one run and their figures."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,27 +12,27 @@ from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.recording import Recording
 
-BEFORE, AFTER = 0.2, 2.3  # [s] around the beginning of a step
-SAMPLE = 0.002  # [s]
-SPEED, LENGTH = 0.02, 0.6  # [m/s], [m] of the path
+BEFORE, AFTER = 0.2, 2.3  # [s] window around the beginning of a step
+SAMPLE = 0.002  # [s] sampling period of the responses
+SPEED, LENGTH = 0.02, 0.6  # [m/s] of the tool, [m] length of the path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTask:
-    """One run with several steps up, each followed by one down; a value that a worker gets."""
+    """One run with several steps up, each followed by a step down; a picklable value for a worker process."""
 
     stiffness: float  # [N/m]
     seed: int
     low: float  # [N]
     high: float  # [N]
     steps: int
-    rate: float  # [N/s] of the set force
+    rate: float  # [N/s] rate of change of the set force
     current: tuple[float, float, float]
     gust: float
 
 
 def responses(task: StepTask) -> dict[str, Any]:
-    """Set and true force (k, N) [N] of the k steps up, at the times of `times()`; empty if the run was broken off."""
+    """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was aborted."""
     options = Options(
         seed=task.seed,
         current=task.current,
@@ -51,18 +51,27 @@ def responses(task: StepTask) -> dict[str, Any]:
 
 
 def died(task: StepTask) -> dict[str, Any]:
-    """What `responses` gives of a run that killed its process."""
+    """Result in place of `responses` for a run that crashed its process."""
     none = np.empty((0, len(times())))
     return {"task": task, "note": "its process died", "set": none, "true": none}
 
 
 def times() -> Array:
-    """(N,) [s] from the beginning of a step."""
+    """Sampling times (N,) [s] relative to the beginning of a step."""
     return np.linspace(-BEFORE, AFTER, 1 + round((BEFORE + AFTER) / SAMPLE))
 
 
 def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
-    """Set and true normal force (k, N) [N] around each beginning of a way from `low` to `high` in the work state."""
+    """Extracts set and true normal force around each step up in the work state.
+
+    Args:
+        recording: Recording of the run.
+        low: [N] set force before the step.
+        high: [N] set force after the step.
+
+    Returns:
+        "set" and "true", each (k, N) [N] for k complete steps.
+    """
     work = recording.within(WorkState.WORK)
     time, wanted = recording["set_force"].time, recording["set_force"].scalar
     leaves = np.flatnonzero((wanted[:-1] == low) & (wanted[1:] > low) & work[1:])
@@ -77,9 +86,17 @@ def steps_up(recording: Recording, low: float, high: float) -> dict[str, Array]:
 
 
 def figures(response: Array, low: float, high: float, band: float = 0.05) -> dict[str, float | None]:
-    """Of one response (N,) [N] at `times()`: rise from 10 to 90 % [s], overshoot (share of the step), settling [s].
+    """Rise time, overshoot and settling time of one response.
 
-    Settled is what stays within `band` of the step, counted from its beginning; None: not within the time seen.
+    Args:
+        response: (N,) [N] at `times()`.
+        low: [N] set force before the step.
+        high: [N] set force after the step.
+        band: Settling band, share of the step.
+
+    Returns:
+        "rise_s" from 10 to 90 % [s], "overshoot" as a share of the step, "settling_s" from the beginning of the step
+        [s]; None where the response does not get there within the window.
     """
     step, t = (response - low) / (high - low), times()
     after = t >= 0.0

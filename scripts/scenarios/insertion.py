@@ -1,4 +1,4 @@
-"""Wires the parts of an insertion together, runs it, and says what came of it."""
+"""Insertion of a sampler into a hole: assembly of the parts, run, evaluation and trials over many seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -38,38 +38,50 @@ from sim.sensors import proprioception as sensors
 from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current
 
-TILT = float(np.radians(5.0))  # largest lean of the manifold on the seabed, about x and about y
-BOTTOM = 0.02  # [m] of hole below the depth asked for
+TILT = float(np.radians(5.0))  # [rad] largest tilt of the manifold on the seabed, about x and about y
+BOTTOM = 0.02  # [m] by which the hole is deeper than the set depth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionSetting:
-    """What is the same in all trials."""
+    """Settings that all trials share."""
 
     hole: str
     clearance: float  # [m] radial
-    depth: float  # [m] to be reached
+    depth: float  # [m] set depth below the mouth
     chamfer: float  # [m]
-    error: tuple[float, float]  # [m] put on the hole as found, along its x and y
+    error: tuple[float, float]  # [m] error added to the identified hole along its x and y
     compliance: bool
     scan_range: float  # [m]
-    current: tuple[float, float, float]  # [m/s]
-    gust: float  # [m/s]
+    current: tuple[float, float, float]  # [m/s] in W
+    gust: float  # [m/s] standard deviation per axis
     vehicle: str
     controller: str  # MODULE:CLASS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Insertion:
-    """One insertion, ready to run; the truth about the object is for the plant and the judge alone."""
+    """One assembled insertion; the truth about the object goes to plant and evaluation only."""
 
     ready: Ready
     truth: TrueHole
-    X_TH: Array  # (4, 4) the hole in the manifold's frame
+    X_TH: Array  # (4, 4) the hole in the manifold's frame T
 
 
 def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> Insertion:
-    """Everything of one insertion, drawn from `seed`. Raises UuvError for what cannot be."""
+    """Assembles one insertion, drawn from `seed`.
+
+    Args:
+        setting: Settings that all trials share.
+        seed: Draws the manifold's pose, the coarse detection, the gusts and the sensor noise.
+        record: Keep the arm's reaction wrench on the hull for the report.
+
+    Returns:
+        The insertion, ready to run.
+
+    Raises:
+        UuvError: The vehicle lacks a part, its tool is no capsule, or a number is out of range.
+    """
     rng = np.random.default_rng(seed)
     own = with_sampler(setting.vehicle).compile()
     arm = with_parts(own)
@@ -132,12 +144,12 @@ def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> In
 
 
 def with_sampler(vehicle: str) -> mujoco.MjSpec:
-    """uuv_puma with the sampler in place of its pad; any other vehicle as it is."""
+    """The vehicle's spec: uuv_puma with the sampler in place of its pad, any other vehicle as it is."""
     return uuv_puma.build("sampler") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
 def judge(insertion: Insertion, ran: Ran) -> Assessment:
-    """The figures of an insertion that was run."""
+    """Assessment of an insertion that was run, against the true hole."""
     recording = ran.recording
     found = next((target for target in reversed(recording.targets) if target.accepted), None)
     return assess_insertion(
@@ -152,7 +164,18 @@ def judge(insertion: Insertion, ran: Ran) -> Assessment:
 def run_and_write(
     setting: InsertionSetting, options: ScenarioOptions, folder: Path, console: Console, started: float
 ) -> int:
-    """One insertion with its log, table and report. Returns the exit code."""
+    """Runs one insertion and writes its log, table and report.
+
+    Args:
+        setting: Settings of the insertion.
+        options: Options of the scenario.
+        folder: Folder of results.
+        console: Terminal.
+        started: [s] time.perf_counter() at the start of the command.
+
+    Returns:
+        The exit code.
+    """
     insertion = prepare(setting, options.seed, record=options.record)
     judging = Judging(
         assess=lambda ran: judge(insertion, ran),
@@ -171,9 +194,20 @@ def run_trials(
     made_by: dict[str, Any],
     console: Console,
 ) -> int:
-    """An insertion for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit
-    code."""
-    prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
+    """Runs one insertion for each seed and reports the statistics.
+
+    Args:
+        setting: Settings that all trials share.
+        seeds: Seeds of the trials.
+        workers: Number of processes; 0: one for each core.
+        folder: Folder of trials.json.
+        made_by: Provenance for the file.
+        console: Terminal.
+
+    Returns:
+        The exit code.
+    """
+    prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
     figures = summary(trials)
     return _trials.say_trials(trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}")

@@ -1,7 +1,7 @@
-"""Random scenes for identification: a known object on or over the seabed, stones around it, one look, a coarse start.
+"""Random scenes for identification: a known object near the seabed, stones around it, one frame, a coarse start pose.
 
-The world is the camera's frame C. A seed gives the same scene whatever the sensor, so that sensors and methods can be
-compared scene by scene.
+The world frame is the camera's frame C. A seed gives the same scene for every sensor, so that sensors and methods can
+be compared scene by scene.
 """
 
 from collections.abc import Mapping
@@ -30,11 +30,12 @@ from sim.interfaces.spatial import (
 from sim.sensors.depth_camera import DepthCamera, StereoNoise
 from sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
-FOCAL = 554.0  # [px] of a picture of 640 x 480
-# What a camera looks at where the middle of the object says nothing: p_T [m], and heights above the horizon [rad].
+FOCAL = 554.0  # [px] focal length of an image of 640 x 480
+# Objects whose centre does not show their height: aim of the camera p_T [m], range of its elevation [rad].
 _AIM = {"pile": ((0.0, 0.0, 0.2), (-0.25, 0.5))}
+# Default range of the camera's elevation above the horizon of T [rad].
 _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
-_ROLL = np.deg2rad(10.0)  # of the camera, either way
+_ROLL = np.deg2rad(10.0)  # [rad] largest roll of the camera, either way
 _STEREO = SensorModel(focal=FOCAL)
 _SONAR = sonar_model(BEAMS.pitch)
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
@@ -42,14 +43,20 @@ _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """A depth camera: how it errs, and what perception is told of that."""
+    """Depth camera: its true noise, and the noise model that perception uses."""
 
-    stereo: StereoNoise | None = None  # None: exact but for `white`
+    stereo: StereoNoise | None = None  # None: no stereo noise, only `white`
     white: float = 0.0  # [m] standard deviation along the ray, independent from pixel to pixel
     model: SensorModel = _STEREO
 
     def look(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> Scan:
-        """One frame from the world's origin."""
+        """Scan of one depth frame taken from the world's origin.
+
+        Args:
+            model: The scene.
+            data: Its state, kinematics computed.
+            rng: Draws the noise.
+        """
         camera = DepthCamera(model, "world", np.eye(4), focal=FOCAL, noise=self.stereo)
         _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
         if self.white > 0.0:
@@ -62,14 +69,20 @@ class Camera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imager:
-    """A multibeam 3D sonar, and what perception is told of it: beams are wide, each errs by itself."""
+    """Multibeam 3D sonar with wide beams and independent errors, and the noise model that perception uses."""
 
     beams: SonarBeams = BEAMS
     noise: SonarNoise = NOISE
     model: SensorModel = _SONAR
 
     def look(self, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator) -> Scan:
-        """One ping from the world's origin."""
+        """Scan of one ping from the world's origin, lone echoes removed.
+
+        Args:
+            model: The scene.
+            data: Its state, kinematics computed.
+            rng: Draws the noise.
+        """
         sonar = Sonar(model, "world", np.eye(4), beams=self.beams, noise=self.noise)
         return Scan.from_cloud(without_lone_echoes(sonar.ping(data, rng)))
 
@@ -84,19 +97,23 @@ CAMERAS = ("stereo", "white")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ObjectScene:
-    """One look at one object."""
+    """One frame of one object, with the truth and the coarse start of identification."""
 
-    target: TargetModel  # that is looked for
+    target: TargetModel  # the known model, which is searched for
     sensor: Camera | Imager
     seed: int
     scan: Scan
     X_CT: Array  # (4, 4) true pose
     approach: Array  # (3,) [m] coarse position of the target's centre, in C
     orientation: Array  # (3, 3) coarse rotation of T in C
-    range_m: float  # [m] from the camera to the point that it looks at
+    range_m: float  # [m] from the camera to the point that it is aimed at
 
     def error(self, X_CT: Array) -> tuple[float, float]:
-        """Of a pose (4, 4): distance of the object's centres [m], rotation angle [rad], modulo declared symmetry."""
+        """Error of an estimated pose (4, 4) in C, modulo the declared symmetry.
+
+        Returns:
+            Distance of the object's centres [m], rotation angle [rad].
+        """
         X = np.array(X_CT)
         X[:3, :3] = self.target.symmetry.nearest(X[:3, :3], self.X_CT[:3, :3])
         center = self.target.center
@@ -106,7 +123,11 @@ class ObjectScene:
 
 @cache
 def target_of(name: str) -> TargetModel:
-    """The object `name` with its usual options; raises ConfigurationError, with the names there are, if unknown."""
+    """The library object `name` with default options.
+
+    Raises:
+        ConfigurationError: The name is unknown; the message lists the known ones.
+    """
     return targets.named(name)
 
 
@@ -124,12 +145,27 @@ def object_scene(
     azimuth: tuple[float, float] = (-np.pi, np.pi),
     climb: tuple[float, float] | None = None,
 ) -> ObjectScene:
-    """The scene of `seed`, seen from `ranges` [m].
+    """The scene of `seed`, seen from a range within `ranges`.
 
-    The coarse start is off by up to `start_error` ([m], [rad]), evenly. The seabed lies `gap` [m] below the lowest
-    part of object and stand (0: it lies on it; None: no seabed, no stones). `there`: what really stands in the place
-    of `target`; `absent`: nothing does. The camera stands at `azimuth` [rad] about z_T from x_T, `climb` [rad] above
-    the horizon of T. Raises ConfigurationError for an unknown name of an object or sensor, or bad numbers.
+    Args:
+        target: The known model, or its name.
+        seed: Draws view, seabed, noise and coarse start, each from its own stream.
+        sensor: Name in SENSORS.
+        ranges: [m] least and largest range.
+        start_error: [m], [rad] bounds of the coarse start's error, uniform.
+        gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed. 0 means that they
+            lie on it, None neither seabed nor stones.
+        stones: Number of stones on the seabed.
+        there: The true object; None: `target`.
+        absent: Leave the object out of the scene.
+        azimuth: [rad] bounds of the camera's azimuth about z_T from x_T.
+        climb: [rad] bounds of the camera's elevation above the horizon of T; None: the default of the object.
+
+    Returns:
+        The scene with its scan.
+
+    Raises:
+        ConfigurationError: The object or sensor is unknown, or a number is out of range.
     """
     if not 0.0 < ranges[0] <= ranges[1] < np.inf:
         raise ConfigurationError(f"ranges: must be 0 < near <= far [m], got {ranges}")
@@ -174,7 +210,7 @@ def object_scene(
 def _view(
     rng: np.random.Generator, aim: Array, range_m: float, azimuth: tuple[float, float], climb: tuple[float, float]
 ) -> Array:
-    """X_CT of a camera at `range_m` [m] from `aim` (3,) [m] in T, nearly level, that looks a little beside it."""
+    """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly beside it."""
     low, high = np.sin(climb)
     heading, up, roll = rng.uniform([azimuth[0], low, -_ROLL], [azimuth[1], high, _ROLL])
     flat = np.sqrt(1.0 - up**2)
@@ -188,7 +224,7 @@ def _lowest(target: TargetModel) -> float:
     """z_T [m] of the lowest point of object and stand."""
     stand = [
         float(solid.X_TS[2, 3] - np.abs(solid.X_TS[2, :3]) @ np.array(solid.size)) for solid in target.stand
-    ]  # of boxes, which stands are made of
+    ]  # boxes: stands are made of them
     return min([float(target.vertices[:, 2].min()), *stand])
 
 
@@ -224,7 +260,7 @@ def _add_stone(spec: mujoco.MjSpec, rng: np.random.Generator, X_CT: Array, targe
 
 @dataclass(frozen=True, slots=True)
 class _Poses:
-    """What the camera needs of the truth."""
+    """Body poses in the form in which a depth camera reads the plant's truth."""
 
     time: float
     xpos: Array

@@ -1,7 +1,7 @@
-"""A hovering vehicle whose tool is pushed: thrusters and navigation as they are, the arm held stiffly at full reach.
+"""Station keeping while the tool is pushed: realistic thrusters and navigation, a stiff arm at full reach.
 
-The push is an external force at the tip, and the drives are springs in the joints, so that what is seen is the hull's
-side alone. The felt force is the true one, late and with noise, as the arm's torques would tell it.
+The push is an external force at the tip. Springs in the joints replace the drives, so that the figures show the hull
+alone. The felt force is the true force with the lag and noise of an estimate from the arm's torques.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,59 +27,60 @@ from sim.plant.plant import Plant, Truth
 from sim.sensors import proprioception as sensors
 from sim.water.current import Current
 
-FELT_LAG = 0.012  # [s] of the felt force
-FELT_NOISE = 0.01  # of the reading
-FELT_BIAS = 0.5  # [N] per axis, standard deviation
-HOLD = 60.0  # [rad/s] of the drives' springs
-PERIOD = 0.02  # [s] of the hover
+FELT_LAG = 0.012  # [s] time constant of the felt force
+FELT_NOISE = 0.01  # standard deviation, share of the reading
+FELT_BIAS = 0.5  # [N] standard deviation of the bias of the felt force per axis
+HOLD = 60.0  # [rad/s] natural frequency of the springs in the joints
+PERIOD = 0.02  # [s] of station keeping
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PushCase:
-    """One vehicle in one sea, pushed in some directions one after the other."""
+    """One vehicle in one current, pushed in several directions one after the other."""
 
-    directions_B: Array  # (k, 3) unit vectors of the force on the tip, hull axes
-    q: Array  # (n,) [rad] the arm's posture
+    directions_B: Array  # (k, 3) unit vectors of the force on the tip, in B
+    q: Array  # (n,) [rad] posture of the arm
     vehicle: str = "uuv_puma"
     force: float = 90.0  # [N]
-    rise: float = 0.1  # [s] in which the push comes and goes
-    push: float = 5.0  # [s]
-    rest: float = 4.0  # [s] after it
-    settle: float = 15.0  # [s] before the first
-    current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gust: float = 0.0  # [m/s]
-    lag: float | None = None  # [s] of the thrusters, instead of their own
-    dead_band: float | None = None  # of the thrusters, instead of their own
-    water_error: float = 0.15  # of the controller's coefficients
-    lag_error: float = 0.0  # of the lag that the controller believes in
+    rise: float = 0.1  # [s] ramp of the push, up and down
+    push: float = 5.0  # [s] duration of a push
+    rest: float = 4.0  # [s] pause after a push
+    settle: float = 15.0  # [s] before the first push
+    current_W: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] steady
+    gust: float = 0.0  # [m/s] standard deviation per axis
+    lag: float | None = None  # [s] lag of the thrusters, known to the controller; None: the vehicle's
+    dead_band: float | None = None  # dead band of the thrusters, known to the controller; None: the vehicle's
+    water_error: float = 0.15  # share by which the controller's coefficients are wrong
+    lag_error: float = 0.0  # share by which the controller's lag is wrong
     compensation: bool = True  # feed the arm's wrench forward
-    response: float = RESPONSE  # [s] of the lead; np.inf for none
+    response: float = RESPONSE  # [s] response of the thruster lead; np.inf: no lead
     priorities: Sequence[Sequence[str]] = PRIORITIES
-    lost: int | None = None  # thruster that stops in the middle of the first push
-    noticed: float = np.inf  # [s] after which the allocation is told of it
+    lost: int | None = None  # index of the thruster that stops in the middle of the first push
+    noticed: float = np.inf  # [s] after which the allocation excludes it
     seed: int = 0
 
 
 @dataclass(slots=True, eq=False)
 class Pushed:
-    """What came of a case."""
+    """Figures of a case, one entry for each push."""
 
-    excursion: Array  # (k,) [m] farthest from where the hull stood when the push began, until the next
-    tilt: Array  # (k,) [rad] largest roll and pitch together, from then
-    turn: Array  # (k,) [rad] largest turn, yaw included
-    saturated: Array  # (k,) share of the push's time
-    force_error: Array  # (k,) [N] RMS of the thrusters' force against what the push asks for, over its first second
-    current_error: Array  # (k, 3) [m/s] RMS of the estimate, hull axes, in the push
-    command_rate: float  # [1/s] RMS rate of the commands while nothing pushes
+    excursion: Array  # (k,) [m] largest distance of the hull from its position at the push's begin, until the next push
+    tilt: Array  # (k,) [rad] largest tilt of the hull's z axis, over the same time
+    turn: Array  # (k,) [rad] largest rotation, yaw included, over the same time
+    saturated: Array  # (k,) share of the push during which thrusters saturate
+    force_error: Array  # (k,) [N] RMS of the thrusters' force against the push, over its first second
+    current_error: Array  # (k, 3) [m/s] RMS error of the estimated current during the push, in B
+    command_rate: float  # [1/s] RMS rate of the thruster commands without a push
 
 
 class PushedPlant(Plant):
-    """A plant with a force at the tip, and a thruster that may stop."""
+    """A plant with an external force at the tip, and a thruster that may stop."""
 
     force_W: Array = np.zeros(3)
     dead: int | None = None
 
     def step(self, command: Command) -> None:
+        """Applies the push, zeroes a stopped thruster, and steps the plant."""
         self.data.qfrc_applied[:] = 0.0
         if self.force_W.any():
             body = int(self.model.site_bodyid[self.vehicle.tip])
@@ -123,10 +124,21 @@ class Keeper:
         )[1]
 
     def init(self, estimate: StateEstimate):
+        """Resets the state of StationKeeping and ThrusterLead."""
         self.hover_state, self.lead_state = self.hover.init(), self._lead.init()
         return self
 
     def step(self, state, estimate: StateEstimate, reference: Reference):
+        """Thruster command for the reference pose of the hull; joint torques are zero.
+
+        Args:
+            state: Unused; this object keeps its state itself.
+            estimate: State estimate of the vehicle.
+            reference: Reference; its X_WB is used.
+
+        Returns:
+            State, command.
+        """
         case, truth = self._case, self._plant.truth
         R_WB = estimate.X_WB[:3, :3]
         share = 1.0 - np.exp(-PERIOD / FELT_LAG)
@@ -159,7 +171,7 @@ class Keeper:
 
 
 class StayPut:
-    """Planner: stay where you are (`sim.interfaces.protocols.Planner`)."""
+    """Planner (`sim.interfaces.protocols.Planner`) with a constant reference: hull at W's origin, fixed posture."""
 
     period = PERIOD
 
@@ -167,9 +179,21 @@ class StayPut:
         self._q = q
 
     def init(self, estimate: StateEstimate) -> Array:
+        """Pose of the hull to keep: the origin of W."""
         return np.eye(4)
 
     def step(self, state: Array, estimate: StateEstimate, target: Target | None, last: Command | None):
+        """The constant reference.
+
+        Args:
+            state: (4, 4) pose X_WB to keep.
+            estimate: State estimate; its time is used.
+            target: Unused.
+            last: Unused.
+
+        Returns:
+            State, reference.
+        """
         none = np.zeros(3)
         return state, Reference(
             time=estimate.time,
@@ -190,13 +214,24 @@ class StayPut:
 
 
 def bearable(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
-    """(k,) bool: the drives bear `force` [N] on the tip along each of `directions_B` (k, 3), the arm still at `q`."""
+    """Directions in which the drives can hold a static force on the tip.
+
+    Args:
+        vehicle: The vehicle, with its torque limits.
+        arm: Dynamics of its arm.
+        q: (n,) [rad] posture.
+        directions_B: (k, 3) unit vectors of the force, in B.
+        force: [N].
+
+    Returns:
+        (k,) bool.
+    """
     rest = np.zeros(len(q))
     still = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": np.zeros(3)}
     held = []
     for direction in directions_B:
         pushed = []
-        for axis in np.eye(3):  # tool axes; the torques are linear in the force
+        for axis in np.eye(3):  # axes of G; the torques are linear in the force
             pushed.append(arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, rest[:3]]), **still)[0])
         free = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
         R_BG = tip_pose(arm, q)[:3, :3]
@@ -206,7 +241,7 @@ def bearable(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, 
 
 
 def tip_pose(arm: ArmDynamics, q: Array) -> Array:
-    """Pose (4, 4) of the tip on the hull."""
+    """Pose X_BG (4, 4) of the tip on the hull at joint values `q` (n,)."""
     rest = np.zeros(len(q))
     arm.inverse(
         q,
@@ -224,7 +259,7 @@ def tip_pose(arm: ArmDynamics, q: Array) -> Array:
 
 
 def sphere(count: int) -> Array:
-    """Directions (count, 3) spread evenly over the sphere (Fibonacci's spiral), the six axes first."""
+    """Unit vectors (count, 3) spread evenly over the sphere: the six axes first, then a Fibonacci spiral."""
     axes = np.vstack([np.eye(3), -np.eye(3)])
     rest = count - len(axes)
     if rest <= 0:
@@ -236,18 +271,18 @@ def sphere(count: int) -> Array:
 
 
 def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
-    """Let a case happen."""
+    """Simulates a case and returns its figures; `keeper` makes the controller."""
     spec, own = scenes.vehicle_spec(case.vehicle), scenes.vehicle_spec(case.vehicle).compile()
     model = hydrodynamics.compile(spec)
     vehicle = Vehicle.of(model)
-    inertia = 5.0  # [kg m^2] of the order of the arm's about any joint
+    inertia = 5.0  # [kg m^2] of the order of the arm's inertia about any joint
     for joint, dof, address, q in zip(vehicle.joints, vehicle.dof, vehicle.qpos, case.q, strict=True):
         model.jnt_stiffness[joint] = inertia * HOLD**2
         model.dof_damping[dof] = 2.0 * inertia * HOLD
         model.qpos_spring[address] = q
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
     model.key_qpos[key, vehicle.qpos] = case.q
-    for told in (model.actuator_user, own.actuator_user):  # the controller knows of it
+    for told in (model.actuator_user, own.actuator_user):  # plant and controller alike
         if case.lag is not None:
             told[vehicle.thruster_actuators, TIME_CONSTANT] = case.lag
         if case.dead_band is not None:
@@ -280,7 +315,7 @@ def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
 
 
 class _Judge:
-    """Moves the push, and keeps the figures, by the truth."""
+    """Observer that applies the pushes and computes the figures from the truth."""
 
     def __init__(self, case: PushCase, plant: PushedPlant, keeper: Keeper, pushed: Pushed) -> None:
         self._case, self._plant, self._keeper, self._pushed = case, plant, keeper, pushed

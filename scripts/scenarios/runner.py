@@ -1,4 +1,4 @@
-"""One run wired and ready, and all that a user sees of it: rehearsal, visual log, progress, table, report."""
+"""Run of an assembled scenario with its user output: rehearsal, visual log, progress, table, report."""
 
 import math
 import sys
@@ -27,26 +27,26 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Pictures = Iterable[tuple[str, str, "Figure"]]  # title, caption, figure
-REHEARSAL = 0.1  # [s] simulated
-REACTION_TICKS = 10  # steps between measurements of the arm's wrench on the hull, for the report
-LONGEST = 400.0  # [s] simulated, whatever happens
+REHEARSAL = 0.1  # [s] simulated; loads all compiled code
+REACTION_TICKS = 10  # loop steps between measurements of the arm's reaction wrench on the hull, for the report
+LONGEST = 400.0  # [s] simulated, limit of a run
 NOT_ACCEPTED = 1  # exit code
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ready:
-    """Plant and parts, to be run once: the stream of random numbers runs on."""
+    """Plant and parts, to be run once: the random number generator is consumed."""
 
     seed: int
     plant: Plant
     parts: Parts
-    loop: np.random.Generator
-    restart: Callable[[], None]  # the plant at its start again, the gusts undrawn
+    loop: np.random.Generator  # draws the noise of the sensors
+    restart: Callable[[], None]  # resets the plant to its start, gusts included
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Ran:
-    """What was seen of a run."""
+    """Recording, last moment and wall time of a run."""
 
     recording: Recording
     last: Moment
@@ -55,17 +55,17 @@ class Ran:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Judging:
-    """How a run is judged, and what is shown of it."""
+    """Evaluation of a run, and the figures of its report."""
 
     assess: Callable[[Ran], Assessment]
-    pictures: Callable[[Ran], Pictures]  # of the report
-    begun: tuple[WorkState, ...]  # states of which it must have come to one, or it is refused
+    pictures: Callable[[Ran], Pictures]  # figures of the report
+    begun: tuple[WorkState, ...]  # the run must have been in one of these states, else it counts as refused
 
 
 def rehearse(ready: Ready) -> None:
-    """Load all compiled code before the clock runs, and let a bad plug-in fail at once.
+    """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
 
-    The parts' state is explicit, so nothing of it is left but in the plant.
+    The state of the parts is explicit, so only the plant is changed; `Ready.restart` resets it.
     """
     rollout(ready.plant, ready.parts, duration=REHEARSAL, rng=np.random.default_rng(ready.seed))
 
@@ -77,7 +77,22 @@ def run_through(
     longest: float = LONGEST,
     stop: "Stop | None" = None,
 ) -> Ran:
-    """Run from the start to the end, or for `longest` [s] simulated, or until `stop` is asked; without a word."""
+    """Runs from the start without any output.
+
+    Args:
+        ready: Plant and parts.
+        recorder: Recorder of the loop.
+        observers: Further observers of the loop.
+        longest: [s] limit of the simulated time.
+        stop: Observer that ends the run on a signal; None: one that no signal reaches.
+
+    Returns:
+        Recording, last moment and wall time.
+
+    Raises:
+        UuvError: The motion diverges, or the parts are incompatible.
+        Interrupted: A second signal ended the run within a step.
+    """
     ready.restart()
     stop = stop or Stop()
     began = time.perf_counter()
@@ -107,14 +122,28 @@ def run_shown(
     started: float,
     story: Callable[[Recorder, Any], Observer] | None = None,
 ) -> int:
-    """Run to the end with progress on screen, judge, and write all there is of it to `folder`. Returns the exit code.
+    """Runs with progress on screen, evaluates the run, and writes metrics, log and report to `folder`.
 
-    `started` [s] is when the scenario began; `story` makes the observer that puts what was found into the recording
-    and the log (None: there is none). Raises ConfigurationError where the work never began, and Interrupted, after all
-    is written, where a signal asked for the end; a second signal ends it at once.
+    Args:
+        scenario: Name of the scenario.
+        ready: Plant and parts.
+        judging: Evaluation and figures.
+        title: Title of log and report.
+        options: Options of the scenario.
+        folder: Folder of results.
+        console: Terminal.
+        started: [s] time.perf_counter() at the start of the command.
+        story: Makes the observer that adds clouds to recording and log; None: `Clouds`.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        ConfigurationError: The work never began.
+        Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
     plant = ready.plant
-    made_by = provenance(scenario, options, plant.model)  # before it runs: the current rides in the model
+    made_by = provenance(scenario, options, plant.model)  # before the run, which stores the current in the model
     recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
     observers: list[Observer] = []
     rehearse(ready)
@@ -133,7 +162,7 @@ def run_shown(
             with bar:
                 ran = run_through(ready, recorder, observers, stop=stop)
             assessment = judging.assess(ran).made_by(made_by)
-            assessment.write(folder / "metrics.json")  # before the log, which takes long to close
+            assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
             _say(assessment, console)
@@ -162,7 +191,7 @@ def run_shown(
 
 
 def _say(assessment: Assessment, console: Console) -> None:
-    """The table, the pace and the verdict."""
+    """Prints the table, the pace and the verdict."""
     console.print(results_table(assessment))
     simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
     console.print(
@@ -175,7 +204,7 @@ def _say(assessment: Assessment, console: Console) -> None:
 
 
 def progress(console: Console) -> Progress:
-    """A bar with the state of the work, on a terminal."""
+    """Progress bar with the state of the work; disabled where the output is no terminal."""
     return Progress(
         TextColumn("{task.description:<10}"),
         BarColumn(),
@@ -187,31 +216,33 @@ def progress(console: Console) -> Progress:
 
 
 class Stop:
-    """The last of the observers: ends a run after a whole step, when a signal has asked for it."""
+    """Last of the observers: ends a run after a whole step once a signal has asked for it."""
 
     def __init__(self) -> None:
         self.asked: Interrupted | None = None
-        self.last: Moment | None = None  # at which it was ended
+        self.last: Moment | None = None  # moment at which the run was ended
 
     def ask(self, number: int, _frame: Any = None) -> None:
-        """Meet a signal: after the first the step is ended, after a second nothing is."""
+        """Signal handler: the first signal ends the run after the present step, a second one at once."""
         if self.asked is not None:
             raise Interrupted(number)
         self.asked = Interrupted(number)
 
     def observe(self, moment: Moment) -> None:
+        """Raises Interrupted once a signal has asked for the end."""
         if self.asked is not None:
             self.last = moment
             raise self.asked
 
 
 class Clouds:
-    """Puts the clouds of each identification into the recording and the log."""
+    """Observer that adds the clouds of each identification to recording and log."""
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log
 
     def observe(self, moment: Moment) -> None:
+        """Adds the clouds, in W, if the moment has an identification."""
         if moment.frame is None or not isinstance(moment.found, FinderState) or moment.found.last is None:
             return
         for name in ("cloud", "model_before", "model_after"):
@@ -222,7 +253,7 @@ class Clouds:
 
 
 class Teller:
-    """Says on screen how far the work is."""
+    """Observer that prints each state of the work and updates the progress bar."""
 
     def __init__(self, progress: Progress, console: Console) -> None:
         self._progress, self._console = progress, console
@@ -230,6 +261,7 @@ class Teller:
         self._state: WorkState | None = None
 
     def observe(self, moment: Moment) -> None:
+        """Prints a new state; updates the bar every 250 steps."""
         reference, truth = moment.reference, moment.truth
         if reference.state is not self._state:
             self._state = reference.state

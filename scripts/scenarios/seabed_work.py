@@ -1,4 +1,4 @@
-"""Wires the parts of work in the seabed together: the terrain, the soil, the sonar, the planner, the judge."""
+"""Sampling of the seabed: assembly of terrain, soil, sonar and planner, evaluation and trials over many seeds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,46 +41,59 @@ from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
 from sim.sensors.sonar import Sonar, SonarBeams
 from sim.water.current import Current
 
-ALTITUDE = 2.5  # [m] of the hull over the ground, from which it is scanned
+ALTITUDE = 2.5  # [m] height of the hull above the ground during the scan
+# [m] The same as a vector in W.
 ABOVE = np.array([0.0, 0.0, ALTITUDE])
-HIGHER = (0.8, 1.8)  # [m] over that, where it starts: how far the ground is it does not know
-AHEAD = 0.5  # [m] of the hull's middle, where the targets are where no file says otherwise,
-APART = 0.3  # [m] and between those that a tool is dragged between
-HALF = 3.0  # [m] of the terrain
+HIGHER = (0.8, 1.8)  # [m] further height of the start pose: the vehicle does not know its altitude
+AHEAD = 0.5  # [m] distance of the default targets ahead of the hull's middle
+APART = 0.3  # [m] distance between the two default targets of a drag
+HALF = 3.0  # [m] half the side of the terrain
 BEAMS = SonarBeams(rows=96, columns=96, elevation=np.radians(90.0), azimuth=np.radians(90.0))
-AXES = 0.06  # [m] at which unit axes are drawn in the log,
-PLANE = 0.5  # [m] and the upright of the plane that the Doppler log saw
-OWN_ARM = 0.8  # [m] from the sonar, within which an echo is the vehicle's own
-LOOKS = 10  # pings that the surface is built from: of one alone it is 3 to 8 mm off, mostly noise
+AXES = 0.06  # [m] length of the unit axes in the log
+PLANE = 0.5  # [m] length of the normal of the plane from the Doppler log, in the log
+OWN_ARM = 0.8  # [m] from the sonar: closer echoes are from the vehicle's own arm
+LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mostly noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeabedSetting:
-    """What is asked for."""
+    """Settings that all trials share."""
 
     kind: Kind | Literal["any"]  # any: the kinds in turn, by the seed
     soil: str  # a name of models.site.soil.SOILS
     job: SeabedJob
-    cloud: Path | None  # believed in place of the scan; axes of a level hull ALTITUDE over the terrain's middle
-    targets: Path | None  # B_i and z; in the same axes
-    dead_beams: tuple[int, ...]  # of the Doppler log, from 1
-    current: tuple[float, float, float]  # [m/s]
-    gust: float  # [m/s]
-    without: frozenset[str]  # methods of the controller left out
+    cloud: Path | None  # replaces the scan; in axes of a level hull ALTITUDE above the terrain's middle
+    targets: Path | None  # file with B_i and z, in the same axes
+    dead_beams: tuple[int, ...]  # dead beams of the Doppler log, from 1
+    current: tuple[float, float, float]  # [m/s] in W
+    gust: float  # [m/s] standard deviation per axis
+    without: frozenset[str]  # controller methods to leave out
     vehicle: str
     controller: str  # MODULE:CLASS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeabedRun:
-    """Work in the seabed, ready to run; the truth about the ground is for the plant and the judge alone."""
+    """One assembled run; the truth about the ground goes to plant and evaluation only."""
 
     ready: Ready
     truth: TrueGround
 
 
 def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> SeabedRun:
-    """Everything of one run, drawn from `seed`. Raises UuvError for what cannot be."""
+    """Assembles one run, drawn from `seed`.
+
+    Args:
+        setting: Settings that all trials share.
+        seed: Draws the terrain, the start pose, the gusts and the sensor noise.
+        record: Keep the arm's reaction wrench on the hull for the report.
+
+    Returns:
+        The run, ready to start.
+
+    Raises:
+        UuvError: The vehicle lacks a part, a file is unusable, or a number is out of range.
+    """
     job, rng = setting.job, np.random.default_rng(seed)
     kind = KINDS[seed % len(KINDS)] if setting.kind == "any" else setting.kind
     ground = seabed(kind, rng, center_W=rng.uniform(-0.2, 0.2, 3) - ABOVE, half=HALF)
@@ -146,8 +159,20 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
 def run_trials(
     setting: SeabedSetting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
 ) -> int:
-    """One run for each seed, on `workers` processes (0: one a core), and what came of them. Returns the exit code."""
-    prepare(setting, seeds[0])  # what is wrong with the setting is said once, here
+    """Does one run for each seed and reports the statistics.
+
+    Args:
+        setting: Settings that all trials share.
+        seeds: Seeds of the trials.
+        workers: Number of processes; 0: one for each core.
+        folder: Folder of trials.json.
+        made_by: Provenance for the file.
+        console: Terminal.
+
+    Returns:
+        The exit code.
+    """
+    prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
     return _trials.say_trials(trials, summary(trials), _ROWS, folder, made_by, console)
 
@@ -176,12 +201,16 @@ _ROWS: tuple[_trials.Row, ...] = (
 
 
 def with_tool(vehicle: str, *, drag: bool) -> mujoco.MjSpec:
-    """uuv_puma with the box, or the corer, in place of its pad; any other vehicle as it is."""
+    """The vehicle's spec: uuv_puma with box or core tube in place of its pad, any other vehicle as it is."""
     return uuv_puma.build("box" if drag else "corer") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
 def tool_of(own: mujoco.MjModel) -> SoilTool:
-    """The vehicle's tool as the soil meets it. Raises ConfigurationError if it is neither tube nor box."""
+    """Soil model of the vehicle's tool.
+
+    Raises:
+        ConfigurationError: The tool's geom is neither core tube nor box.
+    """
     geom = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     kinds, size = mujoco.mjtGeom, own.geom_size[geom]
     kind = kinds(int(own.geom_type[geom]))
@@ -195,13 +224,13 @@ def tool_of(own: mujoco.MjModel) -> SoilTool:
 
 
 def height_search(hull: Array, *, drag: bool) -> HeightSearch:
-    """What the hull must keep; a box goes with its edge ahead, a tube any way about its axis."""
+    """Search settings for the hull's height: a box keeps its edge ahead, a tube may turn about its axis."""
     jets = -float(hull[0, 2])
     return HeightSearch(jets_above=jets, rolls=1) if drag else HeightSearch(jets_above=jets)
 
 
 def _targets(setting: SeabedSetting) -> tuple[Array, Array]:
-    """Points B (s, 3) [m] and their direction z (3,), in hull axes where it scans."""
+    """Targets B (s, 3) [m] and their direction z (3,), in hull axes at the scan pose."""
     drag = setting.job.drag
     if setting.targets is None:
         sides = (-0.5 * APART, 0.5 * APART) if drag else (0.0,)
@@ -213,23 +242,24 @@ def _targets(setting: SeabedSetting) -> tuple[Array, Array]:
 
 
 def sonar_on_hull(box: Array) -> Array:
-    """Place (4, 4) of the sonar in B: under the hull's bow, looking down, x to starboard and y aft."""
+    """Pose X_BS (4, 4) of the sonar: under the hull's bow, looking down, x to starboard and y aft."""
     R_BS = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return pose(R_BS, [box[1, 0] - 0.05, 0.0, box[0, 2] - 0.02])
 
 
 def dvl_on_hull(hull: Array) -> Array:
-    """Place (3,) [m] of the Doppler log in B: under the stern, where the folded arm leaves its beams free."""
+    """Position (3,) [m] of the Doppler log in B: under the stern, where the folded arm does not block its beams."""
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
 class Story:
-    """Puts the seabed as it was found, coarsely and then finely, the targets and the profile into recording and log."""
+    """Observer that adds the found seabed, coarse and fine, the targets and the profile to recording and log."""
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log
 
     def observe(self, moment: Moment) -> None:
+        """Adds what the finder has at each new ping."""
         found = moment.found
         if moment.frame is None or not isinstance(found, SeabedFinderState) or found.cloud_W is None:
             return

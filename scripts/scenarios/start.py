@@ -1,6 +1,6 @@
-"""First import of every command: refuses a Python without the project, or a foreign module of a room's name.
+"""First import of every command: rejects a Python without the project, or a foreign module with a room's name.
 
-`sim.runs.startup` cannot do that alone: a user's `sim.py` hides it too.
+`sim.runs.startup` cannot do that alone: a user's `sim.py` would hide it too.
 """
 
 import sys

@@ -1,4 +1,4 @@
-"""Wires a touching session together: the built arm presses a pin into nests, hull clamped or hovering, in the water."""
+"""Touching session: the built arm presses a pin into nests under water, the hull clamped or hovering."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,26 +21,26 @@ from sim.plant.plant import Plant
 from sim.sensors import proprioception as sensors
 from sim.water.current import Current
 
-MISSED = 0.03  # [m] a reading farther than this from the others of its nest did not find it
-LONGEST_PER_TOUCH = 30.0  # [s] simulated, whatever happens
-STILL = 1e-4  # [m] a pin that moves more than this while it is read, the hull clamped, is not home
+MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
+LONGEST_PER_TOUCH = 30.0  # [s] simulated, limit for each touch
+STILL = 1e-4  # [m] clamped hull: a pin that moves more than this during a reading is not seated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Session:
-    """What came of touching; the tips are the truth's, for the judge alone."""
+    """Readings of a touching session; true positions are for evaluation only."""
 
-    series: tuple[Array, ...]  # (m_i, n) [rad] encoders, one array a nest
-    hulls: tuple[Array, ...]  # (m_i, 4, 4) where navigation believed the hull to be
-    p_WN: Array  # (k, 3) [m] true nests
-    hull_motion: float  # [m] largest true distance of the hull from its mean place, over the readings
+    series: tuple[Array, ...]  # (m_i, n) [rad] encoder readings, one array for each nest
+    hulls: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
+    p_WN: Array  # (k, 3) [m] true nest positions in W
+    hull_motion: float  # [m] largest true distance of the hull from its mean position, over the readings
     tip_spread: float  # [m] RMS of the pin's true centre about its nest's mean
-    missed: int  # touches that did not find their nest, left out
+    missed: int  # touches that missed their nest, left out
     simulated_s: float
 
 
 class Readings:
-    """Averages encoders and navigation while the sequence says that it reads; an observer of the loop."""
+    """Observer of the loop that collects encoder and navigation readings while the sequence holds the pin in a nest."""
 
     def __init__(self) -> None:
         self.q: dict[int, list[Array]] = {}
@@ -49,6 +49,7 @@ class Readings:
         self.hull: dict[int, list[Array]] = {}
 
     def observe(self, moment: Moment) -> None:
+        """Appends the readings of one step to those of the present touch."""
         if not moment.reference.tare or moment.reference.state is not WorkState.PRESS:
             return
         touch = round(moment.reference.path_s)
@@ -59,9 +60,20 @@ class Readings:
 
 
 def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np.random.Generator) -> list[Nest]:
-    """`count` nests before the arm, open upwards, as far from each other as its reach allows.
+    """Places nests before the arm, open upwards, as far from each other as its reach allows.
 
-    Raises ReachError where no place can be touched from enough directions.
+    Args:
+        vehicle: The vehicle.
+        chain: Kinematics of its arm.
+        X_WB: (4, 4) pose of the hull.
+        count: Number of nests.
+        rng: Draws the postures that measure the reach, and the trial touches.
+
+    Returns:
+        The nests; farthest-point sampling of the reachable candidates.
+
+    Raises:
+        ReachError: Fewer than `count` places can be touched from enough directions.
     """
     X_WA = X_WB @ np.array(vehicle.X_BA)
     drawn = rng.uniform(vehicle.q_limits[:, 0], vehicle.q_limits[:, 1], (200, len(vehicle.joints)))
@@ -99,9 +111,24 @@ def touch(
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> Session:
-    """Touch `nests` nests `touches` times each with the arm as built, controlled by what is believed of it.
+    """Runs a touching session with the arm as built, controlled by its believed model.
 
-    `watch` makes an observer of the loop for the compiled world.
+    Args:
+        believed: The vehicle as the controller knows it.
+        built: The true vehicle; pin and nests are added to it.
+        hovering: Station keeping with the thrusters; False: the hull is clamped.
+        nests: Number of nests.
+        touches: Touches of each nest.
+        current: (3,) [m/s] steady current in W.
+        gust: [m/s] standard deviation of the gusts per axis.
+        rng: Parent of the streams for nests, touches, gusts and sensors.
+        watch: Makes a further observer of the loop for the compiled world.
+
+    Returns:
+        Readings and true figures.
+
+    Raises:
+        ReachError: The arm does not reach enough nests or directions.
     """
     own = believed.compile()
     vehicle = Vehicle.of(own)
@@ -175,7 +202,7 @@ def _session(
 
 
 def _mean_pose(X: list[Array]) -> Array:
-    """Mean of poses that differ little."""
+    """Mean of poses that differ little: mean position, rotation projected onto SO(3)."""
     middle = np.mean(X, axis=0)
     U, _, Vt = np.linalg.svd(middle[:3, :3])
     return pose(U @ Vt, middle[:3, 3])

@@ -1,1 +1,1 @@
-"""Studies: each a command that repeats a job over many draws and says how its figures spread."""
+"""Studies: each command repeats a job over many random draws and reports the spread of its figures."""

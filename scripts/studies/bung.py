@@ -1,7 +1,8 @@
-"""How well a barrel's turn about its axis is told by a bung in its shell: random scenes, the bung anywhere around it.
+"""Study: how well a bung in a barrel's shell determines the barrel's rotation about its axis, over random scenes.
 
-Seen means that the camera sees the middle of the bung's face; hidden, that it sees nothing of the bung; else it sees a
-part. The turn is told or said to be unknown; told by more than 2 deg wrong is the fault to look for.
+The bung lies anywhere around the barrel. "Seen": the camera sees the middle of the bung's face. "Hidden": it sees
+nothing of the bung. Otherwise it sees a part. Identification either determines the rotation or reports it as unknown. A
+rotation determined with an error over 2 deg is a failure.
 """
 
 import json
@@ -25,8 +26,8 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3
 from sim.runs.saving import write_whole
 
-PLACES = 16  # of the bung around the barrel
-WRONG = 2.0  # deg
+PLACES = 16  # positions of the bung around the barrel
+WRONG = 2.0  # [deg] error of the rotation that counts as a failure
 
 
 @dataclass
@@ -38,7 +39,7 @@ class Options:
     sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None
@@ -47,17 +48,20 @@ class Options:
 
 @dataclass(frozen=True)
 class BungTask:
+    """One scene for one sensor; a picklable value for a worker process."""
+
     sensor: str
     seed: int
 
 
 @cache
 def surface_of(place: int) -> ModelSurface:
+    """Surface model of the barrel with the bung at position `place`, of PLACES."""
     return ModelSurface.of(barrel(bung_azimuth=2.0 * np.pi * place / PLACES))
 
 
 def run(task: BungTask) -> dict[str, Any]:
-    """The turn that one look tells, and what can be seen of the bung."""
+    """Row of one scene: rotation and its error, and the visibility of the bung."""
     place = int(np.random.default_rng([task.seed, 23]).integers(PLACES))
     surface = surface_of(place)
     scene = object_scene(surface.target, task.seed, task.sensor)
@@ -78,7 +82,13 @@ def run(task: BungTask) -> dict[str, Any]:
 
 
 def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
-    """What the barrel itself leaves in view of its bung, at the true pose: "seen", "in part" or "hidden"."""
+    """Visibility of the bung at the true pose, as far as the barrel itself hides it: "seen", "in part" or "hidden".
+
+    Args:
+        scene: The scene.
+        surface: Surface model of its barrel.
+        place: Position of the bung, of PLACES.
+    """
     radius, height, x = BUNG
     points = (surface.points - [x, 0.0, 0.0]) @ exp_so3([2.0 * np.pi * place / PLACES, 0.0, 0.0])
     on_it = (np.hypot(points[:, 0], points[:, 1]) < 1.01 * radius) & (points[:, 2] > 0.5 * BARREL_DIAMETER)
@@ -91,10 +101,12 @@ def bung_in_view(scene: ObjectScene, surface: ModelSurface, place: int) -> str:
 
 
 def died(task: BungTask) -> dict[str, Any]:
+    """Raises ConfigurationError for a scene that crashed its process."""
     raise ConfigurationError(f"the process of {task} died")
 
 
 def table_of(rows: Sequence[dict[str, Any]]) -> Table:
+    """Table of the rows by sensor and visibility of the bung."""
     table = Table(
         "sensor",
         "bung",
@@ -121,6 +133,7 @@ def table_of(rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def main() -> None:
+    """Runs the study, prints its table and writes scenes.json."""
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")

@@ -1,11 +1,11 @@
-"""How contact work holds when sea, vehicle, sensors and surface are all somewhat wrong: many runs, each drawn anew.
+"""Study: contact work under combined model errors of sea, vehicle, sensors and surface; each run is drawn anew.
 
-    ./uvw run scripts/studies/contact.py --runs 500            # goes on where it was stopped
-    ./uvw run scripts/studies/contact.py --runs 500 --ablate   # and the same runs with each method left out
-    ./uvw run scripts/studies/contact.py --only 17             # that run alone, with its log and its report
+    ./uvw run scripts/studies/contact.py --runs 500            # resumes an interrupted study.
+    ./uvw run scripts/studies/contact.py --runs 500 --ablate   # adds the same runs without each method.
+    ./uvw run scripts/studies/contact.py --only 17             # that run alone, with log and report.
 
-What is drawn for a run depends on --seed and its number alone. Exit code 0: at least 99 % of the runs keep contact and
-stay within 3 mm and 8 N after transients, and none damages or diverges.
+The draw of a run depends on --seed and its number only. Exit code 0: at least 99 % of the runs keep contact and stay
+within 3 mm and 8 N after transients, and none damages or diverges.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -32,40 +32,41 @@ from sim.interfaces.errors import ConfigurationError
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
-RUNS, QUICK_RUNS = 500, 4
+RUNS, QUICK_RUNS = 500, 4  # number of runs by default, and with --quick
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Contact work in many seas: distributions, failures, and what each method is worth."""
+    """Contact work under random conditions: distributions, failures, and ablation of each method."""
 
     runs: int | None = None
-    """How many runs; 500, or 4 quick ones, by default."""
+    """Number of runs; default 500, or 4 with --quick."""
     seed: int = 0
-    """Of the study."""
+    """Seed of the study."""
     workers: int = 0
-    """Processes at work; 0: one for each core. Results do not depend on it."""
+    """Number of processes; 0: one for each core. Results do not depend on it."""
     paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
     """Paths that the runs take in turn."""
     ranges: Ranges = field(default_factory=Ranges)
-    """What the runs are drawn from."""
+    """Ranges of the random draw."""
     ablate: tuple[str, ...] | None = None
     """Also run without each method, or without those named."""
     ablate_runs: int = 100
-    """How many of the runs are repeated without each method."""
+    """Number of runs that are repeated without each method."""
     only: int | None = None
-    """Do this run alone, with all its logs, in a folder of its own."""
+    """Do only the run of this number, with all its logs, in a folder of its own."""
     without: str = ""
-    """With --only: a method to leave out."""
+    """With --only: method to leave out."""
     out: Path = Path("runs/study_contact")
-    """Folder for results.jsonl, metrics.json and report.html; of one study, which goes on there."""
+    """Folder for results.jsonl, metrics.json and report.html; it holds one study, which is resumed."""
     anew: bool = False
-    """Throw away the runs that are in that folder."""
+    """Delete the runs in that folder."""
     quick: bool = False
-    """Shorter jobs, and few of them, for a first look."""
+    """Few and shorter jobs, for a first impression."""
 
 
 def main() -> int:
+    """Runs or resumes the study, or does a single run; returns the exit code."""
     options = parse(Options)
     _check(options)
     if options.only is not None:
@@ -83,7 +84,7 @@ def main() -> int:
 
 
 def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, console: Console) -> int:
-    """Do what is left of the study, and say and write what came of all of it. Returns the exit code."""
+    """Does the missing runs, then prints and writes the results of all; returns the exit code."""
     bounds = StudyBounds()
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)
     tasks = [_task(options, run) for run in range(runs)]
@@ -93,7 +94,7 @@ def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, cons
     workers = options.workers or os.cpu_count() or 1
     if len(left) < len(tasks):
         console.print(f"{len(tasks) - len(left)} of {len(tasks)} runs are there already", highlight=False)
-    hydrodynamics.install()  # compiled once, before the workers all would
+    hydrodynamics.install()  # compiled once here, else by every worker
     began = time.perf_counter()
     progress = Progress(
         TextColumn("{task.description}"),
@@ -141,7 +142,7 @@ def _task(options: Options, run: int) -> RunTask:
 
 
 def _one(options: Options) -> int:
-    """A single run as its scenario would do it, with all that it writes."""
+    """Repeats a single run as a scenario with all its output."""
     assert options.only is not None
     scenario, job, stream, variation = draw(_task(options, options.only))
     name = f"run_{options.only:04d}" + (f"_without_{options.without}" if options.without else "")

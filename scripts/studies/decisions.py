@@ -1,10 +1,12 @@
-"""How often a wrong pose is accepted, and a right one not: accept, rescan or refuse over scenes that ought to differ.
+"""Study: rates of false accepts, false refusals and rescans of PoseCheck over scenes of known truth.
 
-Right scenes show the object clean, hidden in part, or fouled. Wrong ones show another object, none, or less than 30 %
-of it; besides, the pose is forced wrong by 3 cm, by 10 deg and, on a starfish of uneven arms, by 72 deg, and checked on
-the evidence of the right scenes. A false accept is an accepted pose that is not found (centre within 1 % of the range,
-attitude within 5 deg, modulo declared symmetry), or any where the object is not there. A pose that was found and was
-not accepted is a false refusal if it was refused; if a rescan was asked for, that is counted by itself.
+Right scenes show the object clean, partly hidden, or fouled. Wrong ones show another object, none, or less than 30 % of
+it. Besides, poses that are wrong by 3 cm, by 10 deg and, on a starfish of uneven arms, by 72 deg are checked on the
+evidence of the right scenes.
+
+A pose counts as found if its centre is within 1 % of the range and its attitude within 5 deg, modulo declared symmetry.
+A false accept is an accepted pose that is not found, or any accepted pose where the object is absent. A found pose that
+is refused is a false refusal; rescans of found poses are counted separately.
 """
 
 import json
@@ -31,7 +33,7 @@ from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.saving import write_whole
 
-FOUND = (0.01, 5.0)  # of range, deg
+FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 _COLOURS = {Decision.ACCEPT: "C2", Decision.RESCAN: "C1", Decision.REFUSE: "C3"}
 
 
@@ -40,13 +42,13 @@ class Options:
     """Scenes to decide on, spread evenly over kinds, objects and sensors."""
 
     scenes: int = 500
-    """Number of scenes; poses forced wrong come on top."""
+    """Number of scenes; poses forced wrong are added."""
     objects: tuple[str, ...] = NAMES
     """Names of objects."""
     sensors: tuple[str, ...] = CAMERAS
     """Names of sensors."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None
@@ -55,6 +57,8 @@ class Options:
 
 @dataclass(frozen=True)
 class DecisionTask:
+    """One scene for one sensor; a picklable value for a worker process."""
+
     name: str
     kind: str
     sensor: str
@@ -63,11 +67,12 @@ class DecisionTask:
 
 @cache
 def surface_of(name: str) -> ModelSurface:
+    """Surface model of the object `name`."""
     return ModelSurface.of(object_of(name))
 
 
 def run(task: DecisionTask) -> list[dict[str, Any]]:
-    """The decision on one scene, and on the poses that are forced wrong in it."""
+    """Rows of one scene: the decision on the identified pose, and on the poses that are forced wrong."""
     drawn, surface = draw(task.name, task.kind, task.seed, task.sensor), surface_of(task.name)
     scene = drawn.scene
     found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
@@ -98,11 +103,12 @@ def run(task: DecisionTask) -> list[dict[str, Any]]:
 
 
 def died(task: DecisionTask) -> list[dict[str, Any]]:
+    """Raises ConfigurationError for a scene that crashed its process."""
     raise ConfigurationError(f"the process of {task} died")
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
-    """Counts by kind of scene."""
+    """Counts of found and wrong poses by kind of scene and decision."""
     kinds = list(dict.fromkeys(row["kind"] for row in rows))
     table = {}
     for kind in kinds:
@@ -118,7 +124,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, int]]:
 
 
 def rates(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Shares [%]: false accepts of all decisions, false refusals and rescans of found poses in right scenes."""
+    """Rates [%]: false accepts over all decisions and over wrong poses, false refusals and rescans over found poses."""
     right = [row for row in rows if row["right"] and KINDS.get(row["kind"], False)]
     accepts = sum(row["decision"] == Decision.ACCEPT and not row["right"] for row in rows)
     wrong = sum(not row["right"] for row in rows)
@@ -131,6 +137,7 @@ def rates(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 
 def picture(table: dict[str, dict[str, int]], file: Path) -> None:
+    """Bar chart of the decisions on found and on wrong poses, by kind of scene."""
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     for axes, of in zip(figure.subplots(1, 2, sharey=True), ("found", "wrong"), strict=True):
         left = np.zeros(len(table))
@@ -147,6 +154,7 @@ def picture(table: dict[str, dict[str, int]], file: Path) -> None:
 
 
 def main() -> None:
+    """Runs the study, prints its rates and writes its files."""
     options = parse(Options)
     if options.scenes < 1:
         raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")

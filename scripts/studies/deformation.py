@@ -1,9 +1,9 @@
-"""Maps of deformation against the truth: overlap on fouled and dented objects, and what is seen on undeformed ones.
+"""Study: deformation maps against the truth, on fouled and dented objects and on undeformed ones.
 
-The objects and views are those of scripts/studies/paths.py. A pixel of the true surface belongs to the truth when its
-deviation is beyond a size, to the map when it is in a region of a map of that size; overlap is intersection over union,
-of the pixels that the map compares. Undeformed objects are those of the library in random scenes: every region is
-false.
+Objects and views are those of scripts/studies/paths.py. A pixel of the true surface counts as deformed where its
+deviation exceeds a size, and as mapped where it is in a region of the map of that size. Overlap is intersection over
+union, over the pixels that the map compares. Undeformed objects are those of the library in random scenes: there every
+region is false.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -29,28 +29,34 @@ from sim.interfaces.spatial import Array, inverse, transform_points
 from sim.runs.saving import write_whole
 from studies.paths import CASES, PathCase
 
-BOUND = 0.8  # least overlap
-SIZES = (0.005, 0.01, 0.015)  # [m] asked for, beside the size that follows from the noise
+BOUND = 0.8  # least overlap that is accepted
+SIZES = (0.005, 0.01, 0.015)  # [m] sizes asked for, besides the size that follows from the noise
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Maps of deformation on what is deformed, and on what is not."""
+    """Deformation maps of deformed and undeformed objects."""
 
     seed: int = 0
-    """The first one."""
+    """First seed."""
     trials: int = 5
-    """Seeds of each deformed object, from --seed on."""
+    """Number of seeds for each deformed object, from --seed on."""
     looks: int = 16
-    """Depth frames whose median is compared; one alone is compared too."""
+    """Depth frames whose median is compared; a single frame is compared too."""
     clean: int = 5
-    """Scenes of each undeformed object."""
+    """Number of scenes of each undeformed object."""
     out: Path | None = None
-    """Folder of the figures."""
+    """Folder for deformation.json."""
 
 
 def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:
-    """One deformed object: maps of one look and of `count`, whether the check would have let them be made."""
+    """Result of one deformed object: maps of one frame and of `count` frames, and the decision of PoseCheck.
+
+    Args:
+        case: Object and camera.
+        seed: Seed.
+        count: Number of frames.
+    """
     rng = np.random.default_rng(seed)
     true, looks = case.seen(rng, count)
     X_CT = inverse(looks[-1].X_WS)
@@ -70,7 +76,7 @@ def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:
 
 
 def maps(found: Identification, offset: Array) -> list[dict[str, float]]:
-    """Figures of the map of its own size and of those of SIZES; true `offset` (H, W) [m] of each pixel, NaN off it."""
+    """Figures of the maps of default size and of SIZES; true `offset` (H, W) [m] of each pixel, NaN off the object."""
     rows = []
     for size in (None, *SIZES):
         made = map_deformation(found, size)
@@ -90,13 +96,13 @@ def maps(found: Identification, offset: Array) -> list[dict[str, float]]:
 
 
 def overlap(rows: list[dict[str, float]]) -> str:
-    """Overlap over all of `rows`, and of the worst."""
+    """Overlap over all of `rows`, and in brackets the worst of them."""
     total = sum(row["both"] for row in rows) / max(1, sum(row["either"] for row in rows))
     return f"{total:.2f} ({min(row['both'] / max(1, row['either']) for row in rows):.2f})"
 
 
 def undeformed(name: str, seed: int) -> dict[str, Any] | None:
-    """Regions on an object of the library as its model says; None if it is not accepted."""
+    """Figures of the map of an undeformed library object; None if the object is not accepted."""
     scene = object_scene(name, seed)
     found = identify(
         scene.scan, ModelSurface.of(target_of(name)), scene.approach, scene.orientation, sensor=scene.sensor.model
@@ -115,6 +121,7 @@ def undeformed(name: str, seed: int) -> dict[str, Any] | None:
 
 
 def main() -> int:
+    """Runs the study and writes its file; exit code 0 if overlaps reach BOUND and no region is false."""
     options = parse(Options)
     if options.trials < 1 or options.looks < 3 or options.clean < 0:
         raise ConfigurationError("--trials must be at least 1, --looks at least 3, --clean at least 0")
@@ -122,7 +129,7 @@ def main() -> int:
         raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
     folder = new_folder("study_deformation", options.out, options.seed)
     console = Console()
-    console.width = max(console.width, 125)  # the table is wider than a terminal must be
+    console.width = max(console.width, 125)  # the table is wider than a usual terminal
     seeds = range(options.seed, options.seed + options.trials)
     results = {name: [trial(case, seed, options.looks) for seed in seeds] for name, case in CASES.items()}
     table = Table(

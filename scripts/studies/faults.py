@@ -1,7 +1,7 @@
-"""What becomes of contact work when something breaks: every fault on both paths of the barrel, in a table.
+"""Study: behaviour of contact work under sensor and thruster faults, for every fault on both paths of the barrel.
 
-Each run pushes with 90 N when the fault begins. A case does damage if the true force on the object exceeds twice the
-set force, or anything but the tool touches it.
+Each run presses with 90 N when the fault begins. A case does damage if the true force on the object exceeds twice the
+set force, or anything but the tool touches the object.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -28,39 +28,45 @@ class Options:
     """Faults in contact work."""
 
     seeds: tuple[int, ...] = (0,)
-    """Of the runs; each is branched into all cases."""
+    """Seeds of the runs; each run is branched into all cases."""
     paths: tuple[str, ...] = ("longitudinal", "transverse")
-    """Of clean_barrel."""
+    """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
-    """Cases whose name holds one of these words."""
+    """Run only cases whose names contain one of these words."""
     picture: str = "dead"
-    """Cases whose name holds this are drawn."""
+    """Draw cases whose names contain this."""
     out: Path | None = None
-    """Folder for faults.json, what each case was, and the pictures."""
+    """Folder for faults.json, time series of the cases and pictures."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """One case on one path with one seed."""
+    """Figures of one case on one path with one seed."""
 
     case: str
     path: str
     seed: int
-    found: str  # what the vehicle found first
+    found: str  # first fault found by the vehicle
     detection_s: float | None
     reaction: str
     reaction_s: float | None
-    peak_n: float  # true, from the fault on
+    peak_n: float  # largest true force from the fault on
     excursion_m: float
     tilt_deg: float
-    lost_s: float  # without contact while it works
+    lost_s: float  # without contact while at work
     final: str
     note: str
     damage: bool
 
 
 def figures(trace: Trace, path: str, seed: int) -> Figures:
-    """The figures of one trace."""
+    """Figures of one trace.
+
+    Args:
+        trace: Time series of the case.
+        path: Name of the path.
+        seed: Seed of the run.
+    """
     time, least = trace.rows[:, 0], trace.rows[:, 9]
     peak = float(trace.rows[:, 10].max())
     states = [state for _, state, _ in trace.states]
@@ -90,6 +96,7 @@ def figures(trace: Trace, path: str, seed: int) -> Figures:
 
 
 def main() -> int:
+    """Runs the cases and writes their files; exit code 1 if a case does damage."""
     options = parse(Options)
     folder = new_folder("study_faults", options.out)
     console = Console(width=max(Console().width, 160))

@@ -1,8 +1,8 @@
-"""What the hover is worth: the tool is pushed all round at full reach, and each method and each wrong figure is tried.
+"""Study: station keeping under pushes at the tool, at full reach and in many directions, with ablations.
 
-`envelope`: how far the hull gives way, with and without compensation, by current. `ablation`: the lag, the dead band,
-the coefficients, the lead. `lost`: each thruster stops while the tool is pushed, two seconds later the push is taken
-off, and the hull holds its place with what is left. Pushes are external forces at the tip; the drives are stiff.
+`envelope`: excursion of the hull with and without compensation, by current. `ablation`: errors of lag, dead band and
+coefficients, and the thruster lead. `lost`: each thruster stops during a push; two seconds later the push ends, and the
+hull keeps station on the remaining thrusters. Pushes are external forces at the tip; the drives are stiff.
 """
 
 from collections.abc import Iterable
@@ -26,7 +26,7 @@ POSTURES = {
     "ahead": (0.0, 0.2, 0.0, 0.0, 0.0, 0.0),
     "aside": (1.57, 0.4, 0.0, 0.0, 0.0, 0.0),
     "down": (0.0, 1.4, 0.1, 0.1, 0.0, 0.0),
-}  # [rad] of the default arm, laid out straight
+}  # [rad] of the default arm, stretched out
 
 
 @dataclass
@@ -34,27 +34,32 @@ class Options:
     """Pushes at full reach."""
 
     table: Literal["envelope", "ablation", "lost"] = "envelope"
-    """What is varied."""
+    """Quantity that is varied."""
     directions: int = 14
-    """Of the push, spread over the sphere, the six axes first."""
+    """Number of directions of the push, spread over the sphere, the six axes first."""
     force: float = 90.0
-    """Of the push [N]."""
+    """Force of the push [N]."""
     currents: tuple[float, ...] = (0.0, 0.2, 0.4)
-    """Speeds [m/s] of the envelope, along 30 degrees from ahead."""
+    """Speeds of the current [m/s] in the envelope, at 30 degrees from ahead."""
     posture: Literal["ahead", "aside", "down"] = "ahead"
-    """Of the arm, laid out straight."""
+    """Posture of the arm, stretched out."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
     seed: int = 0
-    """Of the noise of the sensors and the gusts."""
+    """Seed of sensor noise and gusts."""
 
 
 def flow(speed: float) -> tuple[float, float, float]:
+    """Current (3,) [m/s] of a given speed in W, horizontal, at 30 deg from x."""
     return (speed * float(np.cos(np.pi / 6)), speed * float(np.sin(np.pi / 6)), 0.0)
 
 
 def case_of(options: Options) -> PushCase:
-    """The case that the tables vary, with the directions that the drives bear."""
+    """Base case of the tables, with the directions in which the drives can hold the push.
+
+    Raises:
+        ConfigurationError: There is no such direction.
+    """
     if options.directions < 1:
         raise ConfigurationError(f"--directions: must be >= 1, got {options.directions}")
     own = scenes.vehicle_spec("uuv_puma").compile()
@@ -73,6 +78,8 @@ def case_of(options: Options) -> PushCase:
 
 
 def figures(pushed: Pushed) -> list[str]:
+    """Formatted cells of a row: median, 95 % and largest values over the pushes, and means."""
+
     def spread(values: Array) -> str:
         return ", ".join(f"{value:.1f}" for value in (np.median(values), np.quantile(values, 0.95), values.max()))
 
@@ -88,6 +95,7 @@ def figures(pushed: Pushed) -> list[str]:
 
 
 def envelope(options: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
+    """Yields title and case for each current, with and without compensation."""
     for speed in options.currents:
         for compensation in (True, False):
             name = f"{speed:.1f} m/s" if compensation else f"{speed:.1f} m/s, no compensation"
@@ -95,6 +103,7 @@ def envelope(options: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]
 
 
 def ablation(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
+    """Yields title and case for the nominal controller, each ablation and each model error."""
     case = replace(case, settle=8.0, push=3.0, rest=1.5)
     yield "as it is: lag 0.15 s, dead band 5 %, coefficients 15 % wrong", case
     yield "no lead", replace(case, response=1e6)
@@ -111,6 +120,7 @@ def ablation(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
 
 
 def lost(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
+    """Yields title and case for each thruster lost, unnoticed and known after 0.5 s."""
     own = Vehicle.of(scenes.vehicle_spec(case.vehicle).compile())
     once = replace(case, directions_B=case.directions_B[:1], settle=8.0, push=4.0, rest=8.0)
     for thruster, name in enumerate(own.thruster_names):
@@ -119,7 +129,7 @@ def lost(_: Options, case: PushCase) -> Iterable[tuple[str, PushCase]]:
 
 
 def authority_table(console: Console) -> None:
-    """What each thruster takes along."""
+    """Prints the greatest wrench along each axis, with all thrusters and without each one."""
     vehicle = Vehicle.of(scenes.vehicle_spec("uuv_puma").compile())
     allocation = Allocation(vehicle)
     table = Table(title="Greatest wrench along one axis, all others zero [N, N m]")
@@ -133,6 +143,7 @@ def authority_table(console: Console) -> None:
 
 
 def main() -> int:
+    """Runs the cases, prints their table and returns the exit code."""
     options = parse(Options)
     case, console = case_of(options), Console()
     if options.table == "lost":
@@ -153,7 +164,7 @@ def main() -> int:
     for name, varied in {"envelope": envelope, "ablation": ablation, "lost": lost}[options.table](options, case):
         row = figures(run(varied))
         table.add_row(name, *row)
-        console.print(f"{name}: {' | '.join(row)}", highlight=False)  # so that a long study shows what it has
+        console.print(f"{name}: {' | '.join(row)}", highlight=False)  # shows the progress of a long study
     console.print(table)
     return 0
 

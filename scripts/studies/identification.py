@@ -1,7 +1,7 @@
-"""How well known objects are found: random scenes of each object and sensor, errors against the truth, times.
+"""Study: errors, decisions and computing time of identification over random scenes of each object and sensor.
 
 A pose counts as found if its centre is within 1 % of the range and its attitude within 5 deg, modulo the object's
-declared symmetry. Errors are of all scenes, found or not, accepted or not. Times are of the processor, all threads.
+declared symmetry. Errors are over all scenes, found or not, accepted or not. Times are processor times of all threads.
 """
 
 import json
@@ -25,7 +25,7 @@ from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.saving import write_whole
 
-FOUND = (0.01, 5.0)  # of range, deg
+FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 
 
 @dataclass
@@ -37,17 +37,17 @@ class Options:
     sensors: tuple[str, ...] = tuple(SENSORS)
     """Names of sensors."""
     scenes: int = 50
-    """Of each object and sensor."""
+    """Number of scenes of each object and sensor."""
     first_seed: int = 0
-    """Of the scenes, one after the other."""
+    """Seed of the first scene; the others follow."""
     start: Literal["coarse", "place", "any"] = "coarse"
-    """What is known beforehand: place and attitude within --start-error, only the place, or nothing."""
+    """Prior knowledge: position and attitude within --start-error (coarse), position only (place), or none (any)."""
     start_error: tuple[float, float] = (0.3, 45.0)
-    """Of the coarse start, up to [m] and [deg]."""
+    """Largest error of the coarse start [m], [deg]."""
     ranges: tuple[float, float] = (1.0, 2.0)
-    """From the camera to the object [m]."""
+    """Distance from camera to object [m]."""
     gap: tuple[float, float] = (0.05, 0.4)
-    """From the object down to the seabed [m]; 0 0: it lies on it."""
+    """Distance from the object down to the seabed [m]; 0 0: it lies on it."""
     workers: int = 1
     """Processes at a time."""
     out: Path | None = None
@@ -56,6 +56,8 @@ class Options:
 
 @dataclass(frozen=True)
 class SceneTask:
+    """One scene for one sensor; a picklable value for a worker process."""
+
     name: str
     sensor: str
     seed: int
@@ -64,11 +66,12 @@ class SceneTask:
 
 @cache
 def surface_of(name: str) -> ModelSurface:
+    """Surface model of the object `name`."""
     return ModelSurface.of(target_of(name))
 
 
 def run(task: SceneTask) -> dict[str, Any]:
-    """Identify the object of one scene; errors, verdict and times."""
+    """Row of one scene: errors, decision and computing time of identification."""
     options = task.options
     start_error = (options.start_error[0], float(np.deg2rad(options.start_error[1])))
     scene = object_scene(
@@ -101,11 +104,12 @@ def run(task: SceneTask) -> dict[str, Any]:
 
 
 def died(task: SceneTask) -> dict[str, Any]:
+    """Raises ConfigurationError for a scene that crashed its process."""
     raise ConfigurationError(f"the process of {task.name}, seed {task.seed}, died")
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Figures of the scenes of one object and sensor."""
+    """Figures over the scenes of one object and sensor."""
 
     def of(name: str) -> np.ndarray:
         return np.array([row[name] for row in rows], dtype=np.float64)
@@ -129,6 +133,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 
 def table_of(figures: dict[str, dict[str, float]], title: str) -> Table:
+    """Table of the figures by object and sensor."""
     table = Table(title=title)
     for column in (
         "object, sensor",
@@ -158,7 +163,7 @@ def table_of(figures: dict[str, dict[str, float]], title: str) -> Table:
 
 
 def picture(rows: Sequence[dict[str, Any]], file: Path) -> None:
-    """Errors of all scenes over their range, a panel for each object."""
+    """Plots the errors of all scenes over the range into `file`, one column for each object."""
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -193,6 +198,7 @@ def picture(rows: Sequence[dict[str, Any]], file: Path) -> None:
 
 
 def main() -> int:
+    """Runs the study, writes its files and returns the exit code."""
     options = parse(Options)
     if options.scenes < 1 or options.workers < 1:
         raise ConfigurationError("--scenes and --workers must be at least 1")

@@ -1,9 +1,9 @@
-"""Tool paths on fouled and dented objects: how far path and model lie off the true surface.
+"""Study: deviation of tool paths from the true surface of fouled and dented objects.
 
-For each seed an object is drawn, seen by the depth camera in a few frames from nearly one place, found in the last, and
-a path planned on the median of all. Distances are taken along the tool's axis to the true surface, from the path and
-from the model alone; the tool's tilt is against the true normal at its tip, beside how far that normal turns within the
-pad. What the camera saw and what it did not are told apart.
+For each seed an object is drawn and seen by the depth camera in a few frames from nearly one position. It is identified
+in the last frame, and a path is planned on the median of all. Distances to the true surface are taken along the tool's
+axis, from the path and from the undeformed model. The tool's tilt is relative to the true normal at its tip. Beside it
+stands the change of that normal within the pad. Seen and unseen parts of the path are listed separately.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -38,45 +38,54 @@ from sim.runs.saving import write_whole
 from sim.sensors.depth_camera import NOISE, DepthCamera
 from sim.sensors.stereo_noise import StereoNoise
 
-BOUND = 0.003  # [m] within which the path on the true surface must be
-_AHEAD = 0.08  # [m] before the path, where rays to the true surface begin
-_PATCHES = 8  # a symmetric object may be found up to 30 deg around, its paths beside some of them
+BOUND = 0.003  # [m] allowed distance of the path from the true surface
+_AHEAD = 0.08  # [m] before the path, where rays to the true surface start
+_PATCHES = 8  # patches; the found rotation about a symmetry axis is up to 30 deg off, and paths may miss some
 _PAD = 0.045  # [m] radius of the tool's pad
-_SWAY = 0.005  # [m] from frame to frame, which the vehicle knows
+_SWAY = 0.005  # [m] standard deviation of the camera's position between frames; known to the vehicle
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Paths on objects that are not as their models."""
+    """Tool paths on objects that deviate from their models."""
 
     seed: int = 0
-    """The first one."""
+    """First seed."""
     trials: int = 10
-    """Seeds of each object, from --seed on."""
+    """Number of seeds for each object, from --seed on."""
     looks: int = 1
-    """Depth frames whose median a path is planned on; jobs on what may be fouled or dented take 16."""
+    """Depth frames whose median the path is planned on; jobs with possible growth or dents take 16."""
     exact: bool = False
-    """Depth without errors: what the grid of the camera and the smoothing of the path cost alone."""
+    """Exact depth: shows the errors due to the camera's resolution and the path's smoothing alone."""
     judged: bool = True
-    """Plan only on what identification accepts (--no-judged: on its best pose, whatever the check says)."""
+    """Plan only on accepted identifications (--no-judged: on the best pose in any case)."""
     out: Path | None = None
-    """Folder of the figures."""
+    """Folder for paths.json and paths.png."""
 
 
 @dataclass(frozen=True)
 class PathCase:
-    """One object and what is done with it."""
+    """One object with its deformation, its paths and the camera's position."""
 
     known: TargetModel
     kind: str  # "fouled" or "dented"
-    height: tuple[float, float]  # [m] of growth or dents, least and most
+    height: tuple[float, float]  # [m] least and greatest height of growth or depth of dents
     paths: Mapping[str, ModelPath]
-    view: tuple[float, float, float]  # [m] of the camera in T
+    view: tuple[float, float, float]  # [m] position of the camera in T
 
     def seen(
         self, rng: np.random.Generator, count: int, noise: StereoNoise | None = NOISE
     ) -> tuple[Deformed, list[Frame]]:
-        """The object as the sea left it, and `count` looks at it from about where the camera stands."""
+        """Draws the deformed object and its depth frames.
+
+        Args:
+            rng: Draws deformation, camera position and noise.
+            count: Number of frames.
+            noise: Stereo noise; None: exact depth.
+
+        Returns:
+            The deformed object, its frames.
+        """
         near = np.vstack([path.p for path in self.paths.values()])
         true = getattr(deformed, self.kind)(self.known, rng, _PATCHES, self.height, near)
         eye = np.array(self.view) + rng.uniform(-0.15, 0.15, 3)
@@ -95,7 +104,7 @@ CASES = {
 
 @dataclass(kw_only=True)
 class _PathPoses:
-    """What a depth camera asks of the plant's truth."""
+    """Body poses in the form in which a depth camera reads the plant's truth."""
 
     time: float
     xpos: Array
@@ -105,7 +114,18 @@ class _PathPoses:
 def looks_at(
     target: TargetModel, X_TC: Array, count: int, noise: StereoNoise | None, rng: np.random.Generator
 ) -> list[Frame]:
-    """`count` frames of `target` from a camera that sways about `X_TC` (4, 4), which it knows; poses in T."""
+    """Depth frames of an object from a camera that sways about a pose and knows where it is.
+
+    Args:
+        target: The object.
+        X_TC: (4, 4) mean pose of the camera in T.
+        count: Number of frames.
+        noise: Stereo noise; None: exact depth.
+        rng: Draws sway and noise.
+
+    Returns:
+        Frames with their poses in T.
+    """
     spec = mujoco.MjSpec()
     target.add_to(spec, np.eye(4), stand=False, felt=False)
     model = spec.compile()
@@ -121,7 +141,7 @@ def looks_at(
 
 
 class TrueSurface:
-    """The object as it is, in T: how far away it is, and which way it faces."""
+    """True surface of an object in T: distances to it and its normals."""
 
     def __init__(self, target: TargetModel) -> None:
         self._triangles = target.triangles
@@ -135,14 +155,23 @@ class TrueSurface:
         return np.where(np.isfinite(along), along, self._nearest.query(p_T).distance)
 
     def normals(self, p_T: Array) -> Array:
-        """Outward unit normals (N, 3) where the surface is nearest to points (N, 3)."""
+        """Outward unit normals (N, 3) at the surface points nearest to `p_T` (N, 3)."""
         nearest = self._nearest.query(p_T)
         return _unit(np.einsum("nk,nkj->nj", nearest.weights, self._normals[self._triangles[nearest.triangle]]))
 
     def mean_normals(self, p_T: Array, x_T: Array, z_T: Array) -> Array:
-        """The same, averaged over a pad on the points, its plane along x_T (N, 3) and perpendicular to z_T (N, 3)."""
+        """Outward unit normals averaged over the tool's pad.
+
+        Args:
+            p_T: (N, 3) [m] centres of the pad.
+            x_T: (N, 3) unit vectors in the pad's plane.
+            z_T: (N, 3) unit normals of the pad's plane.
+
+        Returns:
+            (N, 3) unit vectors.
+        """
         y_T, total = np.cross(z_T, x_T), self.normals(p_T)
-        for share, count in ((0.5, 8), (0.9, 14)):  # of the pad's radius; points on the ring
+        for share, count in ((0.5, 8), (0.9, 14)):  # share of the pad's radius, points on the ring
             for angle in np.linspace(0.0, 2.0 * np.pi, count, endpoint=False):
                 total = total + self.normals(p_T + _PAD * share * (np.cos(angle) * x_T + np.sin(angle) * y_T))
         return _unit(total)
@@ -158,7 +187,13 @@ def angles(a: Array, b: Array) -> Array:
 
 
 def trial(case: PathCase, seed: int, options: Options) -> dict[str, Any]:
-    """One seed: what came of identification, and of each path."""
+    """Result of one seed: identification error, and the deviations of each path.
+
+    Args:
+        case: Object and camera.
+        seed: Seed.
+        options: Options of the study.
+    """
     rng = np.random.default_rng(seed)
     true, looks = case.seen(rng, options.looks, None if options.exact else NOISE)
     X_CT = inverse(looks[-1].X_WS)
@@ -209,14 +244,14 @@ def _of_path(found: Identification, path: ModelPath, surface: TrueSurface, X_TS:
 
 
 def _spread(values: Array) -> dict[str, float] | None:
-    """RMS and largest size of `values`; None without any."""
+    """RMS and largest magnitude of `values`; None if empty."""
     if not len(values):
         return None
     return {"rms": float(np.sqrt(np.mean(values**2))), "max": float(np.abs(values).max())}
 
 
 def row_of(paths: list[dict[str, Any]], trials: int) -> list[str]:
-    """What the table says of `paths`, planned or refused, of one kind in `trials` scenes."""
+    """Cells of the table for one path of one object: `paths` planned or refused, in `trials` scenes."""
 
     def both(name: str, scale: float) -> list[str]:
         spreads = [path[name] for path in planned if path[name] is not None]
@@ -241,7 +276,7 @@ def row_of(paths: list[dict[str, Any]], trials: int) -> list[str]:
 
 
 def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:
-    """Distance to the true surface along every path: the model's in the table, the planned path's here."""
+    """Plots the distance of every planned path from the true surface into `file`."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.4 * len(results)), layout="constrained")
@@ -264,6 +299,7 @@ def picture(results: dict[str, list[dict[str, Any]]], file: str) -> None:
 
 
 def main() -> int:
+    """Runs the study and writes its files; exit code 0 if all seen parts of all paths are within BOUND."""
     options = parse(Options)
     if options.trials < 1:
         raise ConfigurationError(f"--trials: must be at least 1, got {options.trials}")
@@ -273,7 +309,7 @@ def main() -> int:
         raise ConfigurationError(f"--seed: must not be negative, got {options.seed}")
     folder = new_folder("study_paths", options.out, options.seed)
     console = Console()
-    console.width = max(console.width, 125)  # the table is wider than a terminal must be
+    console.width = max(console.width, 125)  # the table is wider than a usual terminal
     seeds = range(options.seed, options.seed + options.trials)
     results = {name: [trial(case, seed, options) for seed in seeds] for name, case in CASES.items()}
     looks = f"{options.looks} {'exact ' * options.exact}looks"

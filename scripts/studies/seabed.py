@@ -1,9 +1,11 @@
-"""How well the seabed is known and where the vehicle may work on it: seeded terrains seen by a coarse 3D sonar.
+"""Study: accuracy of the seabed's reconstruction and the choice of working height, over random terrains.
 
-Each terrain is scanned by the sonar under the hull (`sim.sensors.sonar`) from 2.5 m above. Two targets are projected,
-the profile between them is cut, and the height to work at is chosen; all is judged against the true terrain: a refusal
-is right where the true ground, known exactly, is refused as well, and work is where it is not. With --speed, the time
-from cloud to path over the size of the cloud instead, and other ways to triangulate beside it.
+Each terrain is scanned by a coarse 3D sonar under the hull (`sim.sensors.sonar`) from 2.5 m above. Two targets are
+projected, the profile between them is cut, and the working height is chosen. All is compared with the true terrain. A
+refusal is right where the exactly known ground is refused as well; work is right where it is not.
+
+With --speed, the study measures the time from cloud to path over the size of the cloud instead, beside other
+triangulations.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -42,34 +44,45 @@ from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.runs.saving import write_whole
 from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise
 
-SWATH = BEAMS.azimuth  # [rad] of the sonar, both ways
-STANDOFF = 0.1  # [m]
-FALSE = 0.03  # share of points that are none, where times are taken
+SWATH = BEAMS.azimuth  # [rad] swath of the sonar, both ways
+STANDOFF = 0.1  # [m] from which the tool approaches the path
+FALSE = 0.03  # share of false echoes in the clouds for --speed
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Study the seabed's surface and the choice of height."""
+    """Study the reconstruction of the seabed and the choice of height."""
 
     terrains: int = 100
-    """So many, of all kinds in turn."""
+    """Number of terrains, all kinds in turn."""
     seed: int = 0
-    """Of the first; each terrain has its own."""
+    """Seed of the first terrain; each has its own."""
     beam: float = 1.0
-    """Between the sonar's beams [deg]."""
+    """Spacing of the sonar's beams [deg]."""
     noise: float = 0.3
     """Standard deviation along the beam [% of the range]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
     speed: bool = False
-    """Times over the size of the cloud instead."""
+    """Measure times over the size of the cloud instead."""
     out: Path | None = None
     """Folder for study.json or speed.json."""
 
 
 def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, beam: float, noise: float) -> Array:
-    """Echoes (N, 3) [m] in W of LOOKS pings of the sonar under a hull at `X_WB` (4, 4); `beam` [rad] apart, `noise` of
-    the range."""
+    """Echoes of LOOKS pings of the sonar under the hull.
+
+    Args:
+        ground: True terrain.
+        X_WB: (4, 4) pose of the hull.
+        box: (2, 3) [m] corners of the hull's box in B.
+        rng: Draws the noise.
+        beam: [rad] spacing of the beams.
+        noise: Standard deviation along the beam, share of the range.
+
+    Returns:
+        (N, 3) [m] in W.
+    """
     spec = mujoco.MjSpec()
     ground.add_to(spec)
     model = spec.compile()
@@ -88,7 +101,15 @@ def seen(ground: Seabed, X_WB: Array, box: Array, rng: np.random.Generator, *, b
 
 
 def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array) -> dict[str, Any]:
-    """One terrain: errors of targets and profile in units of 1 cm + 0.5 % of the range, the height or the refusal."""
+    """Row of one terrain: errors of targets and profile in units of 1 cm + 0.5 % of the range, height or refusal.
+
+    Args:
+        seed: Seed of the terrain.
+        options: Options of the study.
+        vehicle: The vehicle.
+        chain: Kinematics of its arm.
+        box: (2, 3) [m] corners of the hull's box in B.
+    """
     rng = np.random.default_rng(seed)
     kind = KINDS[seed % len(KINDS)]
     ground = seabed(kind, rng, center_W=(*rng.uniform(-5.0, 5.0, 2), -20.0), half=3.0)
@@ -121,7 +142,7 @@ def one(seed: int, options: Options, vehicle: Vehicle, chain: Chain, box: Array)
 def _work(
     cloud: Array, *, vehicle: Vehicle, chain: Chain, box: Array, X_WB: Array, B: Array
 ) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
-    """The plan and the height on what `cloud` (N, 3) [m] shows, as far as it comes; and why it came no further."""
+    """Plan and working height on a cloud (N, 3) [m], None from a failed stage on; and the reason of the failure."""
     try:
         plan = plan_seabed_work(cloud, B)
     except PerceptionError as error:
@@ -145,12 +166,13 @@ def _work(
 
 
 def _errors(points: Array, ground: Seabed, X_WB: Array) -> Array:
-    """Vertical distance of points (N, 3) to the true surface over 1 cm + 0.5 % of their range; 1 is at the limit."""
+    """Vertical error of points (N, 3) in units of the limit, 1 cm + 0.5 % of their range."""
     reach = np.linalg.norm(points - X_WB[:3, 3], axis=1)
     return np.abs(points[:, 2] - ground.height(points)) / (0.01 + 0.005 * reach)
 
 
 def study(options: Options, console: Console) -> dict[str, Any]:
+    """Runs all terrains, prints the table and returns the rows for study.json."""
     own = scenes.vehicle_spec(options.vehicle).compile()
     vehicle = Vehicle.of(own)
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, vehicle))
@@ -203,7 +225,7 @@ def _share(values: Array) -> str:
 
 
 def speed(options: Options, console: Console) -> dict[str, Any]:
-    """Times by the process's own clock: of everything, and of other triangulations of the same points."""
+    """Processor times of our pipeline and of other triangulations of the same points, for speed.json."""
     try:
         o3d = open3d_loader.load()
     except MissingLibraryError as error:
@@ -245,7 +267,7 @@ def speed(options: Options, console: Console) -> dict[str, Any]:
 
 
 def _scatter(ground: Seabed, points: int, rng: np.random.Generator) -> Array:
-    """Points of an even density over 4 x 4 m, 5 mm of noise, false echoes."""
+    """Points of uniform density over 4 x 4 m, with 5 mm of noise and false echoes."""
     xy = rng.uniform(-2.0, 2.0, (points, 2))
     z = ground.height(xy) + rng.normal(0.0, 0.005, points)
     wild = rng.random(points) < FALSE
@@ -260,7 +282,7 @@ def _timed(work: Any) -> tuple[float, Any]:
 
 
 def _off(scene: Any, starts: Array, ground: Seabed, at: Array) -> tuple[float, float]:
-    """95 % of the vertical distances [mm] to the true surface at places `at`, and the share of rays that missed."""
+    """95 % quantile of the vertical error [mm] at places `at`, and the share of rays without a hit."""
     t = scene.cast(starts, np.broadcast_to([0.0, 0.0, -1.0], starts.shape))["t"]
     hit = np.isfinite(t)
     off = np.abs(at[hit, 2] - t[hit] - ground.height(at[hit]))
@@ -279,7 +301,7 @@ def _poisson(o3d: Any, cloud: Any) -> Any:
 
 
 def _clean(cloud: Any) -> Any:
-    """Without statistical outliers, with normals upwards: what both need."""
+    """Removes statistical outliers and adds normals upwards, which both triangulations need."""
     clean, _ = cloud.remove_statistical_outlier(nb_neighbors=24, std_ratio=1.0)
     clean.estimate_normals()
     clean.orient_normals_to_align_with_direction(np.array([0.0, 0.0, 1.0]))
@@ -287,6 +309,7 @@ def _clean(cloud: Any) -> Any:
 
 
 def main() -> int:
+    """Runs the study or the time measurement, writes its file and returns the exit code."""
     options = parse(Options)
     if options.terrains < 1 or not options.beam > 0.0 or not options.noise >= 0.0:
         raise ConfigurationError(

@@ -1,7 +1,7 @@
-"""What sensors make of the same objects: stereo in air, behind a flat port with three calibrations, and a 3D sonar.
+"""Study: depth and identification errors of stereo cameras behind a flat port, by calibration, and of a 3D sonar.
 
-Each scene is seen by all: the error of the depth, and of the identification from it. A picture shows where the depth
-errs.
+All sensors see the same scenes. Stereo is ideal without a port, or behind a flat port with three calibrations. A figure
+shows the depth errors over the image.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -31,7 +31,7 @@ from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.refraction import FlatPort, in_air, in_water
 from sim.sensors.sonar import BEAMS, Sonar
 
-FOCAL, CORNER = 554.0, 400.0  # [px]
+FOCAL, CORNER = 554.0, 400.0  # [px] focal length; distance from the image's middle to its corner
 PORT = FlatPort()
 CAMERAS: Mapping[str, dict[str, Any]] = {
     "no port": {},
@@ -48,17 +48,26 @@ class Options:
     """Compare sensors by depth and identification of a barrel on the seabed."""
 
     runs: int = 20
-    """Scenes."""
+    """Number of scenes."""
     seed: int = 0
-    """Of the first scene."""
+    """Seed of the first scene."""
     ranges: tuple[float, float] = (1.0, 2.0)
-    """From sensor to barrel [m]."""
+    """Distance from sensor to barrel [m]."""
     out: Path | None = None
     """Folder for sensors.json and sensors.png."""
 
 
 def scene(rng: np.random.Generator, target: TargetModel, ranges: tuple[float, float]) -> tuple[mujoco.MjModel, Array]:
-    """A barrel on its stand on a flat seabed, and its pose X_ST (4, 4) before a sensor at the origin of W."""
+    """Barrel on its stand on a flat seabed, seen from the origin of W.
+
+    Args:
+        rng: Draws the view.
+        target: The barrel.
+        ranges: [m] bounds of the distance.
+
+    Returns:
+        Compiled model, pose X_ST (4, 4) of the barrel in the sensor frame.
+    """
     distance, climb, heading = rng.uniform([ranges[0], 0.2, -np.pi], [ranges[1], 1.1, np.pi])
     p_TS = distance * np.array([np.cos(climb) * np.cos(heading), np.cos(climb) * np.sin(heading), np.sin(climb)])
     X_ST = inverse(pose(rotation_from_z(-p_TS, np.cross(-p_TS, [0.0, 0.0, 1.0])), p_TS))
@@ -74,7 +83,13 @@ def scene(rng: np.random.Generator, target: TargetModel, ranges: tuple[float, fl
 
 
 def look(name: str, model: mujoco.MjModel, seed: int) -> DepthImage | SonarScan:
-    """What the sensor `name` reports of `model`."""
+    """One measurement of a sensor.
+
+    Args:
+        name: Name in CAMERAS, or SONAR.
+        model: The scene.
+        seed: Seed of the noise.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     if name == SONAR:
@@ -85,7 +100,7 @@ def look(name: str, model: mujoco.MjModel, seed: int) -> DepthImage | SonarScan:
 
 
 def depth_error(seen: DepthImage | SonarScan, model: mujoco.MjModel) -> Array:
-    """Error [m] along each ray that the sensor believes to have seen along, of depth or range (H, W)."""
+    """Error of depth or range (H, W) [m], along the rays that the sensor's model assumes."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     height, width = (seen.depth if isinstance(seen, DepthImage) else seen.points[..., 0]).shape
@@ -99,7 +114,7 @@ def depth_error(seen: DepthImage | SonarScan, model: mujoco.MjModel) -> Array:
 
 
 def study(options: Options) -> dict[str, list[dict[str, float]]]:
-    """For each sensor what came of each scene."""
+    """For each sensor the rows of all scenes."""
     target = barrel()
     results: dict[str, list[dict[str, float]]] = {name: [] for name in (*CAMERAS, SONAR)}
     for run in track(range(options.runs), description="scenes", transient=True):
@@ -134,7 +149,13 @@ def study(options: Options) -> dict[str, list[dict[str, float]]]:
 
 
 def picture(path: Path, seed: int, ranges: tuple[float, float]) -> None:
-    """Depth errors of the scene of `seed`, one panel a sensor."""
+    """Plots the depth errors of one scene, one panel for each sensor.
+
+    Args:
+        path: PNG file.
+        seed: Seed of the scene.
+        ranges: [m] bounds of the distance.
+    """
     from matplotlib import colormaps
     from matplotlib.figure import Figure
 
@@ -154,6 +175,7 @@ def picture(path: Path, seed: int, ranges: tuple[float, float]) -> None:
 
 
 def main() -> int:
+    """Runs the study, writes its files and returns the exit code."""
     options = parse(Options)
     if options.runs < 1 or not 0.3 < options.ranges[0] <= options.ranges[1] < 10.0:
         raise ConfigurationError(f"--runs must be positive and --ranges lie within 0.3 and 10 m, got {options}")

@@ -1,7 +1,7 @@
-"""The force loop's step response on soft, medium and hard surfaces, with one tuning, while the tool moves along.
+"""Study: step response of the force loop on soft, medium and hard surfaces with one tuning, the tool moving.
 
-Each run steps the set force up and down several times; the mean of the responses is judged, so that the noise of
-sensors and sea does not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
+Each run steps the set force up and down several times. The mean response is judged, so that sensor noise and gusts do
+not count as overshoot. Exit code 0: the mean response overshoots by at most 5 % on each surface.
 """
 
 from scenarios.start import new_folder, parse, run_scenario  # isort: skip
@@ -27,7 +27,7 @@ from sim.reporting.report_page import provenance as made_by
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json, write_whole
 
-OVERSHOOT = 0.05  # share of the step that is allowed
+OVERSHOOT = 0.05  # largest overshoot, share of the step
 COLUMNS = ("surface [N/m]", "steps", "rise, 10-90 % [s]", "overshoot [%]", "settling, 5 % [s]", "spread [N]")
 
 
@@ -36,32 +36,33 @@ class Options:
     """Steps of the set force on surfaces from soft to hard."""
 
     stiffness: tuple[float, ...] = (1e4, 3e4, 1e6)
-    """Of pad and surface together [N/m]."""
+    """Stiffness of pad and surface in series [N/m]."""
     low: float = 60.0
     """Set force before a step [N]."""
     high: float = 90.0
-    """And after it [N]."""
+    """Set force after a step [N]."""
     rate: float = 60.0
-    """Of the set force [N/s], as the work's own; 1e6 is as good as abrupt."""
+    """Rate of change of the set force [N/s], default as in the jobs; 1e6 is nearly a step."""
     steps: int = 6
-    """Steps up in a run."""
+    """Number of steps up in a run."""
     runs: int = 3
-    """On each surface."""
+    """Number of runs on each surface."""
     seed: int = 0
-    """Of the first run."""
+    """Seed of the first run."""
     current: tuple[float, float, float] = (0.15, 0.0, 0.0)
-    """[m/s]"""
+    """Steady current in W [m/s]."""
     gust: float = 0.03
-    """[m/s]"""
+    """Standard deviation of the gusts [m/s] per axis."""
     workers: int = 0
-    """Processes at work; 0: one for each core."""
+    """Number of processes; 0: one for each core."""
     out: Path | None = None
-    """Folder for metrics.json and report.html; a new one in runs/step_response by default."""
+    """Folder for metrics.json and report.html; default: a new one in runs/step_response."""
     quick: bool = False
     """One run on each surface."""
 
 
 def main() -> int:
+    """Runs the study, writes its files and returns the exit code."""
     options = parse(Options)
     if not 0.0 < options.low < options.high:
         raise ConfigurationError(f"--low, --high: must rise from above zero, got {options.low}, {options.high} N")
@@ -114,7 +115,13 @@ def main() -> int:
 
 
 def judged(stiffness: float, true: np.ndarray, options: Options) -> dict[str, Any]:
-    """Figures of the mean response to the steps `true` (k, N) [N], and the spread of single ones about it."""
+    """Figures of the mean response on one surface, and the spread of single responses about it.
+
+    Args:
+        stiffness: [N/m] of pad and surface in series.
+        true: (k, N) [N] responses.
+        options: Options of the study.
+    """
     none = {"rise_s": None, "overshoot": None, "settling_s": None, "spread_n": None}
     if not len(true):
         return {"stiffness_n_m": stiffness, "steps": 0, **none}
@@ -129,6 +136,7 @@ def judged(stiffness: float, true: np.ndarray, options: Options) -> dict[str, An
 
 
 def cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """Formatted cells of a row of the table."""
     scaled = (("rise_s", 1.0), ("overshoot", 100.0), ("settling_s", 1.0), ("spread_n", 1.0))
     numbers = ("–" if row[name] is None else f"{scale * row[name]:.2f}" for name, scale in scaled)
     return f"{row['stiffness_n_m']:.3g}", str(row["steps"]), *numbers
@@ -137,6 +145,15 @@ def cells(row: dict[str, Any]) -> tuple[str, ...]:
 def write_report(
     file: Path, options: Options, rows: list[dict[str, Any]], curves: dict[float, dict[str, np.ndarray]], accepted: bool
 ) -> None:
+    """Writes report.html.
+
+    Args:
+        file: HTML file.
+        options: Options of the study.
+        rows: Figures of each surface.
+        curves: "set" and "true", each (k, N) [N], by stiffness [N/m].
+        accepted: The verdict.
+    """
     title = f"Step of the set force from {options.low:g} to {options.high:g} N"
     verdict = "accepted" if accepted else "not accepted"
     body = [
@@ -154,6 +171,7 @@ def write_report(
 
 
 def picture_of(options: Options, curves: dict[float, dict[str, np.ndarray]]) -> Figure:
+    """Figure of the responses, one panel for each stiffness; `curves` as in `write_report`."""
     figure = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     all_axes = figure.subplots(1, len(curves), sharey=True, squeeze=False)[0]
     t = times()

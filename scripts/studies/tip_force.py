@@ -1,7 +1,7 @@
-"""How well the force on the tool is felt from joint torques: each form of the estimate, sensors or none, three arms.
+"""Study: error of the tip force estimated from joint torques, for each estimator, torque source and three arms.
 
-`./uvw run scripts/studies/tip_force.py` draws postures and forces, makes the torques wrong as sensors and gears do, and
-prints one table. The statics alone: what the water and the motion add, the closed loop shows.
+`./uvw run scripts/studies/tip_force.py` draws postures and forces, corrupts the torques with errors of sensors and
+gears, and prints one table. It covers statics only; errors due to water and motion show in the closed loop.
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -19,31 +19,31 @@ from models.arms.published_arms import PublishedArm
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
 
-KEPT = 0.3  # of white noise behind the 12 ms filter of the felt force
-LEAST = 1e-3  # [N m] of any torque's error: a reading of nothing is not exact
-WEIGHT = 50.0  # [N] hanging at the tip: what the sensors read besides the contact
-MOMENT = 3.0  # [N m] largest component of the moments drawn
-KNOWN = 0.8  # share of the dry friction that is known where it is identified
-# [N m] of the joints: the default vehicle's asset; Universal Robots and Franka Emika, technical data.
+KEPT = 0.3  # share of white noise that passes the 12 ms filter of the felt force
+LEAST = 1e-3  # [N m] least standard deviation of any torque: a reading of zero is not exact
+WEIGHT = 50.0  # [N] weight at the tip, which the sensors read besides the contact
+MOMENT = 3.0  # [N m] largest component of the drawn moments
+KNOWN = 0.8  # share of the dry friction that identification removes
+# Torque limits of the joints [N m]: the default vehicle's asset; Universal Robots and Franka Emika, technical data.
 LIMITS = {
     "default": (150, 200, 120, 60, 30, 15),
     "ur10e": (330, 330, 150, 56, 56, 56),
     "panda": (87, 87, 87, 87, 12, 12, 12),
 }
-SLIDING = 0.04  # of the limit, the default vehicle's; stiction 1.3 times that
+SLIDING = 0.04  # sliding friction of the default vehicle, share of the limit; stiction is 1.3 times that
 
 
 @dataclass(kw_only=True)
 class Options:
-    """Errors of the felt force."""
+    """Errors of the estimated tip force."""
 
     seed: int = 0
     count: int = 3000
-    """Postures drawn for each line."""
+    """Number of postures drawn for each row."""
     noise: float = 0.01
-    """Of the torque sensors, share of the reading."""
+    """Noise of the torque sensors, share of the reading."""
     bias: float = 0.5
-    """Of the torque sensors [N m], uniform either way, where no tare takes it off."""
+    """Bias of the torque sensors [N m], uniform in +-, where no tare removes it."""
 
 
 def default_arm() -> PublishedArm:
@@ -55,7 +55,7 @@ def default_arm() -> PublishedArm:
 
 
 def jacobian(arm: PublishedArm, q: Array) -> Array:
-    """(6, n) of the tip in tip axes, linear over angular."""
+    """Geometric Jacobian (6, n) of the tip in tip axes, linear rows above angular rows."""
     frames = arm.frames(q)
     R, p = frames[-1][:3, :3], frames[-1][:3, 3]
     axes = frames[:-1, :3, 2]
@@ -64,6 +64,8 @@ def jacobian(arm: PublishedArm, q: Array) -> Array:
 
 
 def sensors(options: Options, tared: bool) -> Callable[[np.random.Generator, Array, Array], Array]:
+    """Error model of torque sensors: a function of generator, reading (n,) [N m] and sliding friction (n,) [N m]."""
+
     def errors(rng: np.random.Generator, reading: Array, _: Array) -> Array:
         bias = 0.0 if tared else rng.uniform(-options.bias, options.bias, len(reading))
         return KEPT * options.noise * np.abs(reading) * rng.standard_normal(len(reading)) + bias
@@ -72,7 +74,15 @@ def sensors(options: Options, tared: bool) -> Callable[[np.random.Generator, Arr
 
 
 def motors(unknown: float, held: bool) -> Callable[[np.random.Generator, Array, Array], Array]:
-    """No sensors: what is not known of the gears' friction is taken for a torque from outside."""
+    """Error model of motor currents without torque sensors: unknown gear friction appears as external torque.
+
+    Args:
+        unknown: Unknown share of the sliding friction.
+        held: The joints are at rest, where stiction acts in either direction.
+
+    Returns:
+        A function of generator, reading (n,) [N m] and sliding friction (n,) [N m].
+    """
 
     def errors(rng: np.random.Generator, reading: Array, sliding: Array) -> Array:
         if held:
@@ -85,7 +95,20 @@ def motors(unknown: float, held: bool) -> Callable[[np.random.Generator, Array, 
 def line(
     arm: PublishedArm, name: str, form: str, wrong: Callable, options: Options, doubt: Callable[[Array, Array], Array]
 ) -> tuple[str, str, str]:
-    """RMS error of the force [N] over all postures and over the tenth nearest to singular; mean normalised square."""
+    """One row of the table: force errors over random postures.
+
+    Args:
+        arm: Kinematics.
+        name: Name of the arm in LIMITS.
+        form: Estimator: "closed form", "least squares", "weighted" or "force and moment".
+        wrong: Error model of the torques, from `sensors` or `motors`.
+        options: Options of the study.
+        doubt: Standard deviation (n,) [N m] of the torques that the estimator assumes.
+
+    Returns:
+        Median and RMS error [N] over the nine tenths of the postures far from singular; median error [N] over the tenth
+        nearest to singular; normalised estimation error squared over 3.
+    """
     rng = np.random.default_rng([options.seed, len(form), arm.n])
     sliding = SLIDING * np.array(LIMITS[name], dtype=np.float64)
     low, high = np.maximum(arm.limits[:, 0], -np.pi), np.minimum(arm.limits[:, 1], np.pi)
@@ -93,7 +116,7 @@ def line(
     for _ in range(options.count):
         q = rng.uniform(low, high)
         if form == "closed form":
-            q[4:] = 0.0  # what it holds for
+            q[4:] = 0.0  # the closed form assumes it
         J = jacobian(arm, q)
         wrench = rng.uniform(-1.0, 1.0, 6) * np.repeat([90.0, MOMENT if form == "force and moment" else 0.0], 3)
         tau_e = J.T @ wrench
@@ -105,7 +128,7 @@ def line(
         if form == "closed form":
             if min(abs(np.sin(q[3])), abs(np.linalg.norm(arm.frames(q)[-1][:2, 3]))) < 1e-3:
                 continue
-            # G of the paper: x along link 4, z across it in the arm's plane, y out of the plane.
+            # G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the plane.
             elevation = q[1] + q[2] + q[3]
             c, s = np.cos(elevation), np.sin(elevation)
             out = np.array([-np.sin(q[0]), np.cos(q[0]), 0.0])
@@ -131,6 +154,7 @@ def line(
 
 
 def main() -> int:
+    """Runs the study, prints its table and returns the exit code."""
     options = parse(Options)
 
     def of_sensors(bias: float) -> Callable[[Array, Array], Array]:

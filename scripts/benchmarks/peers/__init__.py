@@ -1,1 +1,1 @@
-"""Other people's code behind one kind of call, for the benchmarks alone."""
+"""Third-party solvers and simulators behind common interfaces, for the benchmarks only."""

@@ -1,9 +1,9 @@
-"""A fit of touches by pybotics' forward kinematics and SciPy, run by a Python of its own: it imports nothing of ours.
+"""Peer of the calibration benchmark: pybotics' forward kinematics with SciPy, in a Python without this project.
 
     python benchmarks/peers/calibration.py DATA.npz RESULT.npz
 
-Same residuals (touches about their point's mean, over the noise), same prior, same start as ours; Levenberg-Marquardt's
-derivatives by differences, since pybotics has none. Parameters: its MDH rows, the tool point.
+Residuals (touches about their point's mean, over the noise), prior and start are those of our fit. SciPy's trust-region
+least squares takes its derivatives by differences, since pybotics has none. Parameters: its MDH rows, the tool point.
 """
 
 import sys
@@ -16,6 +16,7 @@ from scipy.optimize import least_squares
 
 
 def main(data_file: str, result_file: str) -> None:
+    """Runs one fit; reads the task from `data_file` and writes time and cost to `result_file`."""
     data = np.load(data_file)
     q, starts, mdh, tool, sigma = (data[name] for name in ("q", "starts", "mdh", "tool", "sigma"))
     noise = float(data["noise"])

@@ -1,4 +1,4 @@
-"""The baseline of `bench_ik`: textbook damped least squares, compiled as our own kernels are."""
+"""Baseline of the IK benchmark: textbook damped least squares, compiled with numba as our own kernels are."""
 
 import math
 
@@ -8,16 +8,32 @@ from numba import njit
 from benchmarks.peers.inverse_kinematics import Solver, SolverTask
 from sim.interfaces.spatial import Array
 
-STEPS = 60  # a start
-STARTS = 200
-DAMPING = 0.1  # lambda^2 over the square of the error
+STEPS = 60  # iterations from one start
+STARTS = 200  # starts, the given one first, before a target counts as failed
+DAMPING = 0.1  # lambda^2 over the squared error
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A, X):
-    """Solve in place from `q` (n,), steps clamped to the limits, random restarts within them; True if solved.
+    """Solves in place from `q`, steps clamped to the limits, with random restarts within them.
 
-    dq = J^T (J J^T + lambda^2 I)^-1 e with lambda^2 = 0.1 |e|^2. `J` (n, 6), `A` (6, 7) and `X` (4, 4) are scratch.
+    dq = J^T (J J^T + lambda^2 I)^-1 e with lambda^2 = 0.1 |e|^2.
+
+    Args:
+        dh: (n, 4) theta [rad], d [m], a [m], alpha [rad].
+        slides: (n,) 1 for a prismatic joint, else 0.
+        limits: (n, 2) [rad] or [m].
+        tool: (4, 4) tip in the last frame.
+        target: (4, 4) tip pose.
+        q: (n,) start; holds the result.
+        tol_p: [m].
+        tol_r: [rad].
+        J: (n, 6) scratch.
+        A: (6, 7) scratch.
+        X: (4, 4) scratch.
+
+    Returns:
+        True if solved.
     """
     n = dh.shape[0]
     for start in range(STARTS):
@@ -28,7 +44,7 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
         for _ in range(STEPS):
             forward(dh, slides, tool, q, J, X)
             px, py, pz = target[0, 3] - X[0, 3], target[1, 3] - X[1, 3], target[2, 3] - X[2, 3]
-            # The rotation vector of target R_tip^T: twice the sine of the angle times the axis, and the cosine.
+            # Rotation vector of target R_tip^T from sin(angle) times the axis, and the cosine.
             wx = wy = wz = 0.0
             cosine = -0.5
             for m in range(3):
@@ -66,7 +82,16 @@ def damped_least_squares(dh, slides, limits, tool, target, q, tol_p, tol_r, J, A
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def forward(dh, slides, tool, q, J, X):
-    """Tip pose into `X` (4, 4) and the Jacobian, one joint a row (linear; angular), into `J` (n, 6)."""
+    """Forward kinematics: tip pose into `X`, Jacobian into `J`.
+
+    Args:
+        dh: (n, 4) theta [rad], d [m], a [m], alpha [rad].
+        slides: (n,) 1 for a prismatic joint, else 0.
+        tool: (4, 4) tip in the last frame.
+        q: (n,) joint values.
+        J: (n, 6) one joint a row (linear; angular), written.
+        X: (4, 4) written.
+    """
     n = dh.shape[0]
     X[:] = 0.0
     X[0, 0] = X[1, 1] = X[2, 2] = X[3, 3] = 1.0
@@ -102,7 +127,7 @@ def forward(dh, slides, tool, q, J, X):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def eliminate(A):
-    """Solve the positive definite 6 x 6 system in place, the answer in the last column."""
+    """Solves a positive definite 6 x 6 system in place; right side and solution are the last column of `A` (6, 7)."""
     for k in range(6):
         pivot = 1.0 / A[k, k]
         for r in range(k + 1, 6):
@@ -117,7 +142,24 @@ def eliminate(A):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve_all(dh, slides, limits, tool, targets, q, tol_p, tol_r, J, A, X):
-    """Every target in turn, without Python between them; how many were solved."""
+    """Solves every target in turn, without Python between them.
+
+    Args:
+        dh: (n, 4) theta [rad], d [m], a [m], alpha [rad].
+        slides: (n,) 1 for a prismatic joint, else 0.
+        limits: (n, 2) [rad] or [m].
+        tool: (4, 4) tip in the last frame.
+        targets: (N, 4, 4) tip poses.
+        q: (N, n) starts; holds the results.
+        tol_p: [m].
+        tol_r: [rad].
+        J: (n, 6) scratch.
+        A: (6, 7) scratch.
+        X: (4, 4) scratch.
+
+    Returns:
+        Number of targets solved.
+    """
     solved = 0
     for i in range(len(targets)):
         solved += damped_least_squares(dh, slides, limits, tool, targets[i], q[i], tol_p, tol_r, J, A, X)
@@ -125,7 +167,7 @@ def solve_all(dh, slides, limits, tool, targets, q, tol_p, tol_r, J, A, X):
 
 
 def baseline(task: SolverTask) -> Solver:
-    """`damped_least_squares` behind the same kind of call as `solve`."""
+    """`damped_least_squares` behind the call signature of the peers."""
     dh, slides, limits, tool, J, A, X = arguments(task)
     tol_p, tol_r = task.bar
 
@@ -138,7 +180,7 @@ def baseline(task: SolverTask) -> Solver:
 
 
 def arguments(task: SolverTask) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
-    """Tables of the kernels (dh, slides, limits, tool), and their scratch (J, A, X)."""
+    """Arguments of the kernels: dh, slides, limits, tool, and scratch J, A, X."""
     arm = task.arm
     slides = np.array([1.0 if kind == "p" else 0.0 for kind in arm.joint_types])
     scratch = np.empty((arm.n, 6)), np.empty((6, 7)), np.empty((4, 4))

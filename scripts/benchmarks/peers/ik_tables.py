@@ -1,4 +1,4 @@
-"""Tables and the picture of `bench_ik`, from the results as they go into bench_ik.json."""
+"""Tables and figure of the IK benchmark, from the contents of bench_ik.json."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 
 from sim.interfaces.spatial import Array
 
-# Times that a peer may take over hybrid's, cold and warm: geometric mean over the goals' arms at bar A.
+# Goals for a peer's time over hybrid's, cold and warm: geometric mean over the goals' arms at bar A.
 RATIO_GOALS = {
     "TRAC-IK": (20.0, 12.0),
     "OptIK": (12.0, 9.0),
@@ -35,13 +35,14 @@ _COLORS = {
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of text under a title."""
+    """Title, headings and text cells."""
 
     title: str
     columns: tuple[str, ...]
     rows: list[tuple[str, ...]]
 
     def rich(self) -> RichTable:
+        """The table for the terminal."""
         table = RichTable(title=escape(self.title), title_justify="left")
         for i, column in enumerate(self.columns):
             table.add_column(escape(column), justify="right" if i else "left", no_wrap=i == 0)
@@ -50,12 +51,13 @@ class Table:
         return table
 
     def markdown(self) -> str:
+        """The table as markdown."""
         lines = [self.columns, tuple("---:" if i else "---" for i in range(len(self.columns))), *self.rows]
         return f"**{self.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def tables(results: dict[str, Any], degrees: int) -> list[Table]:
-    """All tables; times are those under limits of `degrees`."""
+    """All tables; times are those under joint limits of `degrees`."""
     return [
         _rates(results["rates"]),
         _ratios(results, degrees),
@@ -85,7 +87,7 @@ def _rates(rows: list[dict[str, Any]]) -> Table:
 
 
 def _ratios(results: dict[str, Any], degrees: int) -> Table:
-    """One row a solver: rates, times over the goals' arms, ratios to hybrid with intervals."""
+    """One row for each solver: solve rates, times, ratios to hybrid with intervals."""
     scope = "goal arms" if any(row["scope"] == "goal arms" for row in results["ratios"]) else "all arms"
     body = []
     for method in dict.fromkeys(row["method"] for row in results["ratios"]):
@@ -169,7 +171,13 @@ def _growth(growth: dict[str, Any]) -> Table:
 
 
 def draw(results: dict[str, Any], degrees: int, path: Path) -> None:
-    """Ratios of all solvers, ratio of the baseline arm by arm, growth with the number of links."""
+    """Plots ratios of all solvers, the baseline's ratio by arm, growth with the number of links, and solve rates.
+
+    Args:
+        results: Contents of bench_ik.json.
+        degrees: Joint limits that are shown.
+        path: PNG file.
+    """
     figure = Figure(figsize=(13, 9), layout="constrained")
     axes = figure.subplot_mosaic([["ratios", "growth"], ["arms", "rates"]])
     _draw_ratios(axes["ratios"], results["ratios"], degrees)
@@ -253,12 +261,12 @@ def _draw_rates(axes: Any, rows: list[dict[str, Any]]) -> None:
 
 
 def _bars(values: Array, bounds: Array) -> Array:
-    """Lengths (2, k) of the error bars: an interval of resampled medians need not hold the median itself."""
+    """Lengths (2, k) of the error bars; clipped at 0, since a bootstrap interval may exclude the median itself."""
     return np.maximum(np.stack([values - bounds[0], bounds[1] - values]), 0.0)
 
 
 def _only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:
-    """The one row with these entries."""
+    """The only row with these entries."""
     (row,) = (row for row in rows if all(row[key] == value for key, value in wanted.items()))
     return row
 

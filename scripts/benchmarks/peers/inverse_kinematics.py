@@ -1,8 +1,8 @@
-"""Other people's inverse kinematics behind one kind of call, for `bench_ik`; none of them is needed by the product.
+"""Third-party inverse kinematics behind one call signature, for the IK benchmark only.
 
-Each peer is asked for the same accuracy as ours in its own terms, gets the joint limits if it knows any, and restarts
-from random joint values within them where it does not restart by itself.
-scripts/benchmarks/ik_requirements.txt lists them.
+Each peer is asked for our accuracy in its own terms, and gets the joint limits if it supports them. A peer without
+restarts of its own is restarted from random joint values within the limits. scripts/benchmarks/ik_requirements.txt
+lists the packages.
 """
 
 import math
@@ -20,33 +20,33 @@ from models.arms.published_arms import PublishedArm
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 Solver = Callable[[Array, Array], Array]  # target (4, 4), start (n,) -> joint values (n,), NaN where it failed
-RESTARTS = 100  # for those that have none of their own
-LOOPS = 400  # iterations of the Python loops around differential kinematics, restarts included
-PATIENCE = 40  # of these iterations before a restart
-DAMPING = 0.1  # of these loops, times the square of the error
+RESTARTS = 100  # starts of a peer without restarts of its own
+LOOPS = 400  # iterations of the Python loops around differential kinematics, over all restarts
+PATIENCE = 40  # iterations of such a loop before a restart
+DAMPING = 0.1  # damping of such a loop, times the squared error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolverTask:
-    """What a solver is made for."""
+    """Arm, limits and accuracy that a solver is made for."""
 
     arm: PublishedArm
     limits: Array  # (n, 2) [rad] or [m]
-    bar: tuple[float, float]  # accuracy: [m], [rad]
+    bar: tuple[float, float]  # [m], [rad] accuracy
 
     @property
     def weight(self) -> float:
-        """Metres that count as much as a radian: where one number bounds both errors."""
+        """Ratio of the accuracies [m/rad], for solvers that bound both errors by one number."""
         return self.bar[0] / self.bar[1]
 
 
 def present() -> dict[str, bool]:
-    """Every peer's name, and whether this Python has it."""
+    """Installed or not, by name of the peer."""
     return {name: find_spec(module) is not None for name, (module, _) in _PEERS.items()}
 
 
 def peers(task: SolverTask) -> dict[str, Solver]:
-    """Those peers that are installed and take this arm."""
+    """Solvers by name: the installed peers that support this arm."""
     made = {name: build(task) for name, (module, build) in _PEERS.items() if find_spec(module) is not None}
     return {name: solver for name, solver in made.items() if solver is not None}
 
@@ -68,11 +68,11 @@ def urdf(task: SolverTask) -> str:
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = R (3, 3); at a pitch of 90 deg any yaw will do, and 0 is taken."""
+    """Angles [rad] with Rz(yaw) Ry(pitch) Rx(roll) = R (3, 3); yaw is 0 at a pitch of 90 deg, where it is arbitrary."""
     level = math.hypot(R[0, 0], R[1, 0])
     yaw = math.atan2(R[1, 0], R[0, 0]) if level > 1e-9 else 0.0
     c, s = math.cos(yaw), math.sin(yaw)
-    # What is left of R once yaw is taken off is Ry(pitch) Rx(roll), whose second row is (0, cos roll, -sin roll).
+    # R without its yaw is Ry(pitch) Rx(roll), whose second row is (0, cos roll, -sin roll).
     roll = math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return roll, math.atan2(-R[2, 0], level), yaw
 
@@ -94,7 +94,7 @@ def mjcf(task: SolverTask) -> Any:
 
 
 def _eaik(task: SolverTask) -> Solver | None:
-    """Closed form, all branches; the nearest to the start that is within the limits. Six hinges of known kinds only."""
+    """EAIK: closed form, the branch within the limits that is nearest to the start; six hinges of known kinds only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -107,14 +107,14 @@ def _eaik(task: SolverTask) -> Solver | None:
         branches = robot.IK(target @ to_flange)
         answers = np.asarray(branches.Q)
         if answers.size:
-            answers = answers[~np.asarray(branches.is_LS, dtype=bool)]  # least squares: not quite there
+            answers = answers[~np.asarray(branches.is_LS, dtype=bool)]  # least squares: not at the target
         return _nearest(answers - arm.dh[:, 0] if answers.size else answers, task, q0)
 
     return solver
 
 
 def _ikdh(task: SolverTask) -> Solver | None:
-    """Husty and Pfurner's algebraic method, followed from the start ("solve_from_seed"). Six hinges only."""
+    """Algebraic method of [Husty 2007] by ikdh, followed from the start ("solve_from_seed"); six hinges only."""
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
@@ -130,7 +130,7 @@ def _ikdh(task: SolverTask) -> Solver | None:
 
 
 def _nearest(answers: Array, task: SolverTask, q0: Array) -> Array:
-    """Of joint values (k, n), those within the limits that are nearest to the start."""
+    """Of joint values (k, n), those within the limits that are nearest to the start; NaN if there are none."""
     if answers.size == 0:
         return np.full(task.arm.n, np.nan)
     q = folded(answers, task)
@@ -143,13 +143,13 @@ def _hinges(arm: PublishedArm) -> np.ndarray:
 
 
 def folded(q: Array, task: SolverTask) -> Array:
-    """Hinges brought to within half a turn of the middle of their limits: within those, if any whole turn is."""
+    """Joint values with hinges moved by whole turns to within half a turn of the middle of their limits."""
     middle = np.where(np.isfinite(task.limits).all(axis=1), 0.5 * task.limits.sum(axis=1), 0.0)
     return np.where(_hinges(task.arm), (q - middle + math.pi) % (2.0 * math.pi) - math.pi + middle, q)
 
 
 def _trac_ik(task: SolverTask) -> Solver:
-    """TRAC-IK as it comes, "Speed", 5 ms a call; its bar is one a coordinate; it restarts by itself."""
+    """TRAC-IK with its defaults, "Speed", 5 ms for a call; its accuracy holds per coordinate; restarts by itself."""
     trac = import_module("pytracik")
     robot = trac.TRAC_IK("base", "tip", urdf(task), 0.005, task.bar[0] / math.sqrt(3.0), trac.SolveType.Speed)
     call = trac.ik
@@ -157,13 +157,13 @@ def _trac_ik(task: SolverTask) -> Solver:
     def solver(target: Array, q0: Array) -> Array:
         w, x, y, z = quat_wxyz_from_rotation(target[:3, :3])
         answer = call(robot, q0, *target[:3, 3], x, y, z, w)
-        return answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)  # it leads with how many it found
+        return answer[1:] if answer[0] >= 0.0 else np.full(len(q0), np.nan)  # [0]: number of solutions
 
     return solver
 
 
 def _optik(task: SolverTask) -> Solver | None:
-    """OptIK, "speed", one thread; it restarts by itself, for 0.1 s at most. No slides."""
+    """OptIK, "speed", one thread; restarts by itself, for 0.1 s at most; no slides."""
     if "p" in task.arm.joint_types:
         return None
     optik = import_module("optik")
@@ -184,7 +184,7 @@ def _optik(task: SolverTask) -> Solver | None:
 
 
 def _toolbox(task: SolverTask) -> Solver:
-    """Robotics Toolbox, `ik_LM` by Chan (C++); it restarts by itself."""
+    """Robotics Toolbox, `ik_LM` with the damping of [Chan 1988] (C++); restarts by itself."""
     tools = import_module("roboticstoolbox")
     E, chain = tools.ET, tools.ETS()
     for (theta, d, a, alpha), kind, limits in zip(task.arm.dh, task.arm.joint_types, task.limits, strict=True):
@@ -201,18 +201,18 @@ def _toolbox(task: SolverTask) -> Solver:
 
 
 def _kdl(task: SolverTask) -> Solver:
-    """KDL's Levenberg-Marquardt, which knows no limits; restarted where it fails or ends beyond them."""
+    """KDL's Levenberg-Marquardt, which has no limits; restarted where it fails or ends beyond them."""
     kdl, rng = import_module("PyKDL"), np.random.default_rng(0)
     chain = kdl.Chain()
     frames, kinds = task.arm.origins(), {"r": kdl.Joint.RotZ, "p": kdl.Joint.TransZ}
     for kind, X in zip(task.arm.joint_types, frames[1:], strict=True):
         chain.addSegment(kdl.Segment(kdl.Joint(kinds[kind]), _kdl_frame(kdl, X)))
-    # Its own weights, 1 and 0.01 m: to set others, it needs a numpy before 2.
+    # Its default weights, 1 and 0.01 m: setting others requires a numpy before 2.
     method = kdl.ChainIkSolverPos_LMA(chain, min(task.bar[0], 0.01 * task.bar[1]), 100, 1e-12)
     start, found = kdl.JntArray(task.arm.n), kdl.JntArray(task.arm.n)
 
     def solver(target: Array, q0: Array) -> Array:
-        n = chain.getNrOfJoints()  # of the chain itself, to keep it alive: `method` does not
+        n = chain.getNrOfJoints()  # read from the chain to keep it alive: `method` does not
         goal, q = _kdl_frame(kdl, target), q0
         for _ in range(RESTARTS):
             for i in range(n):
@@ -232,7 +232,7 @@ def _kdl_frame(kdl: Any, X: Array) -> Any:
 
 
 def _pinocchio(task: SolverTask) -> Solver:
-    """Damped least squares in Python on Pinocchio's Jacobian, as its documentation has it; restarts, clamped steps."""
+    """Damped least squares in Python on Pinocchio's Jacobian, as in its documentation; restarts, clamped steps."""
     pin, rng = import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     data, tip, (lower, upper) = model.createData(), model.getFrameId("tip"), task.limits.T
@@ -258,7 +258,7 @@ def _pinocchio(task: SolverTask) -> Solver:
 
 
 def _mink(task: SolverTask) -> Solver:
-    """Differential kinematics by a QP a step (daqp), on MuJoCo; a Python loop, restarted."""
+    """Differential kinematics with mink on MuJoCo, a QP for each step (daqp); a Python loop, restarted."""
     mink, model, rng = import_module("mink"), mjcf(task), np.random.default_rng(0)
     state = mink.Configuration(model)
     goal = mink.FrameTask("tip", "site", position_cost=1.0, orientation_cost=1.0, lm_damping=DAMPING)
@@ -280,7 +280,7 @@ def _mink(task: SolverTask) -> Solver:
 
 
 def _pink(task: SolverTask) -> Solver:
-    """Differential kinematics by a QP a step (daqp), on Pinocchio; a Python loop, restarted."""
+    """Differential kinematics with pink on Pinocchio, a QP for each step (daqp); a Python loop, restarted."""
     pink, pin, rng = import_module("pink"), import_module("pinocchio"), np.random.default_rng(0)
     model = pin.buildModelFromXML(urdf(task))
     state = pink.Configuration(model, model.createData(), task.limits.mean(axis=1))
@@ -303,7 +303,7 @@ def _pink(task: SolverTask) -> Solver:
 
 
 def _within(twist: Array, task: SolverTask) -> bool:
-    """Whether a (linear; angular) error is within the bar."""
+    """True if a (linear; angular) error is within the accuracy."""
     linear, angular = twist[:3], twist[3:]
     return float(linear @ linear) <= task.bar[0] ** 2 and float(angular @ angular) <= task.bar[1] ** 2
 

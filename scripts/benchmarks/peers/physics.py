@@ -1,4 +1,4 @@
-"""What else steps an underwater vehicle from Python, for `bench_physics`; none of it is needed by the product."""
+"""Peers of the physics benchmark: other ways to simulate an underwater vehicle from Python."""
 
 import math
 from collections.abc import Callable
@@ -11,18 +11,21 @@ import numpy as np
 from models.hydrodynamics import BodyHydrodynamics
 from sim.interfaces.spatial import Array, skew
 
-Stepper = Callable[[int], None]  # take so many steps
+Stepper = Callable[[int], None]  # takes the given number of steps
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Row by row; numpy's own costs ten times as much on a few rows."""
+    """Cross product row by row; numpy's own is ten times as slow on a few rows."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
 def numpy_callback(model: mujoco.MjModel) -> Callable[[mujoco.MjModel, mujoco.MjData], None]:
-    """Quadratic drag and buoyancy alone, vectorised over the bodies in numpy: what a Python callback costs."""
+    """Passive callback with quadratic drag and buoyancy only, vectorised over the bodies in numpy.
+
+    It shows the cost of a Python callback.
+    """
     roots, drag, lift = model.body_rootid[1:], 5.0, np.array([0.0, 0.0, 10.0])
-    below = np.eye(model.nbody)  # below[i, j]: body j is i or hangs from it
+    below = np.eye(model.nbody)  # below[i, j]: body j is i or a descendant of it
     for i in range(model.nbody - 1, 0, -1):
         below[model.body_parentid[i]] += below[i]
     below = below[model.dof_bodyid][:, 1:]
@@ -42,10 +45,20 @@ def numpy_callback(model: mujoco.MjModel) -> Callable[[mujoco.MjModel, mujoco.Mj
 
 
 def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: float, density: float) -> Stepper:
-    """One rigid body by Fossen's vectorial model in plain numpy, explicit Euler, as Python vehicle simulators have it.
+    """Explicit Euler loop in numpy for one rigid body by the vectorial model of [Fossen 2021, eq. 8.4].
 
-    (M_RB + M_A) nudot + C_RB(nu) nu + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = 0 (Fossen 2021, equation 8.4), Euler
-    angles, the inverse of the inertia computed once. `inertia` (3,) about the centre of mass, which is the origin.
+    (M_RB + M_A) nudot + C_RB(nu) nu + C_A(nu_r) nu_r + D(nu_r) nu_r + g(eta) = 0, with Euler angles. The inverse of the
+    inertia is computed once. Python vehicle simulators commonly work this way.
+
+    Args:
+        mass: [kg].
+        inertia: (3,) [kg m^2] principal, about the centre of mass, which is the origin.
+        body: Hydrodynamic coefficients.
+        timestep: [s].
+        density: [kg/m^3] of the water.
+
+    Returns:
+        Function that takes steps.
     """
     M_RB = np.diag([mass, mass, mass, *inertia])
     M_A, D, Dq = body.added_mass, body.linear_damping, body.quadratic_damping
@@ -54,7 +67,7 @@ def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: 
     nu, eta, nu_c = np.array([0.3, 0.1, 0.0, 0.01, 0.02, 0.03]), np.zeros(6), np.zeros(6)
 
     def coriolis(M: Array, nu: Array) -> Array:
-        C = np.zeros((6, 6))  # Fossen, theorem 3.2
+        C = np.zeros((6, 6))  # [Fossen 2021, theorem 3.2]
         momentum = M @ nu
         C[:3, 3:] = C[3:, :3] = -skew(momentum[:3])
         C[3:, 3:] = -skew(momentum[3:])
@@ -92,7 +105,7 @@ def fossen_loop(mass: float, inertia: Array, body: BodyHydrodynamics, timestep: 
 
 
 def auv_sim_bench(timestep: float) -> Stepper | None:
-    """The dynamics of auv-sim-bench (one body, diagonal drag, no added mass), if it is there."""
+    """Dynamics of auv-sim-bench (one body, diagonal drag, no added mass); None if it is not installed."""
     if find_spec("auv_sim_bench") is None:
         return None
     vehicle = import_module("auv_sim_bench.dynamics").AUVDynamics()

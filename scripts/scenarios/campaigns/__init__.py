@@ -1,1 +1,1 @@
-"""Many runs: what is drawn for each, the pool that does them, their statistics and pages."""
+"""Campaigns of many runs: random variation, process pool, statistics and reports."""

@@ -1,4 +1,4 @@
-"""One run of the contact study: what is drawn, what came of it, and which kind of failure it was."""
+"""One run of the contact study: random draw, simulation, figures, and class of failure."""
 
 import re
 import time
@@ -19,10 +19,10 @@ from sim.loop.recording import Recording
 from sim.runs.startup import ScenarioOptions
 
 PATHS = ("longitudinal", "transverse")
-TICK = 0.002  # [s] of which periods and delays are whole multiples
-DAMAGE = 2.0  # times the set force
+TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
+DAMAGE = 2.0  # times the set force: damage from there on
 
-# Of a variation, what is one number for the whole run; `vary` says the means of what is drawn for each part.
+# Scalar fields of a variation. For those drawn for each part, `vary` returns the means.
 _DRAWN = ("friction", "stiffness", "surface_offset", "vision_period", "vision_delay", "vision_noise", "trim_error")
 KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
     "kept",
@@ -35,7 +35,7 @@ KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
 )
 CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)
 
-# A failure's kind by a word of the supervisor's reason.
+# Kind of a failure by a word in the supervisor's reason.
 _KINDS = (
     ("reach", "out of reach"),
     ("not identified", "not identified"),
@@ -51,46 +51,46 @@ _KINDS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyBounds:
-    """What a run must keep, after transients of the force."""
+    """Bounds that a run must keep, after transients of the force."""
 
-    force_peak: float = 8.0  # [N]
+    force_peak: float = 8.0  # [N] peak error
     deviation: float = 0.003  # [m] across the path and along it, each
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """What the runs are drawn from: uniform between two values or in +- one, stiffness by its logarithm."""
+    """Ranges of the random draw: uniform between two values or in +- one, stiffness log-uniform."""
 
     current: tuple[float, float] = (0.0, 0.4)
     """Speed of the steady current [m/s]."""
     elevation: tuple[float, float] = (-90.0, 90.0)
-    """Of the current's direction [deg]; directions are uniform on that part of the sphere."""
+    """Elevation of the current's direction [deg]; directions are uniform on that part of the sphere."""
     gust: tuple[float, float] = (0.0, 0.05)
     """Standard deviation of the gusts [m/s] per axis."""
     water: float = 0.3
-    """Share in +- by which each added mass and drag of the plant is other than the controller believes."""
+    """Share in +- by which each added mass and drag of the plant deviates from the controller's model."""
     payload: float = 0.1
-    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull is ballasted wrong."""
+    """Share in +- of the mass of each part of the arm, and of the arm's mass by which the hull's ballast is wrong."""
     vision_rate: tuple[float, float] = (5.0, 20.0)
-    """[Hz]"""
+    """Rate of the vision measurement [Hz]."""
     vision_delay: tuple[float, float] = (0.05, 0.25)
-    """[s]"""
+    """Delay of the vision measurement [s]."""
     vision_noise: tuple[float, float] = (0.001, 0.005)
-    """[m]"""
+    """Standard deviation of the vision measurement [m]."""
     torque_noise: float = 0.01
     """White noise of each torque sensor, share of its reading."""
     torque_bias: float = 0.5
     """Constant error in +- of each torque sensor [N m]."""
     thruster: float = 0.2
-    """Share in +- of each thruster's lag, and of its gain."""
+    """Share in +- of each thruster's lag and gain."""
     gears: float = 0.3
-    """Share in +- by which the friction of each gear, dry and viscous, is other than the controller believes."""
+    """Share in +- by which the friction of each gear, dry and viscous, deviates from the controller's model."""
     friction: tuple[float, float] = (0.1, 0.6)
-    """Between pad and surface."""
+    """Friction coefficient between pad and surface."""
     stiffness: tuple[float, float] = (1e4, 1e6)
-    """Of pad and surface together [N/m]."""
+    """Stiffness of pad and surface in series [N/m]."""
     surface: float = 0.0
-    """Distance in +- by which the surface is off its identified place, along the tool [m], beside real errors."""
+    """Distance in +- by which the surface lies off its identified place along the tool [m], besides real errors."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -105,22 +105,30 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunTask:
-    """One run to be done; a value that a worker gets."""
+    """One run to be done; a picklable value for a worker process."""
 
     study: int  # seed of the study
     run: int
     path: str
-    without: str = ""  # a method that is left out
+    without: str = ""  # method to leave out; empty: none
     ranges: Ranges
     quick: bool = False
 
     @property
     def key(self) -> tuple[int, str]:
+        """Number of the run and ablated method, which identify the row."""
         return self.run, self.without
 
 
 def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
-    """The job of a run and all that is varied around it; the same for every method that is left out."""
+    """Draws the job of a run and its variation; the same for every ablation.
+
+    Returns:
+        Options, job, random stream for the job, variation.
+
+    Raises:
+        ConfigurationError: The path is unknown.
+    """
     ranges, rng = task.ranges, np.random.default_rng([task.study, task.run])
     between = rng.uniform
     speed, azimuth = between(*ranges.current), between(-np.pi, np.pi)
@@ -168,7 +176,13 @@ def _ticks(time: float) -> float:
 
 
 def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
-    """Draw, run, judge: a row for results.jsonl. Never raises but for a wrong use of the study itself."""
+    """Draws, simulates and classifies one run; returns its row for results.jsonl.
+
+    Errors of the run are caught and classified.
+
+    Raises:
+        ConfigurationError: The task itself is invalid.
+    """
     options, job, stream, variation = draw(task)
     current = np.array(options.current)
     varied = {name: value for name, value in asdict(variation).items() if name in _DRAWN}
@@ -208,7 +222,7 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
 
 
 def figures_of(outcome: Outcome) -> dict[str, float | None]:
-    """The figures of a run, SI; None where it did not live to give one."""
+    """Figures of a run in SI units; None where the run ended before it gave one."""
     recording, metrics = outcome.recording, outcome.assessment.metrics
     contact, tool, hull = metrics["contact"], metrics["tool"], metrics["hull"]
     error = path_error(recording)
@@ -240,13 +254,13 @@ def figures_of(outcome: Outcome) -> dict[str, float | None]:
 
 
 def force_over_set(recording: Recording, first: float) -> float:
-    """Greatest true normal force over the force then set; before the work that is the `first` one [N]."""
+    """Greatest ratio of the true normal force to the set force; before the work the set force is `first` [N]."""
     wanted = np.maximum(recording["set_force"].scalar, np.where(recording.within(WorkState.WORK), 0.0, first))
     return float((recording["contact_most"].scalar / np.maximum(wanted, 1.0)).max())
 
 
 def _unfolding(recording: Recording) -> float | None:
-    """How far the hull is off its place, at most, while it is asked to stand still and the arm comes to its work."""
+    """Largest distance [m] of the hull from its constant reference while the arm moves to its work."""
     still = np.append(np.all(np.diff(recording["p_WB_reference"].value, axis=0) == 0.0, axis=1), True)
     still &= recording.within(WorkState.CLOSE_IN, WorkState.TARE)
     if not still.any():
@@ -256,7 +270,13 @@ def _unfolding(recording: Recording) -> float | None:
 
 
 def classify(outcome: Outcome, figures: dict[str, float | None], bounds: StudyBounds) -> dict[str, Any]:
-    """Class, kind and detail of what came of a run, and the bounds that it missed."""
+    """Class, kind and detail of a run's outcome, and the bounds that it missed.
+
+    Args:
+        outcome: Result of the run.
+        figures: Its figures, from `figures_of`.
+        bounds: Bounds to keep.
+    """
     recording = outcome.recording
     note = recording.final.note
     missed = [
@@ -287,11 +307,12 @@ def classify(outcome: Outcome, figures: dict[str, float | None], bounds: StudyBo
 
 
 def within(value: float | None, bound: float) -> bool:
+    """True if `value` exists and does not exceed `bound`, up to rounding."""
     return value is not None and value <= bound * (1.0 + 1e-9)
 
 
 def _kind(reason: str) -> str:
-    """The kind of a failure by its reason; one that is not known is named by its words without its numbers."""
+    """Kind of a failure by its reason; an unknown reason is its own kind, without its numbers."""
     for word, kind in _KINDS:
         if word in reason:
             return kind

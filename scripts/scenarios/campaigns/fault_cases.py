@@ -1,6 +1,6 @@
-"""Faults of a contact job, and a run that is the same for all of them until the fault begins.
+"""Fault cases of a contact job, branched by fork from one run where the faults begin.
 
-The run is branched, not repeated: where the faults begin the process forks, and each child lives on with one fault.
+The run is not repeated: the process forks at the onset, and each child continues with one fault.
 """
 
 import os
@@ -24,10 +24,10 @@ from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, V
 from sim.water.current import Current
 
 NAN = float("nan")
-LINGER = 6.0  # [s] that a run goes on once its work is over: what becomes of the vehicle
-LONGEST = 20.0  # [s] after the fault
+LINGER = 6.0  # [s] that a run continues after its work, to see where the vehicle ends up
+LONGEST = 20.0  # [s] after the fault, limit of a case
 
-# Of sensors: kind of sensor, fault, how long it lasts [s].
+# Sensor faults: kind of sensor, fault, duration [s].
 SENSORS: Mapping[str, tuple[type, Any, float]] = {
     "vision lost 3 s": (VisionDrift, Lost(), 3.0),
     "vision lost": (VisionDrift, Lost(), np.inf),
@@ -54,31 +54,31 @@ SENSORS: Mapping[str, tuple[type, Any, float]] = {
 NOTHING = "nothing"
 DOUBLED = "current doubled in 1 s"
 FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
-AT_START = (FARTHER, NEARER)  # begin before the scan
+AT_START = (FARTHER, NEARER)  # these begin before the scan
 
 
 class EnoughError(Exception):
-    """The run has shown what there is to see."""
+    """Raised to end a run once its case is decided."""
 
 
 @dataclass(slots=True, eq=False)
 class Trace:
-    """What a run was after its fault began, row by row at the loop's rate; times from then on [s]."""
+    """Time series of a run from its fault on, at the loop's rate; times [s] are relative to the fault."""
 
     case: str
-    began: float  # [s] into the run
-    set_force: float  # [N] when it began
+    began: float  # [s] onset, from the start of the run
+    set_force: float  # [N] at the onset
     thruster_names: tuple[str, ...]
-    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from there [m], tilt [rad], collision, least and
-    # greatest contact of a substep [N], thrusts [N]
+    # (N, 11 + m): time, contact [N], felt [N], set [N], hull x y z from its pose at the onset [m], tilt [rad],
+    # collision, least and greatest contact of a substep [N], thrusts [N]
     rows: Array
     states: list[tuple[float, WorkState, str]]
-    found: list[tuple[float, str, str]]  # time, kind and part of each fault that the vehicle found
+    found: list[tuple[float, str, str]]  # time, kind and part of each fault that FaultDetection found
     blew_up: str = ""
 
 
 class Bystander:
-    """Keeps the trace, and ends the run in time."""
+    """Observer that records the trace, and ends the run in time."""
 
     def __init__(self, case: str, first: Moment) -> None:
         self._case, self._began = case, float(first.truth.time)
@@ -92,6 +92,11 @@ class Bystander:
         self._over = np.inf
 
     def observe(self, moment: Moment) -> None:
+        """Records one step.
+
+        Raises:
+            EnoughError: The case is decided.
+        """
         truth, reference = moment.truth, moment.reference
         time = truth.time - self._began
         if not self.states or reference.state is not self.states[-1][1]:
@@ -120,6 +125,7 @@ class Bystander:
             raise EnoughError
 
     def trace(self, blew_up: str = "") -> Trace:
+        """The trace up to now; `blew_up` is the message of an error that ended the run."""
         return Trace(
             case=self._case,
             began=self._began,
@@ -133,25 +139,37 @@ class Bystander:
 
 
 class Lingering:
-    """A planner whose run does not end with its work: what happens then is of interest too."""
+    """Wrapper of a planner that keeps the run going after its work has ended."""
 
     def __init__(self, planner: SurfaceWork) -> None:
         self.period, self._planner = planner.period, planner
 
     def init(self, estimate: StateEstimate) -> Any:
+        """Initial state of the wrapped planner."""
         return self._planner.init(estimate)
 
     def step(
         self, state: Any, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[Any, Reference]:
+        """Step of the wrapped planner; after its work the reference keeps a negligible velocity, so the loop goes on.
+
+        Args:
+            state: State of the wrapped planner.
+            estimate: State estimate of the vehicle.
+            target: Target, if found.
+            last: Last command.
+
+        Returns:
+            State, reference.
+        """
         state, reference = self._planner.step(state, estimate, target, last)
-        if reference.state in (WorkState.DONE, WorkState.ABORT):  # a creep that the loop takes for motion
+        if reference.state in (WorkState.DONE, WorkState.ABORT):  # 1e-12 m/s: the loop takes it for motion
             reference = replace(reference, v_WG_W=np.full(3, 1e-12))
         return state, reference
 
 
 class Branch:
-    """Observer that forks the run into its cases, each at its moment, and takes their traces in."""
+    """Observer that forks the run into its cases, each at its onset, and collects their traces."""
 
     def __init__(self, onsets: Mapping[str, Onset], said: Callable[[Trace], None]) -> None:
         self._onsets, self._said = onsets, said
@@ -160,6 +178,11 @@ class Branch:
         self._ready = 0.0
 
     def observe(self, moment: Moment) -> None:
+        """Forks at the onsets; in a child, records.
+
+        Raises:
+            EnoughError: The case is decided, or all cases are done.
+        """
         if self._child is not None:
             self._child.observe(moment)
             return
@@ -176,7 +199,7 @@ class Branch:
     def _fork(self, moment: Moment, cases: list[str]) -> None:
         for case in cases:
             reading, writing = os.pipe()
-            with warnings.catch_warnings():  # of threads that are asleep, and stay so in the child
+            with warnings.catch_warnings():  # about threads; they are idle, and remain so in the child
                 warnings.simplefilter("ignore", DeprecationWarning)
                 child = os.fork()
             if child == 0:
@@ -193,7 +216,7 @@ class Branch:
             self._said(pickle.loads(said))
 
     def finish(self, blew_up: str) -> None:
-        """In a child: hand the trace over and end, without the parent's exits."""
+        """Ends a child: sends the trace to the parent and exits without the parent's exit handlers."""
         if self._child is not None:
             with os.fdopen(self._pipe, "wb") as pipe:
                 pickle.dump(self._child.trace(blew_up), pipe)
@@ -201,7 +224,7 @@ class Branch:
 
 
 def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """By case: the arguments of its `ThrusterFault`."""
+    """Arguments of `ThrusterFault` by case."""
     dead = {f"thruster {name} dead": {"thruster": i} for i, name in enumerate(names)}
     return {
         **dead,
@@ -211,7 +234,16 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 
 
 def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
-    """Run the job to where its faults begin, and from there once for each case whose name holds one of `only`."""
+    """Runs the job up to the onsets, and from there once for each case.
+
+    Args:
+        built: The assembled job.
+        only: Parts of names of the cases to run; empty: all.
+        said: Called with the trace of each case.
+
+    Raises:
+        ConfigurationError: No case matches, the system cannot fork, or a case left no trace.
+    """
     if not hasattr(os, "fork"):
         raise ConfigurationError("this study forks its runs, which this operating system cannot")
     thrusters = thruster_cases(built.plant.vehicle.thruster_names)

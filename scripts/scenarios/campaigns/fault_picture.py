@@ -1,4 +1,4 @@
-"""The picture of one fault: force, hull, tilt, thrusters and states over time."""
+"""Plot of one fault case: force, hull, tilt, thrusters and states over time."""
 
 from pathlib import Path
 
@@ -10,11 +10,17 @@ from scenarios.campaigns.fault_cases import Trace
 from sim.reporting.report_figures import BLUE, CYCLE, FAINT, INK, ORANGE, VERMILION
 
 _SHADES = ("0.97", "0.9")
-_NARROW = 0.07  # of the time shown: a state so short has its name upright
+_NARROW = 0.07  # share of the time axis: names of shorter states are drawn upright
 
 
 def draw(trace: Trace, title: str, file: Path) -> None:
-    """Draw `trace` into `file` (PNG)."""
+    """Plots a trace into a PNG file.
+
+    Args:
+        trace: Time series of the case.
+        title: Title of the figure.
+        file: PNG file.
+    """
     figure = Figure(figsize=(10.0, 8.0), layout="constrained")
     force, hull, tilt, thrusters = panels = figure.subplots(4, sharex=True, height_ratios=(3, 3, 2, 3))
     rows = trace.rows
@@ -46,7 +52,7 @@ def draw(trace: Trace, title: str, file: Path) -> None:
 
 
 def _states(trace: Trace, panels: "np.ndarray[tuple[int], np.dtype[np.object_]]") -> None:
-    """Shade the states of the work in all `panels`, and name them in the first."""
+    """Shades the states of the work in all panels, and names them in the first."""
     whole = float(trace.rows[-1, 0])
     ends = [t for t, _, _ in trace.states[1:]] + [whole]
     first: Axes = panels[0]

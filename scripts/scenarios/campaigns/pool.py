@@ -1,4 +1,4 @@
-"""Tasks on all cores, each in a process of its own making; one that kills its process does not take others with it."""
+"""Process pool that survives a crash: each task runs in a spawned process, and one crash does not stop the others."""
 
 import multiprocessing
 import os
@@ -17,11 +17,20 @@ Row = TypeVar("Row")
 def run_all(
     tasks: Sequence[Task], workers: int, run: Callable[[Task], Row], died: Callable[[Task], Row]
 ) -> Iterator[tuple[Task, Row]]:
-    """Do all `tasks` by `run` in `workers` processes; each with what it gave, as they are done.
+    """Runs all tasks in a pool and yields each task with its result, in order of completion.
 
-    What a task gives does not depend on the others, nor on the process that it is in. A process that dies takes its
-    pool with it: the tasks that were under way are then done one at a time, and for one that kills its process again
-    `died` tells what to keep. Both functions must be found by a fresh Python under their module's name.
+    A result depends neither on the other tasks nor on the process. A process that dies breaks its pool. The tasks that
+    were running then are repeated one at a time. For a task that crashes its process again, `died` gives the result.
+    Both functions must be importable by a fresh Python under their module's name.
+
+    Args:
+        tasks: Picklable tasks.
+        workers: Number of processes.
+        run: Result of a task.
+        died: Result of a task that crashed its process.
+
+    Yields:
+        Task, result.
     """
     waiting: list[Task] = list(reversed(tasks))
     suspects: list[Task] = []
@@ -34,7 +43,7 @@ def run_all(
                 while source or under_way:
                     while source and len(under_way) < size:
                         task = source[-1]
-                        under_way[pool.submit(run, task)] = task  # raises where the pool broke since the last one
+                        under_way[pool.submit(run, task)] = task  # raises if the pool broke since the last one
                         source.pop()
                     for done in wait(under_way, return_when=FIRST_COMPLETED).done:
                         row = done.result()
@@ -51,22 +60,22 @@ def run_all(
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the workers: they share the cores by themselves
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread for each worker: the workers share the cores
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_begin)
 
 
 def _begin() -> None:
-    """Let a worker end with the study: without a word on Ctrl-C, and on whatever else ends it, SIGKILL too."""
+    """Initialiser of a worker: ends silently on Ctrl-C, and whenever the study's process ends, also by SIGKILL."""
     for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:  # of nohup, which is for the workers too
-            signal.signal(number, signal.SIG_DFL)  # the study says it once
+        if signal.getsignal(number) is not signal.SIG_IGN:  # ignored under nohup: the workers keep that
+            signal.signal(number, signal.SIG_DFL)  # only the study prints a message
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
-    wait_for([parent.sentinel])  # a pipe that the system closes when the parent is gone
+    wait_for([parent.sentinel])  # a pipe that the system closes when the parent ends
     os._exit(1)
 
 

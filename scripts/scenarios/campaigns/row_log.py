@@ -1,4 +1,4 @@
-"""The rows of a study, kept line by line, so that it goes on where it was stopped."""
+"""Result log of a study, one JSON row a line, from which an interrupted study resumes."""
 
 import ast
 import hashlib
@@ -17,17 +17,24 @@ from sim.runs.saving import write_json
 from sim.runs.startup import ROOMS
 
 Row = dict[str, Any]
-_MADE_OF_IT = ("metrics.json", "report.html")  # of the runs in a log
+_MADE_OF_IT = ("metrics.json", "report.html")  # files made from the runs in a log
 
 
 class Log:
-    """results.jsonl of a study, with study.json beside it that says what the study is."""
+    """results.jsonl of a study, beside study.json with its settings."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], *, anew: bool = False) -> None:
-        """Open the log in `folder`, to be gone on with if it is of the same `settings` and the same code.
+        """Opens the log in `folder`; a log of the same settings and code is resumed.
 
-        Raises ConfigurationError if it is of others, or something else lies there; `anew` throws old runs away. Only
-        for one process at a time: see `open`.
+        For one process at a time: see `open`.
+
+        Args:
+            folder: Existing folder.
+            settings: Settings of the study.
+            anew: Delete old runs.
+
+        Raises:
+            ConfigurationError: The log is of another study, or the folder holds other files.
         """
         self._file, about = folder / "results.jsonl", folder / "study.json"
         said = json.loads(json.dumps({**settings, "code": fingerprint(), "versions": versions()}))
@@ -51,8 +58,16 @@ class Log:
     @classmethod
     @contextmanager
     def open(cls, folder: Path, settings: dict[str, Any], *, anew: bool = False) -> Iterator[Self]:
-        """The log in `folder`, made if need be, for this process alone. Raises ConfigurationError as `Log` does, and if
-        another process is at work there."""
+        """Context manager: the log in `folder`, created if necessary, locked for this process.
+
+        Args:
+            folder: Folder of the study.
+            settings: Settings of the study.
+            anew: Delete old runs.
+
+        Raises:
+            ConfigurationError: As `Log` does, or another process works in the folder.
+        """
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -61,7 +76,11 @@ class Log:
             yield cls(folder, settings, anew=anew)
 
     def add(self, row: Row) -> None:
-        """Keep `row`: it is on the disk when this returns. Raises ConfigurationError where that cannot be."""
+        """Appends `row`; it is on the disk when this returns.
+
+        Raises:
+            ConfigurationError: The file cannot be written.
+        """
         self.rows.append(row)
         try:
             with self._file.open("a", encoding="utf-8") as file:
@@ -73,15 +92,16 @@ class Log:
 
 
 def _whole_lines(file: Path) -> list[Row]:
-    """The rows of a log; a last line that was cut short when the study was stopped is taken off the file.
+    """Rows of a log; a last line that was cut short by an interruption is removed from the file.
 
-    Raises ConfigurationError for a bad line with rows after it: that was no stop, and those rows are of worth.
+    Raises:
+        ConfigurationError: An invalid line is followed by rows. That is no interruption, and those rows are valuable.
     """
     if not file.exists():
         return []
     rows: list[Row] = []
-    whole = 0  # bytes of good lines
-    bad = 0  # number of the first line that is none
+    whole = 0  # bytes of valid lines
+    bad = 0  # number of the first invalid line
     with file.open("rb+") as log:
         for number, line in enumerate(log, start=1):
             row = _row(line)
@@ -100,7 +120,7 @@ def _whole_lines(file: Path) -> list[Row]:
 
 
 def _row(line: bytes) -> Row | None:
-    """What a whole line of a log holds; None for one that was cut short, or of which a power cut left the length."""
+    """Row in a line of a log; None for a line that was cut short, also by a power failure."""
     try:
         row = json.loads(line)
     except ValueError:
@@ -109,7 +129,7 @@ def _row(line: bytes) -> Row | None:
 
 
 def fingerprint() -> str:
-    """Of all code and models that a run depends on: every file of the rooms, and the scripts that its study runs on."""
+    """Hash of all code and models that a run depends on: every file of the rooms, and the scripts of the study."""
     home, digest = Path(__file__).resolve().parents[3], hashlib.sha256()
     of_rooms = (path for room in ROOMS for path in (home / room).rglob("*"))
     kept = {path for path in of_rooms if path.is_file() and "__pycache__" not in path.parts}
@@ -121,7 +141,7 @@ def fingerprint() -> str:
 
 
 def imported_scripts(file: Path, scripts: Path) -> set[Path]:
-    """`file` and all files below the folder `scripts` that it imports, at its top or later, and that these do."""
+    """`file` and all files below the folder `scripts` that it imports, directly or through others."""
     found, ahead = set[Path](), [file]
     while ahead:
         path = ahead.pop()
@@ -140,7 +160,7 @@ def imported_scripts(file: Path, scripts: Path) -> set[Path]:
 
 
 def died(task: RunTask) -> Row:
-    """The row of a run that killed its process."""
+    """Row of a run that crashed its process."""
     return {
         "run": task.run,
         "without": task.without,
@@ -157,6 +177,6 @@ def died(task: RunTask) -> Row:
 
 
 def in_order(rows: Iterable[Row]) -> list[Row]:
-    """Rows by run and method, without what differs from one time to another."""
+    """Rows sorted by method and run, without the timing, which differs between repetitions."""
     rows = sorted(rows, key=lambda row: (row["without"], row["run"]))
     return [{key: value for key, value in row.items() if key != "timing"} for row in rows]

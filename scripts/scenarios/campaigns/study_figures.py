@@ -1,4 +1,4 @@
-"""What the runs of a study say together: distributions, failures, what drives an error, what each method is worth."""
+"""Statistics over the runs of a study: distributions, failures, rank correlations with causes, ablations."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -13,17 +13,17 @@ from sim.interfaces.spatial import Array
 
 Row = Mapping[str, Any]
 
-SHARE = 0.99  # of the runs that must be kept
-FEWEST = 8  # runs from which a rank correlation is said
+SHARE = 0.99  # share of the runs that must be kept
+FEWEST = 8  # runs needed for a rank correlation
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A figure of a run, as it is told."""
+    """Label, unit and scale of a figure."""
 
     name: str
     unit: str
-    scale: float  # from SI
+    scale: float  # from SI to `unit`
 
 
 SHOWN = {
@@ -44,8 +44,9 @@ SHOWN = {
     "saturated_s": Shown("thrusters saturated", "s", 1.0),
     "identification_error_m": Shown("identified position, error", "mm", 1e3),
 }
+# Figures that are correlated with DRIVERS.
 DRIVEN = ("force_rms_n", "force_peak_n", "cross_max_m", "along_max_m", "estimate_rms_n", "hull_excursion_max_m")
-DRIVERS = {  # of a row's varied quantities: how they are told
+DRIVERS = {  # varied quantities: label, unit, scale from SI
     "current": ("current", "m/s", 1.0),
     "current_up": ("current, upward", "m/s", 1.0),
     "gust": ("gusts", "m/s", 1.0),
@@ -64,7 +65,7 @@ DRIVERS = {  # of a row's varied quantities: how they are told
     "surface_offset": ("surface off", "mm", 1e3),
 }
 
-# What a method is for: the figure by which leaving it out is judged.
+# The figure by which the ablation of each method is judged.
 METHODS = {
     "compensation": "hull_excursion_max_m",
     "hydrodynamic-term": "hull_unfolding_max_m",
@@ -77,12 +78,13 @@ METHODS = {
 
 
 def values(rows: Sequence[Row], name: str) -> Array:
-    """A figure of all rows that have it."""
+    """Values of one figure over all rows that have it."""
     found = (row["figures"].get(name) for row in rows)
     return np.array([value for value in found if value is not None], dtype=np.float64)
 
 
 def bound_of(name: str, bounds: StudyBounds) -> float | None:
+    """Bound of a figure in SI units; None where it has none."""
     return {
         "force_peak_n": bounds.force_peak,
         "cross_max_m": bounds.deviation,
@@ -92,9 +94,9 @@ def bound_of(name: str, bounds: StudyBounds) -> float | None:
 
 
 def distributions(rows: Sequence[Row], bounds: StudyBounds) -> dict[str, dict[str, float | int | None]]:
-    """Of each figure: median, 95th and 99th percentile, maximum, and the share of all runs within its bound.
+    """For each figure: median, 95th and 99th percentile, maximum, and the share of all runs within its bound.
 
-    A run that did not live to give a figure is not within its bound.
+    A run that ended before it gave a figure counts as not within the bound.
     """
     table: dict[str, dict[str, float | int | None]] = {}
     for name in SHOWN:
@@ -111,7 +113,7 @@ def distributions(rows: Sequence[Row], bounds: StudyBounds) -> dict[str, dict[st
 
 
 def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Classes and kinds of what came of the runs, with their runs, in the order of severity."""
+    """Classes and kinds of outcome with the numbers of their runs, in order of severity."""
     groups: dict[tuple[str, str], list[int]] = defaultdict(list)
     for row in rows:
         groups[row["class"], row["kind"]].append(row["run"])
@@ -129,7 +131,7 @@ def outcomes(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def drivers(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Rank correlation (Spearman) of each figure of DRIVEN with each varied quantity that did vary."""
+    """Spearman rank correlation of each figure in DRIVEN with each quantity in DRIVERS that varied."""
     found: dict[str, dict[str, float]] = {}
     for figure in DRIVEN:
         having = [row for row in rows if row["figures"].get(figure) is not None]
@@ -143,7 +145,7 @@ def drivers(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
 
 
 def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """What each method that was left out is worth: by how much its own figure is worse without, run by run."""
+    """For each ablated method: its figure with and without it, and the median of the ratio run by run."""
     whole = {row["run"]: row for row in rows if not row["without"]}
     table = []
     for method in dict.fromkeys(row["without"] for row in rows if row["without"]):
@@ -175,7 +177,13 @@ def ablations(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def summary(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Everything that goes into metrics.json, from rows without their timing."""
+    """Contents of metrics.json.
+
+    Args:
+        rows: Rows of all runs, without timing.
+        bounds: Bounds of the figures.
+        settings: Settings of the study.
+    """
     main = [row for row in rows if not row["without"]]
     kept = sum(row["class"] == KEPT for row in main)
     worst = sum(row["class"] in (DAMAGED, DIVERGED) for row in main)

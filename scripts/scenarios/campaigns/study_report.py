@@ -1,4 +1,4 @@
-"""Tables and pictures of the contact study, on the terminal and in report.html."""
+"""Tables and figures of the contact study, for the terminal and report.html."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,13 +15,13 @@ from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE
 from sim.reporting.report_page import page, provenance, section, table, text
 
 _COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
-_MOST_RUNS = 8  # named of one kind of failure
+_MOST_RUNS = 8  # runs listed for one kind of failure
 
 Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
-    """Title, columns and rows of every table, as text."""
+    """Yields title, columns and rows of every table, as text."""
     yield (
         "What came of the runs",
         ("class", "kind", "runs", "share", "which"),
@@ -80,7 +80,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
 
 
 def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
-    """The same for the terminal."""
+    """Yields the tables of `tables` for the terminal."""
     for title, columns, rows in tables(metrics):
         shown = RichTable(title=escape(title), title_justify="left")
         for i, column in enumerate(columns):
@@ -93,7 +93,16 @@ def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
 def write_report(
     file: Path, rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds, *, title: str, pace: str
 ) -> None:
-    """Write the page. `pace` says how long the runs took."""
+    """Writes report.html.
+
+    Args:
+        file: HTML file.
+        rows: Rows of all runs.
+        metrics: Contents of metrics.json.
+        bounds: Bounds of the figures.
+        title: Title of the page.
+        pace: Sentence about the computing time.
+    """
     verdict = "accepted" if metrics["accepted"] else "not accepted"
     reasons = "".join(f"<li>{text(line)}</li>" for line in metrics["failed"])
     main = [row for row in rows if not row["without"]]
@@ -113,7 +122,13 @@ def write_report(
 
 
 def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of every picture that the runs can give."""
+    """Yields title, caption and figure of every plot that the runs allow.
+
+    Args:
+        rows: Rows of the runs without ablation.
+        metrics: Contents of metrics.json.
+        bounds: Bounds of the figures.
+    """
     if not any(row["figures"].get("force_rms_n") is not None for row in rows):
         return
     yield (
@@ -138,6 +153,7 @@ def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds
 
 
 def distribution_figure(rows: Sequence[Row], bounds: StudyBounds) -> Figure:
+    """Cumulative distributions of six figures, one curve for each path, with their bounds."""
     names = ("force_rms_n", "force_peak_n", "estimate_rms_n", "cross_max_m", "along_max_m", "hull_excursion_max_m")
     paths = list(dict.fromkeys(row["path"] for row in rows))
     figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
@@ -162,6 +178,7 @@ def distribution_figure(rows: Sequence[Row], bounds: StudyBounds) -> Figure:
 
 
 def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
+    """Matrix of rank correlations: `found` by figure and varied quantity."""
     drivers = [name for name in DRIVERS if any(name in row for row in found.values())]
     driven = [name for name in DRIVEN if name in found]
     matrix = np.array([[found[figure].get(driver, np.nan) for driver in drivers] for figure in driven])
@@ -179,6 +196,7 @@ def driver_figure(found: Mapping[str, Mapping[str, float]]) -> Figure:
 
 
 def scatter_figure(rows: Sequence[Row], name: str) -> Figure:
+    """Scatter plots of figure `name` against each varied quantity, coloured by class."""
     having = [row for row in rows if row["figures"].get(name) is not None]
     drivers = [key for key in DRIVERS if len({row["varied"].get(key) for row in having if key in row["varied"]}) > 1]
     columns = 5

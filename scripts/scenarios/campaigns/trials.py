@@ -1,4 +1,4 @@
-"""Many seeds of one job on all cores: their metrics, the table of how they spread, and the verdict."""
+"""Trials of one job over many seeds on all cores: metrics, table of their spread, and verdict."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -14,9 +14,9 @@ from scenarios.runner import NOT_ACCEPTED, progress
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.runs.saving import write_json
 
-WANTED = 0.95  # share of the trials
+WANTED = 0.95  # share of the trials that must be accepted
 Metrics = dict[str, Any]
-# What a row of the table says: label, key of the summary, unit, scale to it, and which end is the worst.
+# Row of the table: label, key of the summary, unit, scale from SI, and which end is the worst.
 Row = tuple[str, str, str, float, Literal["min", "max"]]
 
 
@@ -27,10 +27,17 @@ def run_trials(
     workers: int,
     console: Console,
 ) -> list[Metrics]:
-    """Metrics of `one` seed each, in the order of `seeds`, on `workers` processes (0: one a core).
+    """Metrics of each seed, in the order of `seeds`.
 
-    A trial that breaks down is a failure, of which `crashed` makes the metrics, not the end of the others. Both must
-    be found by a fresh Python under their module's name.
+    A trial that fails with an error does not end the others. `one` and `crashed` must be importable by a fresh Python
+    under their module's name.
+
+    Args:
+        one: Metrics of one seed.
+        crashed: Metrics of a seed whose trial failed, with the message.
+        seeds: Seeds of the trials.
+        workers: Number of processes; 0: one for each core.
+        console: Terminal.
     """
     found: dict[int, Metrics] = {}
     seeds = list(seeds)
@@ -58,7 +65,11 @@ def _died(crashed: Callable[[int, str], Metrics], seed: int) -> Metrics:
 
 
 def check_trials(trials: int, workers: int) -> None:
-    """Raise ConfigurationError for numbers of them that cannot be."""
+    """Checks the options --trials and --workers.
+
+    Raises:
+        ConfigurationError: One of them is negative.
+    """
     if trials < 0 or workers < 0:
         raise ConfigurationError(f"--trials and --workers: must be >= 0, got {trials} and {workers}")
 
@@ -72,9 +83,19 @@ def say_trials(
     console: Console,
     said: str = "",
 ) -> int:
-    """Write trials.json to `folder`, with what it was `made_by`, and print the summary `figures` of `trials`.
+    """Writes trials.json and prints the summary.
 
-    Returns the exit code.
+    Args:
+        trials: Metrics of each trial.
+        figures: Summary of the trials.
+        rows: Rows of the table.
+        folder: Folder of trials.json.
+        made_by: Provenance for the file.
+        console: Terminal.
+        said: Text appended to the line of the success rate.
+
+    Returns:
+        The exit code.
     """
     write_json(folder / "trials.json", {"summary": figures, "trials": list(trials), "provenance": made_by})
     console.print(trials_table(figures, rows))
@@ -91,7 +112,7 @@ def say_trials(
 
 
 def trials_table(figures: Metrics, rows: Iterable[Row]) -> Table:
-    """How the figures of many trials spread, for `rich.print`; rows without figures are left out."""
+    """Table of the spread of each figure over the trials; rows without figures are left out."""
     table = Table()
     for name in ("figure", "median", "95 %", "worst", "unit"):
         table.add_column(name, justify="left" if name in ("figure", "unit") else "right")

@@ -1,7 +1,7 @@
-"""What of a contact job is other than its model says: water, payload, thrusters, gears, surface, sensors.
+"""Deviations of the plant from the controller's model: water, payload, thrusters, gears, surface, sensors.
 
-The controller knows the vehicle as it is drawn; the plant is built from the varied spec. A spread draws a factor in
-1 +- spread for each number by itself.
+The controller's model is nominal; the plant is built from the varied spec. A spread draws a factor uniform in 1 +-
+spread for each number independently.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -20,35 +20,35 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 TARGET_BODY = "target"
-STEPS_PER_SOLREF = 3.0  # of the contact's time constant; two are MuJoCo's least
-RESTLESS = 0.2  # square of the pad's phase in a step; from 0.26 on it may bounce for ever, whoever presses it
-WORKING_FORCE = 60.0  # [N] at which pad and surface together yield as is asked for; a contact hardens with depth
-FRICTION_TIME = 0.045  # [s] time constant of friction on a pad whose stiffness was asked for,
-FRICTION_STIFFNESS = 100.0  # and MuJoCo's impratio: it creeps less than 2 mm/s under 0.8 of the friction there is
-SOFTEST_CONTACT = 1.6  # times the stiffness asked for, that the contact alone has at least
+STEPS_PER_SOLREF = 3.0  # physics steps per time constant of the contact; MuJoCo needs at least two
+RESTLESS = 0.2  # squared phase of the pad's spring in one step; from 0.26 on the pad may bounce without end
+WORKING_FORCE = 60.0  # [N] at which the stiffness of pad and surface holds; a contact hardens with depth
+FRICTION_TIME = 0.045  # [s] time constant of friction on a pad of set stiffness
+FRICTION_STIFFNESS = 100.0  # MuJoCo's impratio: the pad creeps less than 2 mm/s under 0.8 of the friction limit
+SOFTEST_CONTACT = 1.6  # least stiffness of the contact alone, times the stiffness asked for
 _TRANSLATION = slice(0, 3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variation:
-    """One state of the world around a contact job; the defaults are a job's nominal one."""
+    """One state of the world around a contact job; the defaults are nominal."""
 
-    water_error: float = 0.15  # share by which the controller's added masses and drags are wrong, all alike
-    water_spread: float = 0.0  # of each added mass and drag coefficient of the plant
-    payload_spread: float = 0.0  # of the mass of each part of the arm
+    water_error: float = 0.15  # share by which all added masses and drags of the controller are wrong, alike
+    water_spread: float = 0.0  # spread of each added mass and drag coefficient of the plant
+    payload_spread: float = 0.0  # spread of the mass of each part of the arm
     trim_error: float = 0.0  # share of the arm's mass by which the hull is too light (negative: too heavy)
-    thruster_lag_spread: float = 0.0
-    thruster_gain_spread: float = 0.0
-    gear_spread: float = 0.0  # of the friction in each gear, dry and viscous alike
-    friction: float | None = None  # between pad and surface; None: as the vehicle's pad has it
-    stiffness: float | None = None  # [N/m] of pad and surface together; None: as the vehicle's pad has it
-    surface_offset: float = 0.0  # [m] by which the surface is farther, along the tool, than it was identified
+    thruster_lag_spread: float = 0.0  # spread of the time constant of each thruster
+    thruster_gain_spread: float = 0.0  # spread of the gain of each thruster
+    gear_spread: float = 0.0  # spread of the friction in each gear, dry and viscous alike
+    friction: float | None = None  # between pad and surface; None: as the vehicle's pad
+    stiffness: float | None = None  # [N/m] of pad and surface in series; None: as the vehicle's pad
+    surface_offset: float = 0.0  # [m] by which the surface lies farther along the tool than identified
     vision_period: float = 0.1  # [s]
     vision_delay: float = 0.1  # [s]
     vision_noise: float = 2e-3  # [m]
     torque_noise: float = 0.01  # share of the reading
     torque_bias: float = 0.5  # [N m] uniform in +-
-    seed: int = 0  # of the factors
+    seed: int = 0  # seed of the factors
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -67,9 +67,14 @@ NOMINAL = Variation()
 
 
 def vary(spec: mujoco.MjSpec, variation: Variation) -> dict[str, float]:
-    """Make `spec`, a vehicle, what `variation` says; the means and extremes of the drawn factors by name.
+    """Applies `variation` to a vehicle's spec in place.
 
-    Raises ConfigurationError for a stiffness or a friction of a vehicle without a pad on a spring.
+    Returns:
+        Means of the drawn factors by name.
+
+    Raises:
+        ConfigurationError: Stiffness or friction are set for a vehicle without a pad on a spring, or payload or trim
+            for one without an arm.
     """
     water, payload, drives, gears = np.random.default_rng([variation.seed, 7]).spawn(4)
     said: dict[str, float] = {}
@@ -91,7 +96,7 @@ def _factors(rng: np.random.Generator, spread: float, size: int) -> Array:
 
 
 def _water(spec: mujoco.MjSpec, spread: float, rng: np.random.Generator) -> dict[str, float]:
-    """Each diagonal coefficient by a factor of its own, couplings by the root of two, so that all stay semidefinite."""
+    """Scales diagonal coefficients by one factor each, couplings by the geometric mean: all stay semidefinite."""
     bodies = hydrodynamics.attached(spec)
     hull: dict[str, float] = {}
     for name, body in bodies.items():
@@ -121,7 +126,7 @@ def _scaled(matrix: Array, factors: Array) -> Array:
 
 
 def _payload(spec: mujoco.MjSpec, spread: float, trim_error: float, rng: np.random.Generator) -> dict[str, float]:
-    """Masses of the arm's parts, inertia in proportion; the hull is ballasted for the arm as drawn, less an error."""
+    """Scales masses and inertias of the arm's parts; the hull is ballasted for the nominal arm, less the trim error."""
     arm = spec.body(ARM_BASE_BODY)
     if arm is None:
         raise ConfigurationError(f"a payload varies the arm, but the vehicle has no body named {ARM_BASE_BODY!r}")
@@ -180,13 +185,13 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
     if geom is None or (stiffness is not None and joint is None):
         raise ConfigurationError(f"friction and stiffness are those of a geom {TOOL_GEOM!r} on a slide {PAD_JOINT!r}")
     if friction is not None:
-        geom.priority = 1  # the pad's friction holds, whatever the surface has
+        geom.priority = 1  # contact pairs take the pad's friction, whatever the surface has
         geom.friction = [friction, *np.array(geom.friction)[1:]]
     if stiffness is not None:
-        # Contact and the pad's spring yield one after the other: the contact is made stiff by a short time constant,
-        # and the spring takes the rest. A stiffer contact by `solimp` chatters, as does a rigid pad. Sliding lifts the
-        # contact in proportion to the time constant, the force presses it in by its square: the longest that is stiff
-        # enough holds best.
+        # Contact and pad spring are in series: the contact is made stiff by a short time constant, and the spring gives
+        # the remaining compliance. A contact that is stiffer by `solimp` chatters, and so does a rigid pad. Sliding
+        # lifts the contact in proportion to the time constant; the contact force presses it in with its square. The
+        # longest time constant that is stiff enough is therefore the best.
         timestep, drawn = float(spec.option.timestep), spec.copy().compile()
         longest = STEPS_PER_SOLREF * timestep
         contact, softest = _contact_stiffness(drawn, geom, longest), SOFTEST_CONTACT * stiffness
@@ -197,19 +202,19 @@ def _pad(spec: mujoco.MjSpec, friction: float | None, stiffness: float | None) -
         phase = timestep * np.sqrt(spring / (RESTLESS * mass))
         spec.option.timestep = timestep / np.ceil(max(1.0 / share, phase) - 1e-9)
         old_spring, old_damping = (float(np.ravel(value)[0]) for value in (joint.stiffness, joint.damping))
-        # The same damping ratio on any surface.
+        # The damping ratio is the same on any surface.
         ratio = np.sqrt(spring / old_spring) if old_spring > 0.0 else 1.0
         damping = ratio * old_damping
         joint.stiffness, joint.damping = _first(joint.stiffness, spring), _first(joint.damping, damping)
 
 
 def slide(scene: mujoco.MjSpec) -> None:
-    """Let the pad in `scene` slide on the target without being lifted by that, however stiff `vary` has made it.
+    """Makes the pad in `scene` slide on the target without lifting, however stiff `vary` has made it.
 
-    MuJoCo's friction is convex: what slides at v [m/s] with the coefficient mu is pushed off as by an acceleration
-    mu (b v + r), b the rate at which friction means to stop it and r what friction yields. A stiff contact is pressed
-    in by no more than that, and lets go of the surface step after step. Hence a rate of its own for friction, slow, and
-    friction that hardly yields. Parts of a mesh (`TargetModel.add_to`) have contacts of their own, and keep them.
+    MuJoCo's friction is convex: sliding at v [m/s] with the coefficient mu causes a separating acceleration mu (b v +
+    r). Here b is the rate of the friction constraint and r its regularisation. A stiff contact is pressed in by no more
+    than that, and loses contact every few steps. Friction therefore gets a slow rate of its own, and little
+    regularisation. Parts of a mesh (`TargetModel.add_to`) have contacts of their own, and keep them.
     """
     pad, target = scene.geom(TOOL_GEOM), scene.body(TARGET_BODY)
     scene.option.impratio = FRICTION_STIFFNESS
@@ -224,10 +229,10 @@ def slide(scene: mujoco.MjSpec) -> None:
 
 
 def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: float) -> float:
-    """Force per penetration [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
+    """Stiffness [N/m] of a light touch of `geom`, with a time constant `solref` [s] of the contact.
 
-    MuJoCo's constraint model (documentation, Computation, Parameters): at rest f = d / (1 - d) k r / A, with the
-    impedance d at no depth, k = 1 / (d_max solref)^2, and A the inverse weight of the bodies.
+    MuJoCo's constraint model (MuJoCo documentation, Computation, Parameters): at rest f = d / (1 - d) k r / A. Here d
+    is the impedance at zero depth, k = 1 / (d_max solref)^2, and A the inverse weight of the bodies.
     """
     least, most = np.clip(np.array(geom.solimp)[:2], 1e-4, 0.9999)
     weight = float(model.body_invweight0[model.geom(geom.name).bodyid[0], 0])
@@ -235,9 +240,9 @@ def _contact_stiffness(model: mujoco.MjModel, geom: mujoco.MjsGeom, solref: floa
 
 
 def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
-    """Depth [m] of a contact of `geom` under `force` [N], where a light touch meets `light` [N/m].
+    """Depth [m] of a contact of `geom` under `force` [N], with the stiffness `light` [N/m] at zero depth.
 
-    MuJoCo's impedance over depth, by `solimp` (documentation, Modeling, Solver parameters).
+    MuJoCo's impedance over depth, by `solimp` (MuJoCo documentation, Modeling, Solver parameters).
     """
     least, most, width, middle, power = np.array(geom.solimp)
     low = least / (1.0 - least)
@@ -255,7 +260,7 @@ def _sunk(force: float, geom: mujoco.MjsGeom, light: float) -> float:
 
 
 def _first(old: float | Array, value: float) -> float | Array:
-    """`value` in the shape of `old`: MuJoCo has made polynomials of these numbers."""
+    """`value` in the shape of `old`: newer MuJoCo stores polynomials for these numbers."""
     if np.ndim(old) == 0:
         return value
     new = np.zeros_like(old)

@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
-from perception.clouds.sonar_cloud import without_lone_echoes
+from perception.clouds.sonar_cloud import without_isolated_echoes
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import APPROACH_ERROR, Identification, identify
-from perception.registration.multi_frame import Frame, on_all_looks
+from perception.registration.multi_frame import Frame, with_fused_frames
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
@@ -116,7 +116,7 @@ class KnownObjectFinder:
             seen, X_BC = Scan.from_depth(measurement), measurement.X_BC
             sensor = replace(self._sensor, focal=float(measurement.K[0, 0]))
         elif isinstance(measurement, SonarScan):
-            seen, X_BC, sensor = _scan_of(without_lone_echoes(measurement.points)), measurement.X_BS, self._sensor
+            seen, X_BC, sensor = _scan_of(without_isolated_echoes(measurement.points)), measurement.X_BS, self._sensor
         else:
             raise ConfigurationError(
                 f"target finder: expected a DepthImage or a SonarScan, got {type(measurement).__name__}"
@@ -140,7 +140,7 @@ class KnownObjectFinder:
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
             try:
-                whole = on_all_looks(found, looks)
+                whole = with_fused_frames(found, looks)
                 path = plan_path(whole, self._path, spacing=self._spacing, tool_radius=self._tool_radius)
                 path = _in_world(X_WC, path)
             except PerceptionError as error:  # accepted, but the scan lacks the surface on the path

@@ -25,7 +25,7 @@ from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
 from perception.registration.identification import Identification, Method, identify
 from perception.registration.pose_check import PoseCheck
 from perception.toolpath.deformation import map_deformation
-from scenarios.contact_options import left_by_the_sea
+from scenarios.contact_options import with_growth_and_dents
 from scenarios.deformation_report import figures, picture_of_deviations, save_cloud, table
 from scenarios.object_scenes import object_scene
 from sim.interfaces.errors import ConfigurationError
@@ -91,7 +91,7 @@ def found_in(options: Options, target: TargetModel) -> tuple[Identification, lis
             cloud.points, target, options.approach, R, sensor=sensor, seed=options.seed, method=options.method
         )
         return found, [*cloud.notes]
-    there = left_by_the_sea(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
+    there = with_growth_and_dents(target, options.fouled, options.dented, np.random.default_rng([options.seed, 4]))
     scene = object_scene(target, options.seed, options.sensor, there=there)
     approach = scene.approach if options.approach is None else options.approach
     found = identify(

@@ -25,8 +25,8 @@ from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns.variation import NOMINAL
 from scenarios.contact_options import coarse_detection
-from scenarios.contact_parts import controller, hull_box, passive_joints, scan_pose, with_parts
-from scenarios.runner import Judging, Ready, run_shown
+from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints, scan_pose
+from scenarios.runner import Evaluation, PreparedRun, run_with_report
 from sim import hydrodynamics
 from sim.evaluation.inspection_metrics import TrueInspection, assess_inspection
 from sim.interfaces.messages import WorkState
@@ -59,7 +59,7 @@ class Options(ScenarioOptions):
     """MODULE:CLASS of the controller."""
 
 
-def prepare(options: Options) -> tuple[Ready, TrueInspection]:
+def prepare(options: Options) -> tuple[PreparedRun, TrueInspection]:
     """Builds one flight, drawn from the seed: plant, parts and the truth for evaluation.
 
     Raises:
@@ -72,7 +72,7 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
     approach, orientation = coarse_detection(X_WT @ pose(p=target.center), rng)
     gusts, loop, start, sampling = rng.spawn(4)
     own = scenes.vehicle_spec(options.vehicle).compile()
-    arm = with_parts(own, but=(TOOL_GEOM,))
+    arm = checked_vehicle(own, but=(TOOL_GEOM,))
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), arm.hull)
     X_WB = scan_pose(X_BC, approach, options.distance)
     offset = pose(exp_so3([0.0, 0.0, start.uniform(-0.02, 0.02)]), start.uniform(-0.03, 0.03, 3))
@@ -111,7 +111,7 @@ def prepare(options: Options) -> tuple[Ready, TrueInspection]:
         far=FAR,
         half_view=(camera.K[0, 2] / camera.K[0, 0], camera.K[1, 2] / camera.K[1, 1]),
     )
-    ready = Ready(
+    ready = PreparedRun(
         seed=options.seed,
         plant=plant,
         parts=parts,
@@ -144,13 +144,13 @@ def main() -> int:
     console = Console()
     folder = options.folder("inspect_object")
     ready, truth = prepare(options)
-    judging = Judging(
+    judging = Evaluation(
         assess=lambda ran: assess_inspection(ran.recording, truth, seed=options.seed, wall_s=ran.wall_s),
         pictures=lambda ran: pictures(ran.recording, truth),
         begun=(WorkState.WORK,),
     )
     title = f"Inspection of the {options.object} from {options.distance:g} m, seed {options.seed}"
-    return run_shown("inspect_object", ready, judging, title, options, folder, console, started)
+    return run_with_report("inspect_object", ready, judging, title, options, folder, console, started)
 
 
 if __name__ == "__main__":

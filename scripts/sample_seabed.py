@@ -20,8 +20,8 @@ from controllers.tasks.seabed_work import SeabedJob
 from controllers.work_controller import Method
 from models.site.seabed import Kind
 from scenarios.campaigns.trials import check_trials
-from scenarios.runner import Judging, run_shown
-from scenarios.seabed_work import SeabedSetting, Story, prepare, run_trials
+from scenarios.runner import Evaluation, run_with_report
+from scenarios.seabed_work import SeabedRecorder, SeabedSetting, prepare, run_trials
 from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.reporting.seabed_figures import seabed_figures
@@ -93,12 +93,14 @@ def main() -> int:
     title = (
         f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"
     )
-    judging = Judging(
+    judging = Evaluation(
         assess=lambda ran: assess_seabed_work(ran.recording, work.truth, seed=options.seed, wall_s=ran.wall_s),
         pictures=lambda ran: seabed_figures(ran.recording, work.truth),
         begun=(WorkState.APPROACH,),
     )
-    return run_shown("sample_seabed", work.ready, judging, title, options, folder, console, started, Story)
+    return run_with_report(
+        "sample_seabed", work.ready, judging, title, options, folder, console, started, SeabedRecorder
+    )
 
 
 if __name__ == "__main__":

@@ -185,7 +185,7 @@ def next_speed(
     return speed + min(max(wanted - speed, -most), most)
 
 
-def felt_by_tool(last: Command | None, axis_W: Array) -> tuple[float, float]:
+def contact_force_on_tool(last: Command | None, axis_W: Array) -> tuple[float, float]:
     """Estimated contact force along and across the direction of advance.
 
     Args:

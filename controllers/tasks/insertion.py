@@ -15,7 +15,7 @@ import numpy as np
 
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import PlacementSearch, tool_pose
-from controllers.tasks.axial_work import AxialState, AxialWork, felt_by_tool
+from controllers.tasks.axial_work import AxialState, AxialWork, contact_force_on_tool
 from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.objects.manifold import Hole
@@ -194,7 +194,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         on_the_way = self._arrive(state, estimate, target, last)
         if on_the_way is not None:
             return state, on_the_way
-        axial, aside = felt_by_tool(last, self._pose(state)[:3, 2])
+        axial, aside = contact_force_on_tool(last, self._pose(state)[:3, 2])
         self._watch(state, estimate, math.hypot(axial, aside))
         match state.state:
             case WorkState.APPROACH:

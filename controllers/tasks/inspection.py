@@ -91,7 +91,7 @@ class Orbit:
         return Progress(float(self.s[-1]), rate, rate * longest / half)
 
 
-def around(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
+def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
     """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
 
     Args:
@@ -147,7 +147,7 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
     level = float(np.hypot(view[0], view[1]))
     if level < _LEVEL_VIEW:
         raise ConfigurationError("inspection: the camera looks straight down or up, it does not see an object's sides")
-    line_T, inward_T = around(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level * job.distance)
+    line_T, inward_T = offset_outline(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level * job.distance)
     p_WC = transform_points(X_WT, line_T) - [0.0, 0.0, view[2] * job.distance]  # [Konoplin 2019, eq. 6]
     inward_W = inward_T @ X_WT[:3, :3].T
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))

@@ -22,7 +22,7 @@ from controllers.planning.ground_approach import GroundApproach
 from controllers.planning.hull_placement import Placement, tool_pose
 from controllers.planning.seabed_height import HeightSearch, choose_height
 from controllers.planning.trajectories import Progress
-from controllers.tasks.axial_work import AxialState, AxialWork, felt_by_tool
+from controllers.tasks.axial_work import AxialState, AxialWork, contact_force_on_tool
 from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.vehicle import Vehicle
@@ -167,7 +167,7 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         on_the_way = self._arrive(state, estimate, target, last)
         if on_the_way is not None:
             return state, on_the_way
-        axial, aside = felt_by_tool(last, self._on_path(state)[0][:3, 2])
+        axial, aside = contact_force_on_tool(last, self._on_path(state)[0][:3, 2])
         self._watch(state, estimate, math.hypot(axial, aside))
         match state.state:
             case WorkState.APPROACH:

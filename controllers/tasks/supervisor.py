@@ -463,7 +463,7 @@ class SurfaceWork:
         state.rising_from = np.array(estimate.X_WB[:3, 3])
         state.X_WB = pose(state.X_WB[:3, :3], state.rising_from)
         normal = -self._on_path(state, state.path_s, 0.0)[0][:3, 2]
-        clear = pose(state.X_WB[:3, :3], state.rising_from + self._job.lift * off_and_up(normal))
+        clear = pose(state.X_WB[:3, :3], state.rising_from + self._job.lift * ascent_direction(normal))
         self._move_hull(state, estimate.time, clear)
 
     def _way_back(self, state: SupervisorState) -> float:
@@ -587,7 +587,7 @@ class SurfaceWork:
         )
 
 
-def off_and_up(normal_W: Array) -> Array:
+def ascent_direction(normal_W: Array) -> Array:
     """Direction (3,) of an ascent off a surface with normal `normal_W` (3,): up, and up to half as much along it.
 
     Straight up a steep flank the tool would strike parts of the object that bulge above it.

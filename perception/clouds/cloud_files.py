@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.clouds.point_files import read_picture
+from perception.clouds.point_files import read_organised_cloud
 from perception.clouds.scan import row_hash
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file
@@ -42,7 +42,7 @@ def load_cloud(file: str | Path, scale: float | None = None) -> CloudFile:
     file = existing_file(file, "cloud")
     if scale is not None:
         scale = finite_number(scale, f"cloud {file}: scale", least=1e-9, most=1e9)
-    points, shape = read_picture(file)
+    points, shape = read_organised_cloud(file)
     if len(points) > MOST:
         raise ConfigurationError(f"cloud {file}: at most {MOST} points are allowed, it holds {len(points)}")
     points = np.where(np.abs(points) < _NO_POINT, points, np.nan) * (1.0 if scale is None else scale)

@@ -22,10 +22,10 @@ def read_cloud(file: str | Path) -> Array:
     Raises:
         ConfigurationError: For a file that is missing, empty or has other columns; it names the line.
     """
-    return read_picture(file)[0]
+    return read_organised_cloud(file)[0]
 
 
-def read_picture(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
+def read_organised_cloud(file: str | Path) -> tuple[Array, tuple[int, int] | None]:
     """As `read_cloud`, and rows and columns of an organised cloud, which only PCD files can hold."""
     path = existing_file(file, "cloud")
     match path.suffix.lower():

@@ -344,7 +344,7 @@ def near_any(points: Array, centers: Array, reach: float) -> np.ndarray:
     return near
 
 
-def hang_together(points: Array, reach: float) -> np.ndarray:
+def connected_surfaces(points: Array, reach: float) -> np.ndarray:
     """Label (n,) of the connected surface of each of the points (n, 3): neighbours within `reach` [m] share a label."""
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(len(points), len(points)))
@@ -359,7 +359,7 @@ def voxel_means(points: Array, size: float) -> Array:
     return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
 
 
-def one_in(step: int, points: Array, size: float) -> np.ndarray:
+def hashed_subset(step: int, points: Array, size: float) -> np.ndarray:
     """Mask (n,) of about one in `step` of the points, selected by a hash of their cubes.
 
     The selection depends on the place of a point alone: adding a point elsewhere changes nothing, unlike with counting.

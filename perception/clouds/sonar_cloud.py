@@ -37,7 +37,7 @@ def sonar_model(pitch: float, sigma: float = 0.005, at: float = 1.3) -> SensorMo
     )
 
 
-def without_lone_echoes(points: ArrayLike) -> Array:
+def without_isolated_echoes(points: ArrayLike) -> Array:
     """Replace echoes with fewer than 3 of their 8 neighbours on the same surface by NaN.
 
     Triangulation would turn an isolated wrong echo into a hole of the surface behind it.

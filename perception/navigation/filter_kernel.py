@@ -316,7 +316,7 @@ def inertial(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def surprise(kind, fix, at, layout, past_input, past_x, past_P, innovation, white):
+def mahalanobis(kind, fix, at, layout, past_input, past_x, past_P, innovation, white):
     """Squared Mahalanobis distance of a fix from the stored estimate at step `at`.
 
     Args:
@@ -388,7 +388,7 @@ def replay(at, head, layout, walks, past_input, past_x, past_P, past_fix, x, P):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def sound(q, qd, tau):
+def all_finite(q, qd, tau):
     """True if three arrays (n,) are finite.
 
     Args:
@@ -404,7 +404,7 @@ def sound(q, qd, tau):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def hand_on(dt, lag, smooth, release, specific_force_B, w_B, R, rate_bias, x, P, held, a_B):
+def smoothed_output(dt, lag, smooth, release, specific_force_B, w_B, R, rate_bias, x, P, held, a_B):
     """Smoothed output of the filter: withheld corrections are released as by a damped spring.
 
     Args:

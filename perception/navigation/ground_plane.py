@@ -54,7 +54,7 @@ class GroundState:
 
 
 @dataclass(frozen=True, slots=True)
-class GroundBelow:
+class GroundPlaneEstimator:
     """Estimator wrapper that adds the plane of the ground to the state estimate.
 
     Implements `sim.interfaces.protocols.Estimator`.

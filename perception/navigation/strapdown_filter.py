@@ -7,7 +7,7 @@ when the hull turns.
 
 **Noise.** The noise that the maker of a sensor states travels with the measurement. Without it the filter uses its own
 values for that sensor. Innovations larger than the noise explains increase the assumed variance of the sensor, never
-decrease it (`Watch.scale`). While the accelerometer's bias is constant, the DVL's innovations are white. A mean
+decrease it (`FixMonitor.scale`). While the accelerometer's bias is constant, the DVL's innovations are white. A mean
 innovation beyond noise shows a bias that jumped, which is then estimated anew.
 
 **Delay.** Vision arrives late, and not always in order. The filter goes back to the step at which the picture was
@@ -46,11 +46,11 @@ from perception.navigation.filter_kernel import (
     VALUE,
     VARIANCE,
     VISION,
-    hand_on,
+    all_finite,
     inertial,
+    mahalanobis,
     replay,
-    sound,
-    surprise,
+    smoothed_output,
 )
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import (
@@ -80,7 +80,7 @@ _SCALE_GAIN, _SCALE_CAP, _SCALE_SLACK = 0.05, 4.0, 1.2  # [-] gain per fix, larg
 
 
 @dataclass(slots=True, eq=False)
-class Watch:
+class FixMonitor:
     """Monitor of one kind of fix: frozen readings, noise scale, rejected fixes, mean innovation."""
 
     last: Array  # (3,) last reading
@@ -146,7 +146,7 @@ class NavigationState:
     past_P: Array  # (_HISTORY, 15, 15)
     past_fix: Array  # (_HISTORY, 2, FIX)
     head: int  # newest row of the past
-    watches: tuple[Watch, Watch]
+    watches: tuple[FixMonitor, FixMonitor]
     bias_jumps: int  # detected jumps of the accelerometer bias since the start, for the log
     q: Array
     qd: Array
@@ -256,8 +256,10 @@ class Navigation:
             past_fix=np.zeros((_HISTORY, 2, FIX)),
             head=0,
             watches=(
-                Watch(vision.p_WB, vision.time, vision.time),
-                Watch(speed.v_WB_B, speed.time, speed.time) if speed else Watch(np.zeros(3), -math.inf, -math.inf),
+                FixMonitor(vision.p_WB, vision.time, vision.time),
+                FixMonitor(speed.v_WB_B, speed.time, speed.time)
+                if speed
+                else FixMonitor(np.zeros(3), -math.inf, -math.inf),
             ),
             bias_jumps=0,
             q=encoders.q,
@@ -295,7 +297,7 @@ class Navigation:
                 continue  # fixes do not set the clock: a wrong time stamp on a picture must not
             if m.time > state.clock:
                 state.clock = m.time
-        if sound(q, qd, tau):
+        if all_finite(q, qd, tau):
             state.q, state.qd, state.tau = q, qd, tau
         else:  # a joint whose reading is not finite keeps its last one, and fault detection finds it
             state.q, state.qd, state.tau = (
@@ -310,7 +312,7 @@ class Navigation:
             else:
                 noise = m.noise or self.dvl
                 self._fix(state, DVL, m.time, m.v_WB_B, noise.white)
-        X_WB, v_B, w_B, a_B, sigma = hand_on(
+        X_WB, v_B, w_B, a_B, sigma = smoothed_output(
             state.clock - state.given,
             state.clock - state.time,
             self.acceleration_time,
@@ -428,7 +430,9 @@ class Navigation:
         floor = 1e-6 if kind == VISION else 1e-7  # [m], [m/s]
         fix[HAS], fix[VARIANCE], fix[SHIFT] = 1.0, watch.scale * max(sigma, floor) ** 2, shift
         innovation, white = np.empty(3), np.empty(3)
-        squared = surprise(kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation, white)
+        squared = mahalanobis(
+            kind, fix, at, state.layout, state.past_input, state.past_x, state.past_P, innovation, white
+        )
         square = watch.take(white, time, math.sqrt(self.gate))
         if self.adapt:
             excess = min(square, _SCALE_CAP) - _SCALE_SLACK
@@ -460,7 +464,7 @@ class Navigation:
         watch.used = max(watch.used, time)
 
     @staticmethod
-    def _bias_jumped(state: NavigationState, watch: Watch, innovation: Array, time: float) -> int:
+    def _bias_jumped(state: NavigationState, watch: FixMonitor, innovation: Array, time: float) -> int:
         """Row of the past before a jump of the accelerometer bias shown by the DVL's mean innovation; -1 without one.
 
         The bias is then assumed to have changed twice the time constant of the mean ago. The variance added there
@@ -481,7 +485,14 @@ class Navigation:
         return before
 
     def _admit(
-        self, state: NavigationState, watch: Watch, kind: int, fix: Array, at: int, innovation: Array, squared: float
+        self,
+        state: NavigationState,
+        watch: FixMonitor,
+        kind: int,
+        fix: Array,
+        at: int,
+        innovation: Array,
+        squared: float,
     ) -> bool:
         """Chi-square gate on the innovation, overruled by consecutive rejected fixes that agree."""
         if squared <= self.gate:

@@ -22,8 +22,8 @@ from perception.clouds.scan import (
     SensorModel,
     contour,
     facing_normals,
+    hashed_subset,
     jump,
-    one_in,
     outward,
     voxel_means,
 )
@@ -177,7 +177,7 @@ class Evidence:
         points = voxel_means(scan.points[mask], spacing)
         normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
-        kept = one_in(step, points, spacing)
+        kept = hashed_subset(step, points, spacing)
         points, normals = points[kept], normals[kept]
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor.independent(apart), sensor)

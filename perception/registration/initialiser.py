@@ -14,7 +14,7 @@ from numba import njit
 from scipy import ndimage
 
 from models.meshes.closed_shells import sphere
-from perception.clouds.scan import Scan, SensorModel, facing_normals, hang_together, voxel_means
+from perception.clouds.scan import Scan, SensorModel, connected_surfaces, facing_normals, voxel_means
 from perception.registration.fine_fit import ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, rotation_from_z, transform_points
 
@@ -219,7 +219,7 @@ def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
 
 def _patches(points: Array, radius: float) -> list[np.ndarray]:
     """Indices of the points (n, 3) of each patch: each connected surface alone, and again with its vicinity."""
-    label = hang_together(points, _TOGETHER * radius)
+    label = connected_surfaces(points, _TOGETHER * radius)
     size = np.bincount(label)
     patches: list[np.ndarray] = []
     for k in np.argsort(-size, kind="stable")[:_PATCHES]:

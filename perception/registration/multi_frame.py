@@ -50,7 +50,7 @@ def fused(looks: Sequence[Frame]) -> Scan:
     return replace(last.scan, points=readonly(np.stack([depth * x, depth * y, depth], axis=-1)))
 
 
-def on_all_looks(found: Identification, looks: Sequence[Frame]) -> Identification:
+def with_fused_frames(found: Identification, looks: Sequence[Frame]) -> Identification:
     """Replace the scan of an identification by the median of several frames, for planning a path on it.
 
     The pose and its PoseCheck stay those of the single frame, whose noise their limits were set for. With fewer than

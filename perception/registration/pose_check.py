@@ -25,7 +25,7 @@ import numpy as np
 from scipy import ndimage
 
 from models.meshes.ray_casting import RayScene
-from perception.clouds.scan import hang_together, triangulate
+from perception.clouds.scan import connected_surfaces, triangulate
 from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
 from perception.registration.likelihood import OCCLUDER, log_likelihood
 from perception.registration.pose_ambiguity import best_alternative
@@ -299,7 +299,7 @@ def _form(points: Array, E: Array, size: float) -> float:
 def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     """Share of the scanned surfaces connected to the model at `X_ST` that it does not explain."""
     on_model = explained(evidence, surface, X_ST)
-    label = hang_together(evidence.points, _TOGETHER * surface.spacing)
+    label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
     return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
 

@@ -20,7 +20,7 @@ _CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PaperQ:
+class PublishedCriterion:
     """The published criterion of one trajectory, unchanged [Konoplin 2022, eq. 2]."""
 
     q_m: float  # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
@@ -59,7 +59,9 @@ def curves(H_D: Array, o: Array, points: Array) -> Array:
     return _in_plane(H_D, o, points, np.vstack(flat))
 
 
-def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50) -> PaperQ:
+def published_criterion(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50
+) -> PublishedCriterion:
     """Published criterion Q at the pose `X_ST`, for comparison with `perception.registration.pose_check`.
 
     Args:
@@ -79,7 +81,7 @@ def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str =
         raise ConfigurationError(f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}")
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
     if not visible.any():
-        return PaperQ(q_m=0.0, rays=0, missed=n)
+        return PublishedCriterion(q_m=0.0, rays=0, missed=n)
     points = transform_points(X_ST, surface.points[visible])
     H_D, o = direction(points)
     reach = _reach(H_D, o, points)
@@ -96,7 +98,7 @@ def paper_q(evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str =
         C_scan = scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
-    return PaperQ(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))
+    return PublishedCriterion(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))
 
 
 def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, o: Array, margin: float) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from perception.clouds.scan import Scan
-from perception.clouds.sonar_cloud import without_lone_echoes
+from perception.clouds.sonar_cloud import without_isolated_echoes
 from perception.seabed.terrain import ReliefLimits
 from perception.seabed.terrain_path import SeabedPlan, core_path, plan_seabed_work
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -125,7 +125,7 @@ class SeabedFinder:
 def points_in_world(X_WB: Array, measurement: Measurement) -> Array:
     """Points (n, 3) [m] in W of one sonar scan or depth frame, measured from a hull at `X_WB` (4, 4)."""
     if isinstance(measurement, SonarScan):
-        points, X_BS = without_lone_echoes(measurement.points), measurement.X_BS
+        points, X_BS = without_isolated_echoes(measurement.points), measurement.X_BS
     elif isinstance(measurement, DepthImage):
         points, X_BS = Scan.from_depth(measurement).points, measurement.X_BC
     else:

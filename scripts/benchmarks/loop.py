@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from scenarios import barrel
-from scenarios.contact_job import Built, Outcome, build, run
+from scenarios.contact_job import AssembledJob, Outcome, build, run
 from scenarios.runner import rehearse
 from scenarios.start import parse, run_scenario
 from sim.interfaces.errors import UuvError
@@ -125,7 +125,7 @@ class Rest:
 class Instants:
     """Observer that copies the plant's data every second, for steps of MuJoCo alone from the same states."""
 
-    def __init__(self, built: Built) -> None:
+    def __init__(self, built: AssembledJob) -> None:
         self._model, self._data, self.copies = built.plant.model, built.plant.data, []
         self._ticks = round(1.0 / built.plant.timestep)
 
@@ -147,7 +147,7 @@ class Instants:
         return 1e-3 * float(np.mean(best))
 
 
-def fresh(options: Options) -> Built:
+def fresh(options: Options) -> AssembledJob:
     """The job assembled from the seed, with its code loaded."""
     rng = np.random.default_rng(options.seed)
     built = build(barrel.barrel_job(options, rng), options, rng)

@@ -21,7 +21,7 @@ from models.arms import published_arms as arms
 from models.arms.dh_geometry import ArmGeometry
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
-from scenarios.contact_parts import with_parts
+from scenarios.contact_parts import checked_vehicle
 from scenarios.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
 from scenarios.touching import Session, touch
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -255,7 +255,7 @@ def by_contact(
     """
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
-    hull = with_parts(own, but=(CAMERA_SITE, TOOL_GEOM))
+    hull = checked_vehicle(own, but=(CAMERA_SITE, TOOL_GEOM))
     geometry: ArmGeometry = arm_geometry.read(
         own,
         ARM_BASE_BODY,

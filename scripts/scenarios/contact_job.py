@@ -21,17 +21,26 @@ from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import FinderState, KnownObjectFinder
 from scenarios.campaigns.variation import NOMINAL, Variation, slide, vary
 from scenarios.contact_parts import (
-    Misplacing,
+    ShiftedFinder,
     believed_and_built,
+    checked_vehicle,
     controller,
-    eyes,
+    exteroceptive_sensor,
     hull_box,
     passive_joints,
     scan_pose,
     tool_radius,
-    with_parts,
 )
-from scenarios.runner import LONGEST, REACTION_TICKS, Judging, Pictures, Ran, Ready, run_shown, run_through
+from scenarios.runner import (
+    LONGEST,
+    REACTION_TICKS,
+    Evaluation,
+    Pictures,
+    PreparedRun,
+    RunResult,
+    run_through,
+    run_with_report,
+)
 from sim import hydrodynamics
 from sim.evaluation.metrics import Assessment, TrueObject, assess
 from sim.interfaces import kernel_cache
@@ -74,7 +83,7 @@ class ContactJob:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Built:
+class AssembledJob:
     """An assembled job, to be run once: its random number generators are consumed."""
 
     job: ContactJob
@@ -95,9 +104,9 @@ class Built:
         return Current(options.current, gust=options.gust, timestep=self.plant.timestep, rng=self.gusts)
 
     @property
-    def ready(self) -> Ready:
+    def ready(self) -> PreparedRun:
         """Plant, parts and restart for the runner."""
-        return Ready(
+        return PreparedRun(
             seed=self.options.seed,
             plant=self.plant,
             parts=self.parts,
@@ -116,7 +125,9 @@ class Outcome:
     last: Moment
 
 
-def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL) -> Built:
+def build(
+    job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, variation: Variation = NOMINAL
+) -> AssembledJob:
     """Assembles the parts of a job without any output.
 
     Args:
@@ -147,7 +158,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
     timestep = float(built.option.timestep)  # of the loop; a stiff surface needs a shorter timestep of the physics
     drawn = vary(built, variation)
     own = believed.compile()  # the vehicle's model of itself, without the scene
-    vehicle = with_parts(own)
+    vehicle = checked_vehicle(own)
     X_BC = pose_in_body(own, find(own, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), vehicle.hull)
     X_WB = scan_pose(X_BC, job.approach_W, job.scan_range)
     scene = scenes.work_site(built, there, job.X_WT)
@@ -164,7 +175,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         substeps=ticks_per_period(timestep, float(model.opt.timestep), "the loop's step"),
     )
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, vehicle))
-    eye, eye_model = eyes(job.sees_with, model, X_BC)
+    eye, eye_model = exteroceptive_sensor(job.sees_with, model, X_BC)
     finder = KnownObjectFinder(
         job.target,
         job.path,
@@ -187,7 +198,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
             eye,
         ],
         estimator=RawNavigation() if "fusion" in job.without else Navigation(),
-        finder=Misplacing(finder, variation.surface_offset) if variation.surface_offset else finder,
+        finder=ShiftedFinder(finder, variation.surface_offset) if variation.surface_offset else finder,
         planner=SurfaceWork(
             vehicle,
             chain,
@@ -201,7 +212,7 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
         ),
         controller=controller(job.controller, own, without=job.without - {"fusion"}, water_error=variation.water_error),
     )
-    return Built(
+    return AssembledJob(
         job=job,
         options=options,
         variation=variation,
@@ -217,7 +228,11 @@ def build(job: ContactJob, options: ScenarioOptions, rng: np.random.Generator, v
 
 
 def run(
-    built: Built, *, recorder: Recorder | None = None, observers: Sequence[Observer] = (), longest: float = LONGEST
+    built: AssembledJob,
+    *,
+    recorder: Recorder | None = None,
+    observers: Sequence[Observer] = (),
+    longest: float = LONGEST,
 ) -> Outcome:
     """Runs an assembled job to its end without any output.
 
@@ -239,7 +254,7 @@ def run(
     return Outcome(job=built.job, recording=ran.recording, assessment=judge(built, ran), last=ran.last)
 
 
-def judge(built: Built, ran: Ran) -> Assessment:
+def judge(built: AssembledJob, ran: RunResult) -> Assessment:
     """Assessment of a job that was run, against the true object."""
     state = ran.last.found
     found = state.last if isinstance(state, FinderState) else None
@@ -278,10 +293,10 @@ def run_contact_job(
     if built.said:
         console.print(built.said, highlight=False)
 
-    def pictures(ran: Ran) -> Pictures:
+    def pictures(ran: RunResult) -> Pictures:
         from sim.reporting.report_figures import path_figures
 
         return path_figures(ran.recording, built.truth)
 
-    judging = Judging(assess=lambda ran: judge(built, ran), pictures=pictures, begun=(WorkState.WORK,))
-    return run_shown(job.scenario, built.ready, judging, job.title, options, folder, console, started)
+    judging = Evaluation(assess=lambda ran: judge(built, ran), pictures=pictures, begun=(WorkState.WORK,))
+    return run_with_report(job.scenario, built.ready, judging, job.title, options, folder, console, started)

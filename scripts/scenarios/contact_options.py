@@ -12,7 +12,7 @@ from scenarios.contact_job import ContactJob
 from sim.interfaces.spatial import Array, exp_so3, finite_number, whole_number
 from sim.runs.startup import ScenarioOptions
 
-Left = Literal[
+AblatedMethod = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]
 
@@ -42,7 +42,7 @@ class ContactOptions(ScenarioOptions):
     possible."""
     sensor: Literal["camera", "sonar"] = "camera"
     """Sensor for identification."""
-    without: tuple[Left, ...] = ()
+    without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     arm_errors: int | None = None
     """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
@@ -122,10 +122,10 @@ class ContactOptions(ScenarioOptions):
         Raises:
             ConfigurationError: A height is out of range.
         """
-        return left_by_the_sea(target, self.fouled, self.dented, rng, near=target.path(path).p)
+        return with_growth_and_dents(target, self.fouled, self.dented, rng, near=target.path(path).p)
 
 
-def left_by_the_sea(
+def with_growth_and_dents(
     target: TargetModel, fouled: float, dented: float, rng: np.random.Generator, near: Array | None = None
 ) -> TargetModel | None:
     """`target` with random growth and dents.

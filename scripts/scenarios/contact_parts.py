@@ -58,14 +58,14 @@ def believed_and_built(
     if calibrated and arm_file is not None:
         raise ConfigurationError("--calibrated and --arm: one of the two")
     drawn = believed.compile()
-    passive = passive_joints(drawn, with_parts(drawn))
+    passive = passive_joints(drawn, checked_vehicle(drawn))
     arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     if arm_errors is not None:
         true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
         arm_geometry.move(built, arm, true)
     known, said = arm, ""
     if calibrated:
-        known, said = _deck_calibration.on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
+        known, said = _deck_calibration.calibrate_on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
     elif arm_file is not None:
         known, said = _deck_calibration.from_file(arm_file, arm)
     if known is not arm:
@@ -73,7 +73,9 @@ def believed_and_built(
     return believed, built, said
 
 
-def eyes(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[DepthCamera | Sonar, SensorModel | None]:
+def exteroceptive_sensor(
+    kind: str, model: mujoco.MjModel, X_BS: Array
+) -> tuple[DepthCamera | Sonar, SensorModel | None]:
     """The vehicle's depth camera or sonar, and the sensor model that perception uses.
 
     Args:
@@ -148,7 +150,7 @@ def _told(error: BaseException) -> str:
     return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"
 
 
-def with_parts(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
+def checked_vehicle(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
     """The vehicle in `own`, checked for every part that work with the arm needs, except those in `but`.
 
     Raises:
@@ -193,7 +195,7 @@ def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Misplacing:
+class ShiftedFinder:
     """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
 
     finder: KnownObjectFinder

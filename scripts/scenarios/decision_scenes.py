@@ -33,7 +33,7 @@ _RAYS = 4  # [px] spacing of the rays that measure occlusion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Drawn:
+class DecisionScene:
     """A scene with the share of the object that is hidden."""
 
     scene: ObjectScene
@@ -82,7 +82,7 @@ def uneven_starfish() -> TargetModel:
     return TargetModel(name=UNEVEN, vertices=vertices, triangles=np.vstack(faces))
 
 
-def draw(name: str, kind: str, seed: int, sensor: str) -> Drawn:
+def draw(name: str, kind: str, seed: int, sensor: str) -> DecisionScene:
     """The scene of `seed`.
 
     Args:
@@ -98,21 +98,21 @@ def draw(name: str, kind: str, seed: int, sensor: str) -> Drawn:
         raise ConfigurationError(f"no kind of scene {kind!r}; there are {sorted(KINDS)}")
     target, rng = object_of(name), np.random.default_rng([seed, 17])
     if kind == "absent":
-        return Drawn(scene=object_scene(target, seed, sensor, absent=True), hidden=0.0)
+        return DecisionScene(scene=object_scene(target, seed, sensor, absent=True), hidden=0.0)
     if kind == "other":
-        return Drawn(scene=object_scene(target, seed, sensor, there=other_than(target, rng)), hidden=0.0)
+        return DecisionScene(scene=object_scene(target, seed, sensor, there=other_than(target, rng)), hidden=0.0)
     if kind == "fouled":
         thick = min(0.04, 0.1 * target.radius)
-        return Drawn(
+        return DecisionScene(
             scene=object_scene(target, seed, sensor, there=fouled(target, rng, (0.25 * thick, thick))), hidden=0.0
         )
     plain = object_scene(target, seed, sensor)
     if kind == "clean":
-        return Drawn(scene=plain, hidden=0.0)
+        return DecisionScene(scene=plain, hidden=0.0)
     share = rng.uniform(0.2, 0.45) if kind == "hidden" else rng.uniform(0.72, 0.85)
     solids, hidden = occluders(target, plain.X_CT, share, rng)
     shown = replace(target, stand=(*target.stand, *solids))
-    return Drawn(scene=object_scene(target, seed, sensor, there=shown), hidden=hidden)
+    return DecisionScene(scene=object_scene(target, seed, sensor, there=shown), hidden=hidden)
 
 
 def other_than(target: TargetModel, rng: np.random.Generator) -> TargetModel:
@@ -201,7 +201,7 @@ def occluders(
     return tuple(solids), float(covered.mean())
 
 
-def forced(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> dict[str, Array]:
+def wrong_poses(X_CT: Array, target: TargetModel, rng: np.random.Generator) -> dict[str, Array]:
     """Wrong poses by name: off by 3 cm, by 10 deg, and for the uneven starfish by a multiple of 72 deg.
 
     The 10 deg are about an axis perpendicular to the object's axis of symmetry, if it has one.

@@ -83,7 +83,7 @@ def touched(
     raise ReachError(f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed")
 
 
-def on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator) -> tuple[ArmGeometry, str]:
+def calibrate_on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator) -> tuple[ArmGeometry, str]:
     """Calibrates the believed arm from simulated touches of the built one.
 
     Args:
@@ -98,10 +98,10 @@ def on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator)
     i, j = farthest(places)
     length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
     found = identify(series, of_geometry(believed), distances=[(i, j, length, LENGTH_ERROR)])
-    return to_geometry(found.arm, found.tcp, believed), in_a_line(found, length)
+    return to_geometry(found.arm, found.tcp, believed), summary_line(found, length)
 
 
-def in_a_line(found: Calibration, length: float) -> str:
+def summary_line(found: Calibration, length: float) -> str:
     """Summary line of a calibration for the terminal; `length` [m] is the known distance."""
     touches = sum(len(each) for each in found.residuals)
     before, after = (1e3 * np.sqrt(cost / max(_pairs(found), 1)) for cost in (found.cost_nominal, found.cost))

@@ -22,8 +22,8 @@ from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.variation import NOMINAL
 from scenarios.contact_options import coarse_detection
-from scenarios.contact_parts import controller, hull_box, passive_joints, scan_pose, with_parts
-from scenarios.runner import REACTION_TICKS, Judging, Ran, Ready, rehearse, run_shown, run_through
+from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints, scan_pose
+from scenarios.runner import REACTION_TICKS, Evaluation, PreparedRun, RunResult, rehearse, run_through, run_with_report
 from sim import hydrodynamics
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed, summary
 from sim.evaluation.metrics import Assessment
@@ -63,7 +63,7 @@ class InsertionSetting:
 class Insertion:
     """One assembled insertion; the truth about the object goes to plant and evaluation only."""
 
-    ready: Ready
+    ready: PreparedRun
     truth: TrueHole
     X_TH: Array  # (4, 4) the hole in the manifold's frame T
 
@@ -84,7 +84,7 @@ def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> In
     """
     rng = np.random.default_rng(seed)
     own = with_sampler(setting.vehicle).compile()
-    arm = with_parts(own)
+    arm = checked_vehicle(own)
     tool = find(own, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
     if own.geom_type[tool] != mujoco.mjtGeom.mjGEOM_CAPSULE:
         raise ConfigurationError(
@@ -137,7 +137,7 @@ def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> In
         controller=controller(setting.controller, own, without=frozenset(), water_error=NOMINAL.water_error),
     )
     truth = TrueHole(X_WH=bore.pose(X_WT), radius=bore.radius, tool_radius=tool_radius, depth=setting.depth)
-    ready = Ready(
+    ready = PreparedRun(
         seed=seed, plant=plant, parts=parts, loop=loop, restart=lambda: plant.reset(current=flow, X_WB=X_WB @ offset)
     )
     return Insertion(ready=ready, truth=truth, X_TH=bore.pose(np.eye(4)))
@@ -148,7 +148,7 @@ def with_sampler(vehicle: str) -> mujoco.MjSpec:
     return uuv_puma.build("sampler") if vehicle == "uuv_puma" else scenes.vehicle_spec(vehicle)
 
 
-def judge(insertion: Insertion, ran: Ran) -> Assessment:
+def judge(insertion: Insertion, ran: RunResult) -> Assessment:
     """Assessment of an insertion that was run, against the true hole."""
     recording = ran.recording
     found = next((target for target in reversed(recording.targets) if target.accepted), None)
@@ -177,13 +177,13 @@ def run_and_write(
         The exit code.
     """
     insertion = prepare(setting, options.seed, record=options.record)
-    judging = Judging(
+    judging = Evaluation(
         assess=lambda ran: judge(insertion, ran),
         pictures=lambda ran: insertion_figures(ran.recording, insertion.truth),
         begun=AT_THE_HOLE,
     )
     title = f"A sampler into hole {setting.hole}, seed {options.seed}"
-    return run_shown("insert_sampler", insertion.ready, judging, title, options, folder, console, started)
+    return run_with_report("insert_sampler", insertion.ready, judging, title, options, folder, console, started)
 
 
 def run_trials(
@@ -210,7 +210,9 @@ def run_trials(
     prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
     figures = summary(trials)
-    return _trials.say_trials(trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}")
+    return _trials.report_trials(
+        trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}"
+    )
 
 
 def _one(setting: InsertionSetting, seed: int) -> dict[str, Any]:

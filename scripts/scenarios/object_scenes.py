@@ -14,7 +14,7 @@ import numpy as np
 from models.objects import targets
 from models.objects.targets import TargetModel
 from perception.clouds.scan import Scan, SensorModel
-from perception.clouds.sonar_cloud import sonar_model, without_lone_echoes
+from perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import (
@@ -84,7 +84,7 @@ class Imager:
             rng: Draws the noise.
         """
         sonar = Sonar(model, "world", np.eye(4), beams=self.beams, noise=self.noise)
-        return Scan.from_cloud(without_lone_echoes(sonar.ping(data, rng)))
+        return Scan.from_cloud(without_isolated_echoes(sonar.ping(data, rng)))
 
 
 SENSORS: Mapping[str, Camera | Imager] = {

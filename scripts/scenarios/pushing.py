@@ -61,7 +61,7 @@ class PushCase:
 
 
 @dataclass(slots=True, eq=False)
-class Pushed:
+class PushFigures:
     """Figures of a case, one entry for each push."""
 
     excursion: Array  # (k,) [m] largest distance of the hull from its position at the push's begin, until the next push
@@ -94,7 +94,7 @@ class PushedPlant(Plant):
         super().step(command)
 
 
-class Keeper:
+class HullController:
     """Controller of the hull alone (`sim.interfaces.protocols.Controller`)."""
 
     period = PERIOD
@@ -213,7 +213,7 @@ class StayPut:
         )
 
 
-def bearable(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
+def holdable_directions(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions_B: Array, force: float) -> np.ndarray:
     """Directions in which the drives can hold a static force on the tip.
 
     Args:
@@ -270,7 +270,7 @@ def sphere(count: int) -> Array:
     return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
 
 
-def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
+def run(case: PushCase, keeper: Callable[..., HullController] = HullController) -> PushFigures:
     """Simulates a case and returns its figures; `keeper` makes the controller."""
     spec, own = scenes.vehicle_spec(case.vehicle), scenes.vehicle_spec(case.vehicle).compile()
     model = hydrodynamics.compile(spec)
@@ -292,7 +292,7 @@ def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
     plant = PushedPlant(model, current=current)
     control = keeper(case, own, plant, noise)
     k, every = len(case.directions_B), case.push + case.rest
-    pushed = Pushed(
+    pushed = PushFigures(
         excursion=np.zeros(k),
         tilt=np.zeros(k),
         turn=np.zeros(k),
@@ -317,7 +317,7 @@ def run(case: PushCase, keeper: Callable[..., Keeper] = Keeper) -> Pushed:
 class _Judge:
     """Observer that applies the pushes and computes the figures from the truth."""
 
-    def __init__(self, case: PushCase, plant: PushedPlant, keeper: Keeper, pushed: Pushed) -> None:
+    def __init__(self, case: PushCase, plant: PushedPlant, keeper: HullController, pushed: PushFigures) -> None:
         self._case, self._plant, self._keeper, self._pushed = case, plant, keeper, pushed
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1
@@ -371,7 +371,7 @@ class _Judge:
             self._pushed.current_error[self._at] = np.sqrt(np.mean(self._current, axis=0))
         self._force, self._current = [], []
 
-    def done(self) -> Pushed:
+    def done(self) -> PushFigures:
         self._close()
         self._pushed.command_rate = float(np.sqrt(np.mean(self._rates))) if self._rates else 0.0
         return self._pushed

@@ -34,7 +34,7 @@ NOT_ACCEPTED = 1  # exit code
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ready:
+class PreparedRun:
     """Plant and parts, to be run once: the random number generator is consumed."""
 
     seed: int
@@ -45,7 +45,7 @@ class Ready:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ran:
+class RunResult:
     """Recording, last moment and wall time of a run."""
 
     recording: Recording
@@ -54,29 +54,29 @@ class Ran:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Judging:
+class Evaluation:
     """Evaluation of a run, and the figures of its report."""
 
-    assess: Callable[[Ran], Assessment]
-    pictures: Callable[[Ran], Pictures]  # figures of the report
+    assess: Callable[[RunResult], Assessment]
+    pictures: Callable[[RunResult], Pictures]  # figures of the report
     begun: tuple[WorkState, ...]  # the run must have been in one of these states, else it counts as refused
 
 
-def rehearse(ready: Ready) -> None:
+def rehearse(ready: PreparedRun) -> None:
     """Runs the loop for REHEARSAL, to load all compiled code and let an invalid plug-in fail at once.
 
-    The state of the parts is explicit, so only the plant is changed; `Ready.restart` resets it.
+    The state of the parts is explicit, so only the plant is changed; `PreparedRun.restart` resets it.
     """
     rollout(ready.plant, ready.parts, duration=REHEARSAL, rng=np.random.default_rng(ready.seed))
 
 
 def run_through(
-    ready: Ready,
+    ready: PreparedRun,
     recorder: Recorder,
     observers: Sequence[Observer] = (),
     longest: float = LONGEST,
-    stop: "Stop | None" = None,
-) -> Ran:
+    stop: "SignalStop | None" = None,
+) -> RunResult:
     """Runs from the start without any output.
 
     Args:
@@ -94,7 +94,7 @@ def run_through(
         Interrupted: A second signal ended the run within a step.
     """
     ready.restart()
-    stop = stop or Stop()
+    stop = stop or SignalStop()
     began = time.perf_counter()
     try:
         seen = [recorder, *observers, stop]
@@ -104,17 +104,17 @@ def run_through(
             raise
         last = stop.last
     by = stop.asked if stop.last is not None else None
-    return Ran(
+    return RunResult(
         recording=recorder.recording(interrupted=by.signal.name if by else ""),
         last=last,
         wall_s=time.perf_counter() - began,
     )
 
 
-def run_shown(
+def run_with_report(
     scenario: str,
-    ready: Ready,
-    judging: Judging,
+    ready: PreparedRun,
+    judging: Evaluation,
     title: str,
     options: ScenarioOptions,
     folder: Path,
@@ -133,7 +133,7 @@ def run_shown(
         folder: Folder of results.
         console: Terminal.
         started: [s] time.perf_counter() at the start of the command.
-        story: Makes the observer that adds clouds to recording and log; None: `Clouds`.
+        story: Makes the observer that adds clouds to recording and log; None: `CloudRecorder`.
 
     Returns:
         The exit code.
@@ -155,9 +155,9 @@ def run_shown(
             log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
             observers.append(log)
         bar = progress(console)
-        observers += [(story or Clouds)(recorder, log), Teller(bar, console)]
+        observers += [(story or CloudRecorder)(recorder, log), ProgressPrinter(bar, console)]
         console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
-        stop = Stop()
+        stop = SignalStop()
         with signals(stop.ask):
             with bar:
                 ran = run_through(ready, recorder, observers, stop=stop)
@@ -215,7 +215,7 @@ def progress(console: Console) -> Progress:
     )
 
 
-class Stop:
+class SignalStop:
     """Last of the observers: ends a run after a whole step once a signal has asked for it."""
 
     def __init__(self) -> None:
@@ -235,7 +235,7 @@ class Stop:
             raise self.asked
 
 
-class Clouds:
+class CloudRecorder:
     """Observer that adds the clouds of each identification to recording and log."""
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
@@ -252,7 +252,7 @@ class Clouds:
                 self._log.log_cloud(name, points_W, moment.truth.time)
 
 
-class Teller:
+class ProgressPrinter:
     """Observer that prints each state of the work and updates the progress bar."""
 
     def __init__(self, progress: Progress, console: Console) -> None:

@@ -21,13 +21,13 @@ from models.site.soil import SOILS, SoilTool, box, core_tube
 from models.tools import sampler
 from models.vehicles import uuv_puma
 from perception.clouds.point_files import read_cloud, read_targets
-from perception.navigation.ground_plane import GroundBelow
+from perception.navigation.ground_plane import GroundPlaneEstimator
 from perception.navigation.strapdown_filter import Navigation
 from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
 from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.variation import NOMINAL
-from scenarios.contact_parts import controller, hull_box, passive_joints, with_parts
-from scenarios.runner import REACTION_TICKS, Ready, rehearse, run_through
+from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints
+from scenarios.runner import REACTION_TICKS, PreparedRun, rehearse, run_through
 from sim import hydrodynamics
 from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
 from sim.interfaces.errors import ConfigurationError
@@ -76,7 +76,7 @@ class SeabedSetting:
 class SeabedRun:
     """One assembled run; the truth about the ground goes to plant and evaluation only."""
 
-    ready: Ready
+    ready: PreparedRun
     truth: TrueGround
 
 
@@ -100,7 +100,7 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
     yaw = rng.uniform(-np.pi, np.pi)
     gusts, loop, start = rng.spawn(3)
     own = with_tool(setting.vehicle, drag=job.drag).compile()
-    arm = with_parts(own, but=(CAMERA_SITE,))
+    arm = checked_vehicle(own, but=(CAMERA_SITE,))
     hull = hull_box(own, arm)
     X_WB = pose(exp_so3([0.0, 0.0, yaw]), ground.center_W + ABOVE)
     higher = pose(p=[0.0, 0.0, rng.uniform(*HIGHER)])
@@ -132,7 +132,7 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
                 model, HULL_BODY, dvl_on_hull(hull), DvlBeams(limits=(OWN_ARM, 50.0), dead=setting.dead_beams)
             ),
         ],
-        estimator=GroundBelow(Navigation()),
+        estimator=GroundPlaneEstimator(Navigation()),
         finder=SeabedFinder(B_W, up_W, core_depth=job.depth, cloud_W=cloud_W, looks=LOOKS),
         planner=SeabedWork(
             arm,
@@ -145,7 +145,7 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
         ),
         controller=controller(setting.controller, own, without=setting.without, water_error=NOMINAL.water_error),
     )
-    ready = Ready(
+    ready = PreparedRun(
         seed=seed,
         plant=plant,
         parts=parts,
@@ -174,7 +174,7 @@ def run_trials(
     """
     prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
     trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
-    return _trials.say_trials(trials, summary(trials), _ROWS, folder, made_by, console)
+    return _trials.report_trials(trials, summary(trials), _ROWS, folder, made_by, console)
 
 
 def _one(setting: SeabedSetting, seed: int) -> dict[str, Any]:
@@ -252,7 +252,7 @@ def dvl_on_hull(hull: Array) -> Array:
     return np.array([hull[0, 0] + 0.1, 0.0, hull[0, 2] - 0.02])
 
 
-class Story:
+class SeabedRecorder:
     """Observer that adds the found seabed, coarse and fine, the targets and the profile to recording and log."""
 
     def __init__(self, recorder: Recorder, log: Any) -> None:

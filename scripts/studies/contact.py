@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from scenarios.campaigns.contact_study import KEPT, PATHS, Ranges, RunTask, StudyBounds, draw, one_run
 from scenarios.campaigns.pool import run_all
-from scenarios.campaigns.row_log import Log, died, in_order
+from scenarios.campaigns.row_log import StudyLog, died, in_order
 from scenarios.campaigns.study_figures import METHODS, summary
 from scenarios.campaigns.study_report import rich_tables, write_report
 from scenarios.contact_job import run_contact_job
@@ -79,11 +79,11 @@ def main() -> int:
         "quick": options.quick,
         "ranges": asdict(options.ranges),
     }
-    with Log.open(options.out, settings, anew=options.anew) as log:
+    with StudyLog.open(options.out, settings, anew=options.anew) as log:
         return _study(options, runs, settings, log, console)
 
 
-def _study(options: Options, runs: int, settings: dict[str, Any], log: Log, console: Console) -> int:
+def _study(options: Options, runs: int, settings: dict[str, Any], log: StudyLog, console: Console) -> int:
     """Does the missing runs, then prints and writes the results of all; returns the exit code."""
     bounds = StudyBounds()
     methods = () if options.ablate is None else options.ablate or tuple(METHODS)

@@ -25,9 +25,9 @@ from rich.table import Table
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
 from perception.registration.pose_check import Decision, check
-from perception.registration.projection import paper_q
+from perception.registration.projection import published_criterion
 from scenarios.campaigns.pool import run_all
-from scenarios.decision_scenes import KINDS, NAMES, draw, forced, object_of
+from scenarios.decision_scenes import KINDS, NAMES, draw, object_of, wrong_poses
 from scenarios.object_scenes import CAMERAS
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
@@ -89,14 +89,16 @@ def run(task: DecisionTask) -> list[dict[str, Any]]:
             "position_m": position,
             "angle_deg": float(np.rad2deg(angle)),
             "hidden": drawn.hidden,
-            "q_m": None if found.evidence is None else paper_q(found.evidence, surface, found.X_sensor_target).q_m,
+            "q_m": None
+            if found.evidence is None
+            else published_criterion(found.evidence, surface, found.X_sensor_target).q_m,
             "reason": found.reason,
         }
     ]
     if KINDS[task.kind] and found.evidence is not None:
-        for name, X in forced(scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])).items():
+        for name, X in wrong_poses(scene.X_CT, surface.target, np.random.default_rng([task.seed, 19])).items():
             verdict = check(found.evidence, surface, X)
-            q_m = paper_q(found.evidence, surface, X).q_m
+            q_m = published_criterion(found.evidence, surface, X).q_m
             wrong = {"kind": name, "decision": str(verdict.decision), "right": False, "q_m": q_m}
             rows.append({**rows[0], **wrong, "reason": verdict.reason})
     return rows

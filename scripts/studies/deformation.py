@@ -20,7 +20,7 @@ from rich.table import Table
 from models.objects import targets
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
-from perception.registration.multi_frame import on_all_looks
+from perception.registration.multi_frame import with_fused_frames
 from perception.toolpath.deformation import map_deformation
 from scenarios.contact_options import coarse_detection
 from scenarios.object_scenes import object_scene, target_of
@@ -71,7 +71,7 @@ def trial(case: PathCase, seed: int, count: int) -> dict[str, Any]:
         "seed": seed,
         "accepted": found.accepted,
         "reason": found.reason,
-        "maps": {1: maps(single, offset), count: maps(on_all_looks(single, looks), offset)},
+        "maps": {1: maps(single, offset), count: maps(with_fused_frames(single, looks), offset)},
     }
 
 

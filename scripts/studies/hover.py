@@ -17,7 +17,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import AXES, Allocation
 from models.site import scenes
 from models.vehicle import Vehicle
-from scenarios.pushing import PushCase, Pushed, bearable, run, sphere
+from scenarios.pushing import PushCase, PushFigures, holdable_directions, run, sphere
 from scenarios.start import parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -64,7 +64,7 @@ def case_of(options: Options) -> PushCase:
         raise ConfigurationError(f"--directions: must be >= 1, got {options.directions}")
     own = scenes.vehicle_spec("uuv_puma").compile()
     q, directions = np.array(POSTURES[options.posture]), sphere(options.directions)
-    held = bearable(Vehicle.of(own), ArmDynamics(own), q, directions, options.force)
+    held = holdable_directions(Vehicle.of(own), ArmDynamics(own), q, directions, options.force)
     if not held.any():
         raise ConfigurationError(f"--force {options.force}: the arm's drives bear it in none of the directions")
     return PushCase(
@@ -77,7 +77,7 @@ def case_of(options: Options) -> PushCase:
     )
 
 
-def figures(pushed: Pushed) -> list[str]:
+def figures(pushed: PushFigures) -> list[str]:
     """Formatted cells of a row: median, 95 % and largest values over the pushes, and means."""
 
     def spread(values: Array) -> str:

@@ -28,7 +28,7 @@ from models.objects.targets import ModelPath, TargetModel, barrel, longitudinal,
 from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
-from perception.registration.multi_frame import Frame, on_all_looks
+from perception.registration.multi_frame import Frame, with_fused_frames
 from perception.toolpath.path_deviation import deviate
 from perception.toolpath.path_planner import carry, densified, plan_path
 from scenarios.contact_options import coarse_detection
@@ -210,7 +210,7 @@ def trial(case: PathCase, seed: int, options: Options) -> dict[str, Any]:
     }
     if options.judged and not found.accepted:
         return result
-    found = on_all_looks(replace(found, accepted=True), looks)
+    found = with_fused_frames(replace(found, accepted=True), looks)
     surface = TrueSurface(true.target)
     for name, path in case.paths.items():
         result["paths"][name] = _of_path(found, path, surface, inverse(X_CT))

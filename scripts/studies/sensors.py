@@ -21,7 +21,7 @@ from rich.table import Table
 from models.objects.target_model import TargetModel
 from models.objects.targets import barrel
 from perception.clouds.scan import Scan, SensorModel
-from perception.clouds.sonar_cloud import sonar_model, without_lone_echoes
+from perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from perception.registration.identification import identify
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage, SonarScan
@@ -126,7 +126,7 @@ def study(options: Options) -> dict[str, list[dict[str, float]]]:
         for name, rows in results.items():
             seen = look(name, model, run)
             if isinstance(seen, SonarScan):
-                cloud, X_BS, sensor = without_lone_echoes(seen.points), seen.X_BS, OF_SONAR
+                cloud, X_BS, sensor = without_isolated_echoes(seen.points), seen.X_BS, OF_SONAR
             else:
                 cloud, X_BS = Scan.from_depth(seen), seen.X_BC
                 sensor = SensorModel(focal=float(seen.K[0, 0]))

@@ -29,7 +29,7 @@ from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
 from scenarios.calibration_input import nominal, simulated
 from scenarios.campaigns.pool import run_all
-from scenarios.contact_job import Built, ContactJob, build, judge
+from scenarios.contact_job import AssembledJob, ContactJob, build, judge
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
 from scenarios.insertion import InsertionSetting
@@ -39,7 +39,7 @@ from scenarios.object_scenes import object_scene
 from scenarios.pushing import PushCase as Push
 from scenarios.pushing import run as push
 from scenarios.pushing import sphere
-from scenarios.runner import Ran, Ready, run_through
+from scenarios.runner import PreparedRun, RunResult, run_through
 from scenarios.seabed_work import SeabedSetting
 from scenarios.seabed_work import prepare as prepare_seabed
 from sim.evaluation.inspection_metrics import assess_inspection
@@ -63,14 +63,14 @@ def figures_of(assessment: Assessment) -> Figures:
     return numbers_of(assessment.metrics, without=NO_BEHAVIOUR)
 
 
-def ran(ready: Ready) -> Ran:
+def ran(ready: PreparedRun) -> RunResult:
     return run_through(ready, Recorder(ready.plant.model, timestep=ready.plant.timestep, full=False))
 
 
 JobOf = Callable[[Any, np.random.Generator], ContactJob]
 
 
-def built_of(options: ScenarioOptions, job_of: JobOf) -> Built:
+def built_of(options: ScenarioOptions, job_of: JobOf) -> AssembledJob:
     """Work on a surface, wired as its script wires it."""
     rng = np.random.default_rng(options.seed)
     return build(job_of(options, rng), options, rng)
@@ -82,7 +82,7 @@ def contact_job(options: ScenarioOptions, job_of: JobOf) -> Figures:
 
 
 @lru_cache(maxsize=1)
-def barrel_longitudinal_run(seed: int) -> tuple[Built, Ran]:
+def barrel_longitudinal_run(seed: int) -> tuple[AssembledJob, RunResult]:
     """The main job; the last run is kept, for its trajectory is compared too."""
     built = built_of(BarrelOptions(seed=seed, record=False, quick=True), barrel_job)
     return built, ran(built.ready)

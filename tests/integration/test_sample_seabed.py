@@ -123,7 +123,7 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
 
 def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
-    from scenarios.seabed_work import Story
+    from scenarios.seabed_work import SeabedRecorder
 
     rng = np.random.default_rng(2)
     finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))
@@ -142,7 +142,7 @@ def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     )
     recorder = SimpleNamespace(add_cloud=lambda *_: None)
     moment = SimpleNamespace(frame=scan, found=found, estimate=estimate, truth=SimpleNamespace(time=0.0))
-    Story(untyped(recorder), untyped(log)).observe(untyped(moment))
+    SeabedRecorder(untyped(recorder), untyped(log)).observe(untyped(moment))
     assert shown.keys() == {"scan", "coarse_plane", "seabed", "targets", "profile_a", "profile_n"}
     assert len(shown["profile_a"]) == len(shown["profile_n"]) > 2
     assert np.allclose(np.einsum("ij,ij->i", shown["profile_a"], shown["profile_n"]), 0.0)

@@ -64,7 +64,7 @@ def test_drives_bear_what_the_jacobian_says(pushing):
         columns.append((pushing.tip_pose(arm, forth)[:3, 3] - pushing.tip_pose(arm, back)[:3, 3]) / (2.0 * step))
     for force in (90.0, 200.0, 2000.0):
         torque = np.abs(force * directions @ np.array(columns).T)
-        held = pushing.bearable(vehicle, arm, AHEAD, directions, force)
+        held = pushing.holdable_directions(vehicle, arm, AHEAD, directions, force)
         margin = 70.0  # [N m] what the arm's weight in water may add or take
         assert held[np.all(torque + margin <= vehicle.torque_limits, axis=1)].all()
         assert not held[np.any(torque - margin > vehicle.torque_limits, axis=1)].any()

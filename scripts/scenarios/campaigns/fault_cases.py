@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.tasks.supervisor import SurfaceWork
-from scenarios.contact_job import Built
+from scenarios.contact_job import AssembledJob
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array
@@ -57,7 +57,7 @@ FARTHER, NEARER = "found 8 cm too deep", "found 5 cm too high"
 AT_START = (FARTHER, NEARER)  # these begin before the scan
 
 
-class EnoughError(Exception):
+class CaseDoneError(Exception):
     """Raised to end a run once its case is decided."""
 
 
@@ -77,7 +77,7 @@ class Trace:
     blew_up: str = ""
 
 
-class Bystander:
+class TraceRecorder:
     """Observer that records the trace, and ends the run in time."""
 
     def __init__(self, case: str, first: Moment) -> None:
@@ -122,7 +122,7 @@ class Bystander:
             )
         )
         if time > self._over + LINGER or (time > LONGEST and self._case not in AT_START):
-            raise EnoughError
+            raise CaseDoneError
 
     def trace(self, blew_up: str = "") -> Trace:
         """The trace up to now; `blew_up` is the message of an error that ended the run."""
@@ -138,7 +138,7 @@ class Bystander:
         )
 
 
-class Lingering:
+class ContinuingPlanner:
     """Wrapper of a planner that keeps the run going after its work has ended."""
 
     def __init__(self, planner: SurfaceWork) -> None:
@@ -168,12 +168,12 @@ class Lingering:
         return state, reference
 
 
-class Branch:
+class ForkingObserver:
     """Observer that forks the run into its cases, each at its onset, and collects their traces."""
 
     def __init__(self, onsets: Mapping[str, Onset], said: Callable[[Trace], None]) -> None:
         self._onsets, self._said = onsets, said
-        self._child: Bystander | None = None
+        self._child: TraceRecorder | None = None
         self._pipe = -1
         self._ready = 0.0
 
@@ -194,7 +194,7 @@ class Branch:
         if self._ready * 0.002 > 0.5 and self._child is None:  # half a second of full push
             self._fork(moment, [case for case in self._onsets if case not in AT_START])
             if self._child is None:
-                raise EnoughError
+                raise CaseDoneError
 
     def _fork(self, moment: Moment, cases: list[str]) -> None:
         for case in cases:
@@ -205,7 +205,7 @@ class Branch:
             if child == 0:
                 os.close(reading)
                 self._onsets[case].begin(float(moment.truth.time))
-                self._child, self._pipe = Bystander(case, moment), writing
+                self._child, self._pipe = TraceRecorder(case, moment), writing
                 return
             os.close(writing)
             with os.fdopen(reading, "rb") as pipe:
@@ -233,7 +233,7 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     }
 
 
-def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
+def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
     Args:
@@ -264,7 +264,7 @@ def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], No
         if name in onsets:
             finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
     assert isinstance(built.parts.planner, SurfaceWork)
-    parts = replace(built.parts, sensors=sensors, finder=finder, planner=Lingering(built.parts.planner))
+    parts = replace(built.parts, sensors=sensors, finder=finder, planner=ContinuingPlanner(built.parts.planner))
     options, dt = built.options, built.plant.timestep
     profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
     current = Current(options.current, gust=options.gust, timestep=dt, rng=built.gusts, profile=profile)
@@ -273,10 +273,10 @@ def run_branched(built: Built, only: tuple[str, ...], said: Callable[[Trace], No
         built.plant,
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
     )
-    branch, blew_up = Branch(onsets, said), ""
+    branch, blew_up = ForkingObserver(onsets, said), ""
     try:
         rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch])
-    except EnoughError:
+    except CaseDoneError:
         pass
     except Exception as error:
         blew_up = f"{type(error).__name__}: {error}"

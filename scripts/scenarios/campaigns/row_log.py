@@ -20,7 +20,7 @@ Row = dict[str, Any]
 _MADE_OF_IT = ("metrics.json", "report.html")  # files made from the runs in a log
 
 
-class Log:
+class StudyLog:
     """results.jsonl of a study, beside study.json with its settings."""
 
     def __init__(self, folder: Path, settings: dict[str, Any], *, anew: bool = False) -> None:
@@ -66,7 +66,7 @@ class Log:
             anew: Delete old runs.
 
         Raises:
-            ConfigurationError: As `Log` does, or another process works in the folder.
+            ConfigurationError: As `StudyLog` does, or another process works in the folder.
         """
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -74,7 +74,7 @@ def check_trials(trials: int, workers: int) -> None:
         raise ConfigurationError(f"--trials and --workers: must be >= 0, got {trials} and {workers}")
 
 
-def say_trials(
+def report_trials(
     trials: Sequence[Metrics],
     figures: Metrics,
     rows: Iterable[Row],

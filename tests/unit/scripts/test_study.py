@@ -292,7 +292,7 @@ def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
 
 
 def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
-    stop = import_module("scenarios.runner").Stop()
+    stop = import_module("scenarios.runner").SignalStop()
     stop.observe("first")
     assert stop.last is None
     stop.ask(signal.SIGTERM)
@@ -326,10 +326,10 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         monkeypatch.setattr(whole_run, name, lambda *_, **__: None)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
     plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
-    judging = whole_run.Judging(assess=assess, pictures=lambda _: (), begun=())
+    judging = whole_run.Evaluation(assess=assess, pictures=lambda _: (), begun=())
     said = StringIO()
     with pytest.raises(Interrupted) as ended:
-        whole_run.run_shown(
+        whole_run.run_with_report(
             "x",
             SimpleNamespace(plant=plant),
             judging,
@@ -367,7 +367,7 @@ def test_fingerprint_is_of_all_scripts_that_a_run_imports(log, root, tmp_path):
 def test_two_studies_do_not_share_a_folder(log, root, tmp_path):
     other = "import sys, pathlib, sim.runs.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): pass"
     command = [sys.executable, "-c", other, str(tmp_path)]
-    with log.Log.open(tmp_path, {"seed": 1}):
+    with log.StudyLog.open(tmp_path, {"seed": 1}):
         refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
         assert f"process {os.getpid()} is at work in it" in refused.stderr
     assert subprocess.run(command, cwd=root, check=False).returncode == 0
@@ -376,44 +376,44 @@ def test_two_studies_do_not_share_a_folder(log, root, tmp_path):
 def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
     (tmp_path / "metrics.json").write_text("{}")
     with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
-        log.Log(tmp_path, {"seed": 1})
+        log.StudyLog(tmp_path, {"seed": 1})
 
 
 def test_a_bad_line_with_rows_after_it_costs_none_of_them(log, tmp_path):
-    begun = log.Log(tmp_path, {"seed": 1})
+    begun = log.StudyLog(tmp_path, {"seed": 1})
     for run in range(3):
         begun.add({"run": run, "without": ""})
     file = tmp_path / "results.jsonl"
     spoilt = file.read_text().replace('{"run": 1', '{"run": ')
     file.write_text(spoilt)
     with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
-        log.Log(tmp_path, {"seed": 1})
+        log.StudyLog(tmp_path, {"seed": 1})
     assert file.read_text() == spoilt
 
 
 def test_anew_leaves_nothing_of_the_old_runs(log, tmp_path):
-    log.Log(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
+    log.StudyLog(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
     for name in ("metrics.json", "report.html"):
         (tmp_path / name).write_text("")
-    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+    assert log.StudyLog(tmp_path, {"seed": 2}, anew=True).rows == []
     assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
 
 
 def test_log_goes_on_where_it_was_cut(log, tmp_path):
-    begun = log.Log(tmp_path, {"seed": 1})
+    begun = log.StudyLog(tmp_path, {"seed": 1})
     begun.add({"run": 0, "without": ""})
     begun.add({"run": 1, "without": ""})
     file = tmp_path / "results.jsonl"
     file.write_text(file.read_text() + '{"run": 2, "wit')
-    begun = log.Log(tmp_path, {"seed": 1})
+    begun = log.StudyLog(tmp_path, {"seed": 1})
     assert [row["run"] for row in begun.rows] == [0, 1]
     begun.add({"run": 2, "without": ""})
     with file.open("ab") as cut:
         cut.write(bytes(30) + b"\n")  # of a power cut
-    assert [row["run"] for row in log.Log(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
+    assert [row["run"] for row in log.StudyLog(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
     with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
-        log.Log(tmp_path, {"seed": 2})
-    assert log.Log(tmp_path, {"seed": 2}, anew=True).rows == []
+        log.StudyLog(tmp_path, {"seed": 2})
+    assert log.StudyLog(tmp_path, {"seed": 2}, anew=True).rows == []
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------

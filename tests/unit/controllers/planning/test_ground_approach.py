@@ -8,7 +8,7 @@ import pytest
 
 from controllers.planning.ground_approach import GroundApproach
 from models.site.seabed import Seabed, seabed
-from perception.navigation.ground_plane import GroundBelow, plane_through
+from perception.navigation.ground_plane import GroundPlaneEstimator, plane_through
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import DvlRangesMeasurement, Measurement, StateEstimate
 from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
@@ -64,7 +64,7 @@ class Still:
 
 def estimate(ground: Seabed, beams: DvlBeams, count: int = 10, seed: int = 0) -> StateEstimate:
     """After `count` pings over `ground`."""
-    below = GroundBelow(untyped(Still()))
+    below = GroundPlaneEstimator(untyped(Still()))
     state, told = below.init([]), ESTIMATE
     for ping in pings(ground, beams, count, seed):
         state, told = below.step(state, [ping])

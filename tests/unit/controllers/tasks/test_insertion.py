@@ -11,7 +11,7 @@ import pytest
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
 from controllers.tasks import supervisor
-from controllers.tasks.axial_work import felt_by_tool
+from controllers.tasks.axial_work import contact_force_on_tool
 from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.manifold import manifold
@@ -269,7 +269,7 @@ def test_a_hole_that_is_too_shallow_is_refused():
 def test_a_controller_that_feels_nothing_is_refused():
     dumb = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
     with pytest.raises(ConfigurationError, match="must say what it feels"):
-        felt_by_tool(dumb, np.array([0.0, 0.0, 1.0]))
+        contact_force_on_tool(dumb, np.array([0.0, 0.0, 1.0]))
 
 
 # ------------------------------------------------------------------------------------------------------------ figures

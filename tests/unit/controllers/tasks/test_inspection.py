@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
-from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, around, orbit
+from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, offset_outline, orbit
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects import targets
 from models.objects.targets import TargetModel
@@ -75,7 +75,7 @@ def test_it_is_closed_and_goes_once_around(within, name):
 def test_a_round_outline_gives_a_circle(within):
     angle = np.linspace(0.0, 2.0 * np.pi, 200, endpoint=False)
     disc = np.column_stack([0.3 * np.cos(angle), 0.3 * np.sin(angle), np.zeros(200)])
-    line, inward = around(np.vstack([disc, disc + np.array([0.0, 0.0, 0.2])]), np.array([0.0, 0.0, 2.0]), 0.9)
+    line, inward = offset_outline(np.vstack([disc, disc + np.array([0.0, 0.0, 0.2])]), np.array([0.0, 0.0, 2.0]), 0.9)
     radius = np.linalg.norm(line[:, :2], axis=1)
     within("radius [m]", radius - 1.2, 0.01)
     within("height [m]", line[:, 2] - 0.1, 1e-12)

@@ -12,7 +12,7 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
 from controllers.tasks import supervisor
-from controllers.tasks.supervisor import SurfaceWork, off_and_up
+from controllers.tasks.supervisor import SurfaceWork, ascent_direction
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel
@@ -202,9 +202,9 @@ def test_the_tool_moves_along_the_path_at_work_only_and_all_of_it(smooth):
 def test_the_way_up_leads_off_every_surface(rng):
     normals = rng.normal(size=(200, 3))
     for normal in normals / np.linalg.norm(normals, axis=1)[:, None]:
-        assert normal @ off_and_up(normal) >= 0.5 - 1e-12
-        assert normal[2] < -0.5 or off_and_up(normal)[2] > 0.0
-    assert off_and_up(np.array([0.0, 0.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0])
+        assert normal @ ascent_direction(normal) >= 0.5 - 1e-12
+        assert normal[2] < -0.5 or ascent_direction(normal)[2] > 0.0
+    assert ascent_direction(np.array([0.0, 0.0, 1.0])) == pytest.approx([0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("surface", [0.02, 0.0, -0.03])  # [m] above where it is expected

@@ -448,11 +448,11 @@ def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng,
     lag, w_B, bias, f_B = 0.03, rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=3)
     R, x, held, P = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3)), np.eye(9)
     release, none = (1.0, 0.1, 10.0, 0.01), np.zeros(3)
-    X, v_B, w, _, _ = kernel.hand_on(0.0, lag, 0.02, release, f_B, w_B, R, bias, x, P, held.copy(), none.copy())
+    X, v_B, w, _, _ = kernel.smoothed_output(0.0, lag, 0.02, release, f_B, w_B, R, bias, x, P, held.copy(), none.copy())
     v_W = x[3:6] - held[1]
     within("place [m]", X[:3, 3] - (x[:3] - held[0] + lag * v_W), 1e-14)
     within("attitude [rad]", log_so3(X[:3, :3].T @ R @ exp_so3(lag * (w_B - bias))), 1e-7)  # measured 1e-9
     within("velocity [m/s]", v_B - R.T @ v_W, 1e-14)
     within("rates [rad/s]", w - (w_B - bias), 1e-14)
-    a_B = kernel.hand_on(0.01, lag, 0.01, release, f_B, w_B, R, bias, x, P, np.zeros((2, 3)), none.copy())[3]
+    a_B = kernel.smoothed_output(0.01, lag, 0.01, release, f_B, w_B, R, bias, x, P, np.zeros((2, 3)), none.copy())[3]
     within("acceleration [m/s^2]", a_B - (f_B - x[6:] - R.T @ [0.0, 0.0, GRAVITY]), 1e-13)

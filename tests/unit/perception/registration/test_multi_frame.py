@@ -10,7 +10,7 @@ from models.objects.targets import barrel
 from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import identify
-from perception.registration.multi_frame import Frame, fused, on_all_looks
+from perception.registration.multi_frame import Frame, fused, with_fused_frames
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly, transform_points
 
@@ -59,10 +59,10 @@ def test_all_looks_are_less_noisy_evidence_of_the_same_pose():
     rng = np.random.default_rng(0)
     looks = [Frame(scan=Scan.from_depth(look(BARREL, VIEW, rng)), X_WS=inverse(VIEW)) for _ in range(5)]
     found = identify(looks[-1].scan, ModelSurface.of(BARREL), VIEW[:3, 3] + 0.1, VIEW[:3, :3])
-    of_all = on_all_looks(found, looks)
+    of_all = with_fused_frames(found, looks)
     assert found.evidence is not None
     assert of_all.evidence is not None
-    assert on_all_looks(found, looks[:2]) is found  # too few for a median
+    assert with_fused_frames(found, looks[:2]) is found  # too few for a median
     assert np.array_equal(of_all.X_sensor_target, found.X_sensor_target)
     true = np.array(Scan.from_depth(look(BARREL, VIEW, rng, noise=None)).depth)
     errors = [

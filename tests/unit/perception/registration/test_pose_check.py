@@ -13,7 +13,7 @@ from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
 from perception.registration.identification import segment
 from perception.registration.pose_ambiguity import ambiguous_poses
 from perception.registration.pose_check import Decision, check
-from perception.registration.projection import paper_q
+from perception.registration.projection import published_criterion
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -97,13 +97,13 @@ def test_the_object_in_another_size_is_not_accepted(clear: Evidence, surface: Mo
 
 def test_q_grows_with_the_number_of_rays_as_the_paper_has_it(clear: Evidence, surface: ModelSurface, within):
     """Four times as many rays on the same line: twice the Q, for the same pose."""
-    few, many = (paper_q(clear, surface, VIEW, n=n) for n in (200, 800))
+    few, many = (published_criterion(clear, surface, VIEW, n=n) for n in (200, 800))
     assert few.rays + few.missed == 200
     within("Q(4n) / 2 Q(n) - 1", many.q_m / few.q_m / 2.0 - 1.0, 0.3)
-    off = paper_q(clear, surface, VIEW @ pose(p=[0.0, 0.0, 0.03]), "circle")
-    assert off.q_m > 2.0 * paper_q(clear, surface, VIEW, "circle").q_m
+    off = published_criterion(clear, surface, VIEW @ pose(p=[0.0, 0.0, 0.03]), "circle")
+    assert off.q_m > 2.0 * published_criterion(clear, surface, VIEW, "circle").q_m
     with pytest.raises(ConfigurationError, match="'line' or 'circle'"):
-        paper_q(clear, surface, VIEW, "square")
+        published_criterion(clear, surface, VIEW, "square")
 
 
 def test_declared_symmetry_is_no_look_alike(surface: ModelSurface):

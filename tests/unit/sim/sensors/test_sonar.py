@@ -10,7 +10,7 @@ import pytest
 from depth_scenes import Poses, seen_from, standing
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import TargetModel, barrel
-from perception.clouds.sonar_cloud import sonar_model, without_lone_echoes
+from perception.clouds.sonar_cloud import sonar_model, without_isolated_echoes
 from perception.registration.identification import identify
 from perception.target_finder import KnownObjectFinder
 from sim.interfaces.errors import ConfigurationError
@@ -224,7 +224,7 @@ def test_barrel_is_found_in_a_sonar_scan(within):
     """With 3 % of the echoes astray."""
     target, X_ST, sonar, truth = before_a_barrel()
     points = sonar.step(sonar.init(np.random.default_rng(0)), truth)[1].points
-    clean = without_lone_echoes(points)
+    clean = without_isolated_echoes(points)
     off = np.abs(np.linalg.norm(clean, axis=-1) - np.linalg.norm(X_ST[:3, 3]))
     assert (np.linalg.norm(points, axis=-1) > 3.0).sum() > 50
     assert np.nanmax(off) < 1.0
@@ -274,7 +274,7 @@ def test_impossible_sonars_are_refused():
         (lambda: SonarBeams(columns=untyped(1.5)), "1.5"),
         (lambda: SonarBeams(azimuth=4.0), "azimuth"),
         (lambda: SonarBeams(width=np.nan), "width"),
-        (lambda: without_lone_echoes(np.zeros((5, 3))), "organised|H, W"),
+        (lambda: without_isolated_echoes(np.zeros((5, 3))), "organised|H, W"),
         (lambda: sonar_model(0.0), "pitch"),
         (lambda: SonarNoise(outliers=2.0), "outliers"),
         (lambda: SonarNoise(range_share=-1.0), "range_share"),

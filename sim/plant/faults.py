@@ -96,7 +96,7 @@ class Lost:
 
     def __call__(self, reading: Reading) -> None:
         """Return None."""
-        return None
+        return None  # noqa: RET501
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ try:
     from dm_control.rl import control
     from dm_control.utils import rewards
     from dm_env import specs
-except Exception as error:  # on MuJoCo 4 it can be any: dm_control builds itself from MuJoCo's names
+except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
     raise MissingLibraryError(
         f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {version('mujoco')}): "
         f"pip install '.[dm-control]' in the checkout ({type(error).__name__}: {error})"
@@ -155,7 +155,7 @@ class HoverTask(control.Task):
         """
         if not (np.isfinite(current_speed) and current_speed >= 0.0):
             raise ConfigurationError(f"current_speed: must be finite and >= 0 m/s, got {current_speed}")
-        self._random: np.random.Generator | np.random.RandomState = rng  # its name in dm_control, where seeding looks
+        self._random: np.random.Generator | np.random.RandomState = rng  # dm_control's name for it, used to seed
         self._current_speed = current_speed
         self._X_WH = np.eye(4)
 

@@ -12,7 +12,7 @@ which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`.
 earlier step, so any added mass is stable.
 
 The current is `model.opt.wind` (3,) [m/s] in world axes. Its acceleration and shear are in `model.body_user[0]`
-(`models.hydrodynamics.set_current`). A flow that varies in space accelerates past the body by
+(`models.hydrodynamics.set_current`). In a flow that varies in space, the acceleration of the water is
 vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
 
 Limits of MuJoCo:
@@ -22,7 +22,7 @@ Limits of MuJoCo:
 - The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
 
 The callback belongs to the process. A pickled model installs it where it is unpickled. An MJB or MJCF file does not: a
-process that loads one must call `install`, else the model moves as if in air.
+process that loads one must call `install`, else the model moves without hydrodynamics.
 
 An engine plugin with the same function would cost the same and is no remedy. An MJB stores a plugin's number, not its
 name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec.attach` drops plugins silently.
@@ -76,15 +76,13 @@ DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside th
 _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 10.0), "quadratic_damping": (3, 100.0)}
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
-_place: Any = (
-    None  # weakref.finalize of the pointer, which only MuJoCo holds: it fires when another callback replaces ours
-)
+_place: Any = None  # weakref.finalize of the pointer, which only MuJoCo holds: it fires when the callback is replaced
 
 
 def install() -> None:
     """Install the hydrodynamic callback as this process's passive callback. Idempotent; about 10 s the first time ever.
 
-    If other code replaces the callback later, a RuntimeWarning follows, since wet models then move as if in air.
+    If other code replaces the callback later, a RuntimeWarning follows: wet models then move without hydrodynamics.
 
     Raises:
         HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another passive callback is
@@ -180,7 +178,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
-            if what == "qpos":  # a free joint has seven of them for its six directions
+            if what == "qpos":  # a free joint has seven qpos for six degrees of freedom
                 joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
                 body = int(model.jnt_bodyid[joint])
             else:
@@ -439,7 +437,7 @@ def _warn_replaced() -> None:
 
 
 def _reduced(stored: Any) -> Any:
-    """Reducer for pickle: a wet model installs the callback where it is unpickled, else it would move dry there."""
+    """Reducer for pickle: a wet model installs the callback where it is unpickled, or it would ignore the water."""
     if not is_wet(stored if isinstance(stored, mujoco.MjModel) else stored.model):
         return stored.__reduce_ex__(2)
     return _restored, (type(stored), stored.__getstate__())

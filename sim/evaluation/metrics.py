@@ -25,7 +25,7 @@ LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
 RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
 STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
-INTERRUPTED = "interrupted"  # state of a run that was ended from outside
+INTERRUPTED = "interrupted"  # state of a run ended by a signal
 SCHEMA = "metrics.schema.json"
 
 Figures = dict[str, float | None]

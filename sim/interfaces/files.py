@@ -19,7 +19,7 @@ def existing_file(file: Any, what: str) -> Path:
     path = Path(file)
     try:
         found = path.is_file()
-    except (OSError, ValueError) as error:  # a name of more than 255 characters; links that lead in a circle
+    except (OSError, ValueError) as error:  # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
     if not found:
         there = "it is a folder" if path.is_dir() else "there is no such file"

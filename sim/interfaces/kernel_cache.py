@@ -24,7 +24,7 @@ def prepare() -> None:
         place = _place()
         if place is not None:
             os.environ[VARIABLE] = str(place)
-            if "numba" in sys.modules:  # it has read the environment already
+            if "numba" in sys.modules:  # numba has read the environment already
                 sys.modules["numba"].config.CACHE_DIR = str(place)
     for folder in folders():
         mend(folder)
@@ -68,7 +68,7 @@ def _place() -> Path | None:
         cache.mkdir(parents=True, exist_ok=True)
         if _writable(cache):
             return cache
-    except (OSError, RuntimeError):  # no home, or none that can be written
+    except (OSError, RuntimeError):  # no home, or a read-only one
         pass
     try:
         place = Path(tempfile.gettempdir()) / f"uuv-arm-kernels-{os.getuid() if hasattr(os, 'getuid') else 'user'}"

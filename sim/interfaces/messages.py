@@ -135,7 +135,7 @@ class DepthImage:
 
     time: float  # [s]
     depth: Array  # (height, width) [m] along the optical axis, NaN without a measurement
-    K: Array  # (3, 3) pinhole matrix [px]
+    K: Array  # (3, 3) [px] pinhole matrix
     X_BC: Array  # (4, 4) camera in hull
 
 

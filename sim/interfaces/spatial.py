@@ -169,7 +169,7 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
 
 
 def not_a_pose(name: str, X: Array) -> ConfigurationError:
-    """The error for a matrix `X` (4, 4) that is no pose."""
+    """Error for a matrix `X` (4, 4) that is no pose."""
     return ConfigurationError(
         f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {shown(X)}"
     )
@@ -333,7 +333,7 @@ def exp_so3(phi: ArrayLike) -> Array:
         c * y * z + s * x,
         1.0 - c * (x * x + y * y),
     )
-    return np.array(rows).reshape(3, 3)  # nested lists take twice as long
+    return np.array(rows).reshape(3, 3)  # converting nested lists takes twice as long
 
 
 def log_so3(R: Array) -> Array:

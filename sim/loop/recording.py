@@ -101,7 +101,11 @@ class Recording:
     interrupted: str = ""  # cause of an early end, e.g. SIGTERM
 
     def __getitem__(self, name: str) -> Series:
-        """The series `name`; ConfigurationError, with the names there are, if there is none."""
+        """Series `name`.
+
+        Raises:
+            ConfigurationError: It was not recorded; the message lists the series.
+        """
         if name not in self.series:
             raise ConfigurationError(f"no series {name!r} was recorded; there are {', '.join(sorted(self.series))}")
         return self.series[name]

@@ -292,7 +292,7 @@ def _add_water(bodies, matrices, vectors, stations, surge, shear, wind, gravity,
         u = _turned_back(R, current)
         w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
         w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
-        # `cacc` is the spatial acceleration, less gravity: at the body's origin, in its axes, the rate of its twist.
+        # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at the body origin.
         a = _sum(_three(cacc[i], 3), _sum(_cross(wdot_W, r), _scaled(-1.0, weightless)))
         a = _sum(_turned_back(R, a), _cross(w, u))
         v = _sum(_turned_back(R, _sum(_three(cvel[i], 3), _cross(w_W, r))), _scaled(-1.0, u))

@@ -21,7 +21,7 @@ NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: mea
 COLLISION, LEAST, MOST = 4, 5, 6  # 1 if another part touched; smallest and largest normal force of a substep [N]
 CONTACTS = 7  # number of entries
 
-# Entries of `places`, an array of integers: offsets, or what their names say
+# Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets; SIZE of a contact
 DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
 
 _PROBE = """

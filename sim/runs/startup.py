@@ -116,7 +116,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
             raise  # --help
-        # tyro draws a box, in colour on a terminal: title, what is wrong, a rule, help.
+        # tyro draws a box, in colour on a terminal: title, message, a horizontal rule, help.
         rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")

@@ -88,7 +88,7 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
     vertices, faces = rings.reshape(-1, 3), np.vstack([first, second])
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    return vertices, faces[area > 0.0]  # at the poles one of each pair has no area
+    return vertices, faces[area > 0.0]  # at the poles one triangle of each pair has no area
 
 
 def _height_field(model: mujoco.MjModel, field: int) -> tuple[Array, np.ndarray]:

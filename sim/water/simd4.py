@@ -14,7 +14,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
-_typed: Any = intrinsic  # the functions below have one parameter less than Python sees
+_typed: Any = intrinsic  # callers of the functions below do not pass their first parameter
 
 _VECTOR = ir.VectorType(ir.DoubleType(), 4)
 _FLAGS = ("contract",)
@@ -95,7 +95,16 @@ def _place(builder: Any, address: Any, index: Any) -> Any:
 
 @_typed
 def load_four(typingctx, address, index):
-    """Load the four float64 that begin 8 * `index` bytes after `address`."""
+    """Load the four float64 that begin 8 * `index` bytes after `address`.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        address: Raw address.
+        index: Offset, in float64.
+
+    Returns:
+        Four lanes.
+    """
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         return builder.load(_place(builder, *args), align=8)

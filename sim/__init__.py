@@ -1,0 +1,1 @@
+"""Simulation: plant with exact hydrodynamics, sensors, the step loop, evaluation and reports."""

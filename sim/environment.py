@@ -1,12 +1,12 @@
-"""The RL door: the plant as a dm_env environment through `dm_control.rl.control`; the same step, not a second one.
+"""Reinforcement-learning interface: the plant as a dm_env environment through `dm_control.rl.control`.
 
     environment = hover(seed=0)
     timestep = environment.reset()
     while not timestep.last():
         timestep = environment.step(policy(timestep.observation))
 
-An agent is given the truth, not measurements: noise, delay and estimation belong to `sim.loop.rollout`. Frames: W
-world, B hull, H the hull pose to hold.
+It advances the same `Plant.step` as `sim.loop.rollout`. An agent observes the true state: noise, delay and estimation
+belong to `sim.loop.rollout`. Frames: W world, B hull, H the hull pose to hold.
 """
 
 from collections import OrderedDict
@@ -28,7 +28,7 @@ try:
     from dm_control.rl import control
     from dm_control.utils import rewards
     from dm_env import specs
-except Exception as error:  # on MuJoCo 4 it can be any: dm_control builds itself from MuJoCo's names
+except Exception as error:  # on MuJoCo 4 of any type: dm_control generates its classes from MuJoCo's names
     raise MissingLibraryError(
         f"the RL door needs dm_control, which runs on MuJoCo 3, not on 4 (here {version('mujoco')}): "
         f"pip install '.[dm-control]' in the checkout ({type(error).__name__}: {error})"
@@ -37,25 +37,30 @@ except Exception as error:  # on MuJoCo 4 it can be any: dm_control builds itsel
 CURRENT_SPEED = 0.15  # [m/s] horizontal, from a new direction each episode
 START_OFFSET = 0.5  # [m] largest per axis, from the pose to hold
 START_TURN = 0.3  # [rad] largest, about the vertical
-BOX = 1.5  # [m] half the edge of the box about the pose to hold; outside it the episode is over
-CLOSE = 0.05, 0.5  # [m] error that earns the whole reward, and what more of it leaves a tenth
-ALIGNED = 0.05, 0.5  # [rad] the same for the attitude
+BOX = 1.5  # [m] half edge of the box about the pose to hold; outside it the episode ends
+CLOSE = 0.05, 0.5  # [m] position error up to which the reward is full, and further error at which it is a tenth
+ALIGNED = 0.05, 0.5  # [rad] the same for the attitude error
 
 Observation = OrderedDict[str, Array]
 
 
 class PlantPhysics(control.Physics):
-    """The plant behind dm_control's interface: `observe` and `step` in the order of `sim.loop.rollout`.
+    """The plant behind dm_control's `Physics`: `observe` and `step` in the order of `sim.loop.rollout`.
 
-    The control signal is one command per thruster. The arm is held at home by a PD at the physics rate that asks for
-    a drive's whole torque at `HOLD_ANGLE`, and never for more, so that its stiffness follows from the vehicle's limits.
+    The control signal is one command per thruster. A PD law at the plant's rate holds the arm at home. Its stiffness
+    follows from the vehicle's limits: an error of `HOLD_ANGLE` asks for the whole torque of a drive, which is the
+    maximum.
     """
 
     HOLD_ANGLE = 0.05  # [rad]
     HOLD_TIME = 0.03  # [s] damping over stiffness
 
     def __init__(self, plant: Plant) -> None:
-        """Take a plant, whose current and pose `place` sets. Raises ConfigurationError if there are no thrusters."""
+        """Take a plant, whose current and pose `place` sets.
+
+        Raises:
+            ConfigurationError: The vehicle has no thrusters.
+        """
         vehicle = plant.vehicle
         self.thruster_names = vehicle.thruster_names
         if not self.thruster_names:
@@ -69,26 +74,28 @@ class PlantPhysics(control.Physics):
 
     @property
     def truth(self) -> Truth:
-        """The true state now. Live views, as `sim.plant.plant.Truth` says."""
+        """The current true state; live views, as `sim.plant.plant.Truth` says."""
         return self._plant.truth
 
     def place(self, *, current: Current, X_WB: Array | None = None) -> None:
-        """Start again at rest, arm at home, in `current`, with the hull at `X_WB` (4, 4), default the model's pose."""
+        """Restart at rest with the arm at home, in `current`, hull at `X_WB` (4, 4); default: the model's pose."""
         self._plant.reset(current=current, X_WB=X_WB)
         self._plant.observe()
         self._thrusters = np.zeros(len(self.thruster_names))
 
     def set_control(self, control: ArrayLike) -> None:
-        """Set the normalised propeller speeds (m,) to ask for; what lies beyond [-1, 1] saturates.
+        """Set the normalised propeller speeds (m,) to command; values beyond [-1, 1] saturate.
 
-        Raises ConfigurationError for another shape or numbers that are not finite.
+        Raises:
+            ConfigurationError: The shape is wrong, or a number is not finite.
         """
         self._thrusters = checked(control, (len(self.thruster_names),), "action")
 
     def step(self, n_sub_steps: int = 1) -> None:
         """Advance by `n_sub_steps` steps of the plant under the control that was set.
 
-        Raises dm_control's `control.PhysicsError` if the simulation diverges.
+        Raises:
+            control.PhysicsError: Of dm_control; the simulation diverged.
         """
         plant, truth = self._plant, self._plant.truth
         for _ in range(n_sub_steps):
@@ -105,50 +112,55 @@ class PlantPhysics(control.Physics):
         return self.truth.time
 
     def timestep(self) -> float:
-        """The plant's step [s]."""
+        """Step of the plant [s]."""
         return self._plant.timestep
 
     def reset(self) -> None:
-        """Start again in still water, with the hull at the model's pose."""
+        """Restart in still water with the hull at the model's pose."""
         self.place(current=self._still)
 
     def after_reset(self) -> None:
-        """Nothing is left to do: `place` brings the kinematics up to date."""
+        """Do nothing: `place` has updated the kinematics."""
 
 
 class HoverTask(control.Task):
-    """Hold the model's own pose of the hull in a current, from a random start nearby.
+    """Task: hold the model's initial hull pose in a current, from a random start nearby.
 
-    As in dm_control's own tasks all that is random comes from `_random`, which a wrapper may replace to seed it anew
-    (Shimmy does, by a RandomState, in Gymnasium's `reset(seed=...)`).
+    As in dm_control's own tasks, all random numbers come from `_random`, which a wrapper may replace to seed it anew.
+    Shimmy does so, with a RandomState, in Gymnasium's `reset(seed=...)`.
 
     Action: normalised propeller speeds (m,) in [-1, 1]. Observation, in hull axes:
 
-        position          (3,) [m] of the pose to hold
-        attitude          (3,) [rad] rotation vector from the hull to the pose to hold
-        velocity          (3,) [m/s] of the hull over ground
-        angular_velocity  (3,) [rad/s] of the hull
-        joints            (n,) [rad]
-        joint_velocity    (n,) [rad/s]
-        propeller_speed   (m,) normalised; lags the action
+    - position (3,) [m] of the pose to hold
+    - attitude (3,) [rad] rotation vector from the hull to the pose to hold
+    - velocity (3,) [m/s] of the hull over ground
+    - angular_velocity (3,) [rad/s] of the hull
+    - joints (n,) [rad]
+    - joint_velocity (n,) [rad/s]
+    - propeller_speed (m,) normalised; lags the action
 
-    Reward, in [0, 1]: 1 within CLOSE and ALIGNED; it falls with the error of position and, as a factor, of attitude.
-    The episode is over, with discount 0, when the hull's origin leaves the BOX.
+    The reward is in [0, 1]: 1 within CLOSE and ALIGNED, else a product of one factor for the position error and one for
+    the attitude error. The episode ends with discount 0 when the hull's origin leaves the BOX.
     """
 
     def __init__(self, rng: np.random.Generator, *, current_speed: float = CURRENT_SPEED) -> None:
-        """Take the source of all that is random, and the speed of the current [m/s]; its direction is random.
+        """Set up the random source and the speed of the current.
 
-        Raises ConfigurationError for a speed that is negative or not finite.
+        Args:
+            rng: Source of all random numbers.
+            current_speed: [m/s]; the direction is random.
+
+        Raises:
+            ConfigurationError: The speed is negative or not finite.
         """
         if not (np.isfinite(current_speed) and current_speed >= 0.0):
             raise ConfigurationError(f"current_speed: must be finite and >= 0 m/s, got {current_speed}")
-        self._random: np.random.Generator | np.random.RandomState = rng  # its name in dm_control, where seeding looks
+        self._random: np.random.Generator | np.random.RandomState = rng  # dm_control's name for it, used to seed
         self._current_speed = current_speed
         self._X_WH = np.eye(4)
 
     def initialize_episode(self, physics: PlantPhysics) -> None:
-        """Draw the current and the start; `physics` has just been reset, so its hull is where it is to be held."""
+        """Draw the current and the start; `physics` has just been reset, so its hull is at the pose to hold."""
         self._X_WH = _hull_pose(physics.truth)
         heading = self._random.uniform(-np.pi, np.pi)
         flow_W = self._current_speed * np.array([np.cos(heading), np.sin(heading), 0.0])
@@ -158,16 +170,23 @@ class HoverTask(control.Task):
         physics.place(current=Current(flow_W, timestep=physics.timestep()), X_WB=self._X_WH @ X_HB)
 
     def before_step(self, action: ArrayLike, physics: PlantPhysics) -> None:
-        """Hand the action (m,) on. Raises ConfigurationError as `PlantPhysics.set_control` does."""
+        """Pass the action (m,) to the physics.
+
+        Raises:
+            ConfigurationError: As `PlantPhysics.set_control` does.
+        """
         physics.set_control(action)
 
     def action_spec(self, physics: PlantPhysics) -> specs.BoundedArray:
-        """One number in [-1, 1] per thruster; the name lists the thrusters in order, as dm_control's own does."""
+        """Specification of the action: one number in [-1, 1] per thruster.
+
+        Its name lists the thrusters in order, as dm_control's own does.
+        """
         names = physics.thruster_names
         return specs.BoundedArray((len(names),), np.float64, minimum=-1.0, maximum=1.0, name="\t".join(names))
 
     def get_observation(self, physics: PlantPhysics) -> Observation:
-        """See the class."""
+        """The observation that the class describes."""
         truth = physics.truth
         X_BH = self._X_BH(physics)
         return OrderedDict(
@@ -181,7 +200,7 @@ class HoverTask(control.Task):
         )
 
     def get_reward(self, physics: PlantPhysics) -> float:
-        """See the class."""
+        """The reward that the class describes."""
         X_BH = self._X_BH(physics)
         distance = float(np.linalg.norm(X_BH[:3, 3]))
         angle = float(np.linalg.norm(log_so3(X_BH[:3, :3])))
@@ -190,12 +209,12 @@ class HoverTask(control.Task):
         return close * aligned
 
     def get_termination(self, physics: PlantPhysics) -> float | None:
-        """0 outside the box, whose edges are along the axes of the pose to hold; else None."""
+        """Discount 0 outside the box, whose edges are along the axes of the pose to hold; else None."""
         p_HB = inverse(self._X_BH(physics))[:3, 3]
         return 0.0 if np.max(np.abs(p_HB)) > BOX else None
 
     def _X_BH(self, physics: PlantPhysics) -> Array:
-        """The pose (4, 4) to hold, from the hull."""
+        """X_BH (4, 4), the pose to hold in hull axes."""
         return inverse(_hull_pose(physics.truth)) @ self._X_WH
 
 
@@ -207,14 +226,24 @@ def hover(
     control_period: float = 0.02,
     current_speed: float = CURRENT_SPEED,
 ) -> control.Environment:
-    """The task `HoverTask` for `vehicle` (a name of `models.available()`, or an MJCF file).
+    """Environment for `HoverTask` with `vehicle`.
 
-    `seed`: a Generator is used as it is, and shared with the caller; a RandomState is drawn from once; None gives
-    episodes that nobody can repeat. An episode ends, with discount 1, at the first action that reaches
-    `time_limit` [s], which may be infinite. `control_period` [s] lies between actions; `current_speed` [m/s].
+    An episode ends with discount 1 at the first action that reaches `time_limit`.
 
-    Raises ConfigurationError for an unknown vehicle or one without thrusters, for a control period that is not a whole
-    multiple of the physics step, with both numbers, and for a time limit or a speed of the current that cannot be.
+    Args:
+        vehicle: Name from `models.available()`, or an MJCF file.
+        seed: A Generator is used as it is and shared with the caller. A RandomState is drawn from once. None gives
+            episodes that cannot be repeated.
+        time_limit: [s], may be infinite.
+        control_period: Time between actions [s].
+        current_speed: [m/s]
+
+    Returns:
+        The dm_control environment.
+
+    Raises:
+        ConfigurationError: The vehicle is unknown or has no thrusters, the control period is no whole multiple of the
+            physics step, or the time limit or the speed of the current is invalid.
     """
     if not time_limit > 0.0:
         raise ConfigurationError(f"time_limit: must be > 0 s, got {time_limit}")

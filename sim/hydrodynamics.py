@@ -1,26 +1,31 @@
-"""Exact hydrodynamics in MuJoCo: added mass inside the inertia, for every solver, integrator and contact.
+"""Exact hydrodynamics in MuJoCo: added mass in the joint-space inertia, for every solver, integrator and contact.
 
-A body with twist nu = (v; w) and relative twist nu_r = nu - (R^T v_c; 0), both in its own axes, momentum of the water
-p = A nu_r and acceleration nudot feels (Kirchhoff's equations in a current; Lamb, Hydrodynamics, chapter VI)
+Each body obeys Kirchhoff's equations in a current [Lamb 1932, ch. VI]. With its twist nu = (v; w) and relative twist
+nu_r = nu - (R^T v_c; 0), both in body axes, the momentum of the water p = A nu_r and the acceleration nudot, the
+water's wrench on the body is
 
     f = -A (nudot - (R^T vdot_c - w x R^T v_c; 0)) - (w x p_l; w x p_a + v_r x p_l) - D_l nu_r - D_q |nu_r| nu_r
         + rho V R^T (vdot_c - g) at the centre of buoyancy.
 
 The part -A nudot is linear in `qacc`, so it goes into the joint-space inertia: sum_b J_b^T A_b J_b is added to `d.M`,
-which has exactly this pattern. The rest goes to `d.qfrc_passive`. Any added mass is stable: nothing lags.
+which has exactly this sparsity pattern. The other terms go to `d.qfrc_passive`. No acceleration is taken from an
+earlier step, so any added mass is stable.
 
-The current is `model.opt.wind` (3,) [m/s], world axes; its acceleration and shear are in `model.body_user[0]`
-(`models.hydrodynamics.set_current`). A flow that varies in space moves past the body with its own acceleration,
-vdot_c + (v_c . grad) v_c, and is taken at the body origin (Auton, Hunt and Prud'homme 1988).
+The current is `model.opt.wind` (3,) [m/s] in world axes. Its acceleration and shear are in `model.body_user[0]`
+(`models.hydrodynamics.set_current`). In a flow that varies in space, the acceleration of the water is
+vdot_c + (v_c . grad) v_c, evaluated at the body origin [Auton 1988].
 
-MuJoCo's force and torque sensors do not see `qfrc_passive` (`compile` warns of them); `mj_setConst` undoes the wet
-contact weights (call `set_constants` after it); and the integrator "implicit" takes the velocity terms of the bodies
-implicitly, those of the water explicitly.
+Limits of MuJoCo:
 
-The callback belongs to the process. A pickled model brings it along; an MJB or MJCF file does not, so a process that
-loads one must call `install` itself: without it, nothing of ours runs there and the model moves dry. The same function
-as an engine plugin, which a model could name, costs the same but is no remedy: an MJB holds the number of a plugin, not
-its name, so where it is missing MuJoCo crashes or runs another one, and `MjSpec.attach` drops it without a word.
+- Its force and torque sensors do not see `qfrc_passive`; `compile` warns of them.
+- `mj_setConst` replaces the contact weights by those of the dry mass; call `set_constants` after it.
+- The integrator "implicit" takes velocity terms of the bodies implicitly, those of the water explicitly.
+
+The callback belongs to the process. A pickled model installs it where it is unpickled. An MJB or MJCF file does not: a
+process that loads one must call `install`, else the model moves without hydrodynamics.
+
+An engine plugin with the same function would cost the same and is no remedy. An MJB stores a plugin's number, not its
+name, so where the plugin is missing MuJoCo crashes or runs another one. `MjSpec.attach` drops plugins silently.
 """
 
 import copyreg
@@ -55,32 +60,33 @@ from sim.interfaces.spatial import Array, skew
 from sim.water import mujoco_layout
 from sim.water import passive_callback as hydrodynamics_kernel
 
-DRAG_SPEED = 2.0  # [m/s, rad/s] at which the step length is judged
+DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
-LARGEST_START = 100.0  # [m/s, rad/s] that buoyancy may make of rest in one step
+LARGEST_START = 100.0  # [m/s, rad/s] largest speed that buoyancy may cause from rest in one step
 
 _DRY_WEIGHTS = (
     "has the contact weights of its dry mass: compile it by sim.hydrodynamics.compile(), "
     "or call sim.hydrodynamics.set_constants() after mj_setConst"
 )
 
-DENSITIES = 30.0, 20_000.0  # [kg/m^3] of a body, between which mass and volume may belong together
+DENSITIES = 30.0, 20_000.0  # [kg/m^3] plausible densities of a body; outside them mass or volume is likely wrong
 
-# What is angular in a coefficient over what is linear is a length squared (drag on v^2: cubed), and that length is near
-# the radius of gyration of the dry body: its power, and how many times that is still believed. Vehicles here: 2 and 30.
+# Angular over linear coefficient is a length squared (quadratic drag: cubed), near the dry body's radius of gyration.
+# Per coefficient: power of that length, and largest plausible ratio to it. The vehicles here reach 2 and 30.
 _LEVERS = {"added_mass": (2, 10.0), "linear_damping": (2, 10.0), "quadratic_damping": (3, 100.0)}
 
 _callback: Any = None  # numba CFunc; kept for the life of the process, since MuJoCo holds its bare address
-_place: Any = (
-    None  # weakref.finalize of the pointer that MuJoCo alone holds: tells when another callback takes its place
-)
+_place: Any = None  # weakref.finalize of the pointer, which only MuJoCo holds: it fires when the callback is replaced
 
 
 def install() -> None:
-    """Make the hydrodynamic callback the passive callback of this process. Idempotent; about 10 s the first time ever.
+    """Install the hydrodynamic callback as this process's passive callback. Idempotent; about 10 s the first time ever.
 
-    Who then sets another one is warned, for from there on wet models move dry. Raises HydrodynamicsError if MuJoCo's
-    layout is not what its introspection says, or if another passive callback is already installed.
+    If other code replaces the callback later, a RuntimeWarning follows: wet models then move without hydrodynamics.
+
+    Raises:
+        HydrodynamicsError: MuJoCo's memory layout differs from its introspection, or another passive callback is
+            installed already.
     """
     global _callback, _place
     if is_installed():
@@ -97,30 +103,32 @@ def install() -> None:
             _callback = hydrodynamics_kernel.build()
     pointer = type(_callback.ctypes)(_callback.address)
     mujoco.set_mjcb_passive(pointer)
-    (pointer._objects or {}).clear()  # MuJoCo's binding has left it a reference to itself
+    (pointer._objects or {}).clear()  # MuJoCo's binding leaves a reference cycle there
     _place = weakref.finalize(pointer, _warn_replaced)
     _place.atexit = False
 
 
 def uninstall() -> None:
-    """Remove the callback. Nothing happens if it is not installed."""
+    """Remove the callback; no effect if it is not installed."""
     if is_installed():
         _place.detach()
         mujoco.set_mjcb_passive(None)
 
 
 def is_installed() -> bool:
-    """Whether the passive callback of this process is ours."""
+    """Return True if the passive callback of this process is the hydrodynamic one."""
     ours = _place.peek() if _place is not None else None
     return ours is not None and mujoco.get_mjcb_passive() is ours[0]
 
 
 def check_installed(model: mujoco.MjModel) -> bool:
-    """Whether `model` is served as it should be.
+    """Return True if the water acts correctly on `model`; otherwise warn in one line and return False.
 
-    Warns in one line if it carries coefficients and the callback is off, if its options are such that `check` would
-    refuse them (`opt.density`, for one), or if its contact weights are those of its dry mass: it was compiled without
-    `compile`, or `mj_setConst` has undone them.
+    RuntimeWarning for a model with coefficients in these cases:
+
+    - The callback is not installed.
+    - Its options are ones that `check` refuses, such as `opt.density`.
+    - Its contact weights are those of the dry mass: compiled without `compile`, or reset by `mj_setConst`.
     """
     if not _carriers(model):
         return True
@@ -137,18 +145,24 @@ def check_installed(model: mujoco.MjModel) -> bool:
 
 
 def check_constants(model: mujoco.MjModel) -> None:
-    """Refuse a model that carries coefficients but the contact weights of its dry mass; HydrodynamicsError says why."""
+    """Raise HydrodynamicsError if `model` carries coefficients but has the contact weights of its dry mass."""
     if _carriers(model) and _has_dry_weights(model):
         raise HydrodynamicsError(f"this model carries hydrodynamics but {_DRY_WEIGHTS}")
 
 
 def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse a state that came of numbers without sense, and warn of what the callback has met since it was last asked.
+    """Raise an error if the simulation diverged, and warn once of speeds or heights beyond the model's validity.
 
-    Raises HydrodynamicsError, with what was bad and where, if MuJoCo has met numbers that are not finite or too large,
-    and has reset the simulation (it says so only in a log file and in `data.warning`), or if the inertia with the added
-    mass was not positive definite. PhysicsWarning, once, of drag beyond what the step was judged for and of bodies
-    above the water. `model` is that of `data`.
+    MuJoCo resets a diverged simulation and reports that only in a log file and in `data.warning`. PhysicsWarning, once
+    per kind: drag faster than the step can follow, and buoyant bodies above the water.
+
+    Args:
+        model: Model of `data`.
+        data: State after a step.
+
+    Raises:
+        HydrodynamicsError: MuJoCo met numbers that are not finite or too large, or the inertia with the added mass was
+            not positive definite. The message names the entry and the body.
     """
     kinds = mujoco.mjtWarning
     water = model.body_user[0] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
@@ -164,7 +178,7 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     for kind, what in ((kinds.mjWARN_BADQPOS, "qpos"), (kinds.mjWARN_BADQVEL, "qvel"), (kinds.mjWARN_BADQACC, "qacc")):
         if data.warning[kind].number:
             index = int(data.warning[kind].lastinfo)
-            if what == "qpos":  # a free joint has seven of them for its six directions
+            if what == "qpos":  # a free joint has seven qpos for six degrees of freedom
                 joint = int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
                 body = int(model.jnt_bodyid[joint])
             else:
@@ -191,9 +205,10 @@ def check_motion(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Refuse data whose last forward pass had no water in it, though `model` carries hydrodynamics.
+    """Raise an error if the last forward pass left out the water, though `model` carries hydrodynamics.
 
-    Raises HydrodynamicsError: the callback has been removed, replaced or switched off by flags.
+    Raises:
+        HydrodynamicsError: The callback has been removed, replaced, or disabled by MuJoCo's flags.
     """
     if _bodies(model) and data.crb[0, 0] != hydrodynamics_kernel.WET_MARK:
         problem = "moved dry: MuJoCo was kept from calling its callback" if is_installed() else _moves_dry()
@@ -201,11 +216,12 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 def doubts(model: mujoco.MjModel) -> list[str]:
-    """What in a wet model is likely a slip, one line each. Empty for a model without coefficients.
+    """List implausible properties of a wet model, one line each; empty for a model without coefficients.
 
-    Movable bodies with mass and shape but without coefficients, in one tree with others that have them; a body whose
-    mass and volume give no density within DENSITIES; coefficients whose linear and angular parts look swapped (a body
-    of about 1 m cannot show it); force and torque sensors, which do not see the water.
+    - Movable bodies with mass and shape but no coefficients, in one tree with bodies that have them.
+    - A body whose mass over volume is outside DENSITIES.
+    - Coefficients whose linear and angular parts look swapped. A body of about 1 m cannot show this.
+    - Force and torque sensors, which do not measure the water.
     """
     wet = _bodies(model)
     trees = {int(model.body_treeid[i]) for i in wet}
@@ -253,21 +269,24 @@ def doubts(model: mujoco.MjModel) -> list[str]:
 
 
 def carries_hydrodynamics(model: mujoco.MjModel) -> bool:
-    """Whether `model` has bodies with attached coefficients, whoever compiled it."""
+    """Return True if any body of `model` has coefficients, however the model was compiled."""
     return is_wet(model)
 
 
 def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called with its module's name)
-    """Compile `spec`, set what MuJoCo derives from the inertia for the wet inertia, and refuse what would be wrong.
+    """Compile `spec`, recompute MuJoCo's derived constants for the wet inertia, and check the result.
 
     Recomputed from M + A at qpos0: `body_invweight0`, `dof_invweight0`, `tendon_invweight0` (softness of contacts,
-    limits and equalities), `dof_M0`, `actuator_acc0`, `stat.meaninertia`, and the damping of position actuators
-    given by `dampratio`. A spec without coefficients is compiled as it is. Where only bodies carry water (the spec
-    came from MJCF, or was attached to this one), the world is given theirs. Installs the process's passive callback if
-    the model is wet. PhysicsWarning for each of its `doubts`.
+    limits and equalities), `dof_M0`, `actuator_acc0` and `stat.meaninertia`. So is the damping of position actuators
+    given by `dampratio`.
 
-    Raises ConfigurationError for what is no MjSpec or if the bodies carry waters of different density,
-    HydrodynamicsError as `install` and `check` do.
+    A spec without coefficients is compiled as it is. If only bodies carry water data (the spec came from MJCF, or was
+    attached to this one), the world body gets its row from them. A wet model installs the process's passive callback.
+    PhysicsWarning for each of its `doubts`.
+
+    Raises:
+        ConfigurationError: `spec` is no MjSpec, or its bodies carry waters of different density.
+        HydrodynamicsError: As `install` and `check` do.
     """
     if not isinstance(spec, mujoco.MjSpec):
         raise ConfigurationError(f"compile: expected a mujoco.MjSpec, got {spec!r}")
@@ -285,10 +304,13 @@ def compile(spec: mujoco.MjSpec) -> mujoco.MjModel:  # noqa: A001 (always called
 
 
 def set_constants(model: mujoco.MjModel) -> None:
-    """Set again what `compile` sets from the wet inertia, after `mj_setConst` or a change of mass or coefficients.
+    """Recompute the constants of `compile` after `mj_setConst` or a change of mass or coefficients.
 
-    So too for a model that MuJoCo has loaded by itself; the world is given its row. The damping of position actuators
-    stays as it is. Raises HydrodynamicsError as `check` does.
+    Also for a model that MuJoCo has loaded itself; the world body gets its row. The damping of position actuators is
+    left unchanged.
+
+    Raises:
+        HydrodynamicsError: As `check` does.
     """
     check(model)
     if carries_hydrodynamics(model):
@@ -296,11 +318,14 @@ def set_constants(model: mujoco.MjModel) -> None:
 
 
 def check(model: mujoco.MjModel) -> None:
-    """Refuse, by name and with the number, settings under which the hydrodynamics would be wrong or unstable.
+    """Refuse settings under which the hydrodynamics would be wrong or unstable; the message gives name and number.
 
-    Drag is explicit, so its rate, lambda_max of the slope of drag over M + A at qpos0, must not exceed 1 / timestep.
-    Call it again after changing `model.opt`. Raises HydrodynamicsError, also where the callback is not installed;
-    ConfigurationError for a row that `BodyHydrodynamics` would refuse.
+    Drag is integrated explicitly. Its rate, the largest eigenvalue of the slope of drag over M + A at qpos0, must
+    therefore not exceed 1 / timestep. Call it again after changing `model.opt`.
+
+    Raises:
+        HydrodynamicsError: A setting is refused, or the callback is not installed.
+        ConfigurationError: A body's row is one that `BodyHydrodynamics` would refuse.
     """
     if not carries_hydrodynamics(model):
         return
@@ -354,7 +379,16 @@ def added_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Array:
-    """Joint-space slope (nv, nv), symmetric, of drag over velocity at `speed` [m/s, rad/s] in every direction."""
+    """Derivative of drag with respect to joint velocity (nv, nv), symmetric, at `speed` in every direction.
+
+    Args:
+        model: Compiled model.
+        data: State whose kinematics and comPos are up to date.
+        speed: [m/s, rad/s], the same for all components.
+
+    Returns:
+        Joint-space damping matrix (nv, nv).
+    """
     total = np.zeros((model.nv, model.nv))
     for i, body in _bodies(model).items():
         slope = 0.5 * (body.linear_damping + body.linear_damping.T) + np.diag(2.0 * speed * body.quadratic_damping)
@@ -374,7 +408,7 @@ def drag_slope(model: mujoco.MjModel, data: mujoco.MjData, speed: float) -> Arra
 
 
 class _Notice(event.Listener):
-    """Says once why the first start takes long; numba compiles only what its cache does not hold."""
+    """Compile listener that prints once why the first start is slow; numba compiles only what its cache lacks."""
 
     def __init__(self) -> None:
         self._said = False
@@ -403,7 +437,7 @@ def _warn_replaced() -> None:
 
 
 def _reduced(stored: Any) -> Any:
-    """For pickle: what is wet installs the callback where it is read; a process that starts so would else run dry."""
+    """Reducer for pickle: a wet model installs the callback where it is unpickled, or it would ignore the water."""
     if not is_wet(stored if isinstance(stored, mujoco.MjModel) else stored.model):
         return stored.__reduce_ex__(2)
     return _restored, (type(stored), stored.__getstate__())
@@ -421,7 +455,7 @@ copyreg.pickle(mujoco.MjData, _reduced)
 
 
 def _above(model: mujoco.MjModel, body: int) -> list[int]:
-    """`body` and what carries it, up to the world and without it."""
+    """`body` and its ancestors, without the world."""
     chain = []
     while body:
         chain.append(body)
@@ -439,12 +473,12 @@ def _largest_inertia(model: mujoco.MjModel, body: int) -> float:
 
 
 def _drag_rate(model: mujoco.MjModel, data: mujoco.MjData, factor: np.ndarray, speed: float) -> float:
-    """Largest rate [1/s] of drag over inertia at `speed` in every direction; `factor` is that of inv(M + A)."""
+    """Largest rate [1/s] of drag over inertia at `speed`; `factor` (nv, nv) satisfies inv(M + A) = factor^T factor."""
     return float(np.linalg.eigvalsh(factor @ drag_slope(model, data, speed) @ factor.T)[-1])
 
 
 def _carriers(model: mujoco.MjModel) -> list[int]:
-    """Numbers of the bodies that carry coefficients, movable or not."""
+    """Indices of the bodies that carry coefficients, movable or not."""
     return [i for i in range(1, model.nbody) if carries(model.body_user[i])]
 
 
@@ -454,7 +488,7 @@ def _has_dry_weights(model: mujoco.MjModel) -> bool:
 
 
 def _refused(model: mujoco.MjModel) -> list[str]:
-    """Names of the options under which the hydrodynamics would be wrong."""
+    """Names of the settings under which the hydrodynamics would be wrong."""
     option, disable, enable = model.opt, mujoco.mjtDisableBit, mujoco.mjtEnableBit
     water = model.body_user[0, : LAYOUT.size] if carries(model.body_user[0]) else np.zeros(LAYOUT.size)
     numbers = {
@@ -483,7 +517,7 @@ def _refused(model: mujoco.MjModel) -> list[str]:
 
 
 def _bodies(model: mujoco.MjModel) -> dict[int, BodyHydrodynamics]:
-    """Coefficients by body number, of the bodies that can move."""
+    """Coefficients by body index, of the movable bodies."""
     return {
         i: unpack(model.body_user[i])
         for i in range(1, model.nbody)
@@ -500,7 +534,7 @@ def _jacobian(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Array:
 
 
 def _at_qpos0(model: mujoco.MjModel) -> mujoco.MjData:
-    """Data at qpos0 with everything that depends on position, and the dry inertia."""
+    """Data at qpos0 after the position-dependent stage, with the dry inertia."""
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     return data
@@ -516,9 +550,9 @@ def _dry_inertia(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 
 def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
-    """Damping ratio by number of the actuator, for those whose damping the compiler computes from the inertia.
+    """Damping ratio by actuator index, for actuators whose damping the compiler derives from the inertia.
 
-    `spec` has been compiled: its actuators have their numbers.
+    `spec` has been compiled, so its actuators have their indices.
     """
     return {
         actuator.id: actuator.biasprm[2]
@@ -528,7 +562,7 @@ def _damping_ratios(spec: mujoco.MjSpec) -> dict[int, float]:
 
 
 def _set_constants(model: mujoco.MjModel, damping_ratios: dict[int, float]) -> None:
-    """As MuJoCo's engine_setconst.c computes them, with M + A for M."""
+    """The computation of MuJoCo's engine_setconst.c, with M + A in place of M."""
     water = world_row(model)
     if model.nv == 0:
         return

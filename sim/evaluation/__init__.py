@@ -1,1 +1,1 @@
-"""Figures of a run, from its recording and the truth."""
+"""Metrics of a run, computed from its recording and the ground truth."""

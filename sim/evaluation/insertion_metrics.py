@@ -1,7 +1,7 @@
-"""The figures of an insertion, from its recording and the true place of the hole.
+"""Metrics of an insertion, from its recording and the true pose of the hole.
 
-Side force is the true contact force on the tool across the hole's axis, axial force that against the advance; both at
-the physics rate, from the stand-off to the stand-off again.
+Side force is the true contact force on the tool across the hole's axis, axial force that against the advance. Both are
+means over the loop's steps, from departure from the stand-off until return to it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,28 +24,28 @@ _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InsertionBounds:
-    """What an insertion must keep to be accepted."""
+    """Acceptance bounds of an insertion."""
 
     side_force: float = 20.0  # [N]
     axial_force: float = 40.0  # [N]
-    short: float = 0.005  # [m] by which the true depth may stay below the one asked for
+    short: float = 0.005  # [m] shortfall of the true depth from the commanded one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueHole:
-    """The hole that was really there, and what was asked for."""
+    """True hole and tool, and the commanded depth."""
 
     X_WH: Array  # (4, 4) origin in its mouth, z into it
     radius: float  # [m]
     tool_radius: float  # [m]
-    depth: float  # [m] asked for
+    depth: float  # [m] commanded
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema of an insertion's metrics.json."""
+    """JSON Schema of an insertion's metrics.json."""
     return run_schema(SCHEMA)
 
 
@@ -58,7 +58,19 @@ def assess_insertion(
     wall_s: float,
     bounds: InsertionBounds | None = None,
 ) -> Assessment:
-    """All figures of an insertion; `found_X_WH` (4, 4) is the hole as it was identified, None if it was not."""
+    """All metrics of an insertion.
+
+    Args:
+        recording: The run.
+        truth: True hole.
+        found_X_WH: Identified pose of the hole (4, 4); None if it was not found.
+        seed: Seed of the run.
+        wall_s: Wall time of the loop [s].
+        bounds: Acceptance bounds; default: `InsertionBounds()`.
+
+    Returns:
+        The assessment.
+    """
     bounds = bounds or InsertionBounds()
     at_hole, inside = recording.within(*AT_THE_HOLE), recording.within(*_INSIDE)
     tip_H = transform_points(inverse(truth.X_WH), recording["p_pad"].value)
@@ -102,7 +114,7 @@ def assess_insertion(
 
 
 def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
-    """How far the mouth was found off the true axis [m], and the angle between the axes [rad]."""
+    """Error of an identified hole: distance of its mouth from the true axis [m], and angle between the axes [rad]."""
     p = inverse(X_WH_true) @ np.append(X_WH[:3, 3], 1.0)
     z, z_true = X_WH[:3, 2], X_WH_true[:3, 2]
     return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
@@ -121,7 +133,7 @@ _KINDS = (
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
-    """Metrics of a trial that broke down, with what there is to say of it."""
+    """Metrics of a trial that crashed for `reason`."""
     insertion = (
         "clearance_m",
         "depth_asked_m",
@@ -141,7 +153,7 @@ def crashed(seed: int, reason: str) -> dict[str, Any]:
 
 
 def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:
-    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+    """Success rate with its interval, distributions, and failures by kind, of many trials."""
     bounds = bounds or InsertionBounds()
     insertions = [trial["insertion"] for trial in trials]
     return {

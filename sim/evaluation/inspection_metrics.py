@@ -1,9 +1,8 @@
-"""The figures of an inspection flight, from its recording and the true place of the object.
+"""Metrics of an inspection flight, from its recording and the true pose of the object.
 
-Distance is from the true camera to the true object's outline, as seen from above, at half the object's height; the view
-is the angle between the camera's level direction and that to the nearest point of the outline. A piece of the surface
-has been seen if from one of the poses flown it lay in the picture, turned to the camera, with nothing of the object
-before it.
+Distance is from the true camera to the outline of the true object as seen from above, at half the object's height.
+The view angle is between the camera's horizontal direction and that to the nearest point of the outline. A surface
+sample is seen if from some pose of the flight it was in the image, facing the camera, and not occluded by the object.
 """
 
 from dataclasses import dataclass
@@ -21,32 +20,32 @@ from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_
 from sim.loop.recording import Recording
 
 SCHEMA = "inspection.schema.json"
-_EVERY = 1.0  # [s] between poses at which the surface is looked at
-_PIECES = 4000  # of the surface
-_TURNED = np.cos(np.radians(75.0))  # cosine of the incidence beyond which nothing is told of a surface
-_SKIN = 2e-3  # [m] before a piece at which it is its own surface that is met
+_EVERY = 1.0  # [s] between poses at which visibility is evaluated
+_PIECES = 4000  # number of surface samples
+_TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen
+_SKIN = 2e-3  # [m] tolerance within which a ray's hit is the sample itself and no occluder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionBounds:
-    """What the flight must keep to be accepted."""
+    """Acceptance bounds of the flight."""
 
-    distance: float = 0.05  # [m] at most off the set one
+    distance: float = 0.05  # [m] peak error from the set distance
     distance_rms: float = 0.03  # [m]
     view: float = float(np.radians(10.0))  # [rad]
-    ends: float = 0.05  # [m] between the camera's first place and its last
+    ends: float = 0.05  # [m] between first and last position of the camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueInspection:
-    """What was really there, and what was asked for."""
+    """True object and camera, and the commanded distance."""
 
     target: TargetModel
     X_WT: Array  # (4, 4)
-    X_BC: Array  # (4, 4) the camera in the hull
-    half_view: tuple[float, float]  # tangents of half the camera's fields, across and up
-    far: float  # [m] beyond which it sees nothing
-    distance: float  # [m] that was set
+    X_BC: Array  # (4, 4) camera in the hull
+    half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
+    far: float  # [m] range limit of the camera
+    distance: float  # [m] set distance
 
     def __post_init__(self) -> None:
         for name in ("X_WT", "X_BC"):
@@ -56,14 +55,25 @@ class TrueInspection:
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema of an inspection's metrics.json."""
+    """JSON Schema of an inspection's metrics.json."""
     return run_schema(SCHEMA)
 
 
 def assess_inspection(
     recording: Recording, truth: TrueInspection, *, seed: int, wall_s: float, bounds: InspectionBounds | None = None
 ) -> Assessment:
-    """All figures of a flight; a figure that it did not live to produce is None and counts as missed."""
+    """All metrics of a flight; one that could not be measured is None and counts as missed.
+
+    Args:
+        recording: The run.
+        truth: True object, camera, and set distance.
+        seed: Seed of the run.
+        wall_s: Wall time of the loop [s].
+        bounds: Acceptance bounds; default: `InspectionBounds()`.
+
+    Returns:
+        The assessment.
+    """
     bounds = bounds or InspectionBounds()
     flown = np.flatnonzero(recording.within(WorkState.WORK))
     figures: dict[str, Any] = dict.fromkeys(
@@ -95,13 +105,30 @@ def assess_inspection(
 
 
 def camera_poses(recording: Recording, truth: TrueInspection, rows: np.ndarray) -> Array:
-    """True poses (n, 4, 4) of the camera in W at the recording's `rows`."""
+    """True camera poses in W.
+
+    Args:
+        recording: The run.
+        truth: Holds the camera's pose in the hull.
+        rows: Steps (n,) of the recording.
+
+    Returns:
+        X_WC (n, 4, 4).
+    """
     p, quat = recording["p_WB"].value[rows], recording["quat_WB_wxyz"].value[rows]
     return np.array([pose(rotation_from_quat_wxyz(q), at) @ truth.X_BC for q, at in zip(quat, p, strict=True)])
 
 
 def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
-    """Distance (n,) [m] of the cameras to the outline less the set one, and angle (n,) [rad] off the nearest of it."""
+    """Error of the cameras' distance from the outline, and view angle off its nearest point.
+
+    Args:
+        X_WC: Camera poses (n, 4, 4).
+        truth: True object and set distance.
+
+    Returns:
+        Distance errors (n,) [m] and angles (n,) [rad].
+    """
     vertices = transform_points(truth.X_WT, truth.target.vertices)
     outline = vertices[ConvexHull(vertices[:, :2]).vertices, :2]
     side = np.roll(outline, -1, axis=0) - outline
@@ -119,7 +146,7 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
 
 
 def seen_share(X_WC: Array, truth: TrueInspection) -> float:
-    """Share of the object's surface that cameras at `X_WC` (n, 4, 4) have seen between them."""
+    """Share of the object's surface seen by at least one of the cameras at `X_WC` (n, 4, 4)."""
     target = truth.target
     corner = target.vertices[target.triangles]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -1,4 +1,4 @@
-"""Smooth normals and closest points of triangle meshes, for what is measured on them and for how they are drawn."""
+"""Smooth normals and closest points of triangle meshes, for metrics and drawing."""
 
 from dataclasses import dataclass
 
@@ -6,28 +6,34 @@ import numpy as np
 
 from sim.interfaces.spatial import Array
 
-CREASE = np.radians(30.0)  # neighbouring triangles that turn less than this are facets of one curved face
+CREASE = np.radians(30.0)  # [rad] between normals; triangles that differ less are facets of one curved face
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Surface:
-    """Triangles with a normal at each corner: a mesh of a cylinder has the cylinder's normals, edges stay sharp."""
+    """Triangle mesh with a normal at each corner: smooth on curved faces, sharp at edges."""
 
     corners: Array  # (T, 3, 3) [m]
     normals: Array  # (T, 3, 3) unit, outward, one per corner
 
     @classmethod
     def of(cls, vertices: Array, triangles: np.ndarray, crease: float = CREASE) -> "Surface":
-        """From `vertices` (V, 3) [m] and `triangles` (T, 3), counter-clockwise seen from outside.
+        """Build the surface; triangles without area are left out.
 
-        Triangles without area are left out.
+        Args:
+            vertices: (V, 3) [m]
+            triangles: (T, 3), counter-clockwise seen from outside.
+            crease: Largest angle between facets of one curved face [rad].
+
+        Returns:
+            The surface.
         """
         corners = np.asarray(vertices, dtype=np.float64)[triangles]
         cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         size = np.linalg.norm(cross, axis=1)
         keep = size > 1e-12 * size.max()
         corners, flat, index = corners[keep], cross[keep] / size[keep, None], np.asarray(triangles)[keep]
-        # Weighted by the corner's angle, the mean does not depend on how a face is cut into triangles.
+        # Weighted by the corner's angle, the mean does not depend on how a face is triangulated.
         edges = np.roll(corners, -1, axis=1) - corners
         edges /= np.linalg.norm(edges, axis=2, keepdims=True)
         angle = np.arccos(np.clip(-np.sum(edges * np.roll(edges, 1, axis=1), axis=2), -1.0, 1.0))
@@ -44,15 +50,21 @@ class Surface:
         return cls(corners=corners, normals=normals)
 
     def closest(self, points: Array) -> tuple[Array, Array]:
-        """Closest points (N, 3) on the surface to `points` (N, 3) [m], and the unit normals (N, 3) there.
+        """Closest points on the surface and the unit normals there.
 
-        Quick when neighbours in `points` are neighbours in space, as along a path.
+        Fast when neighbours in `points` are neighbours in space, as along a path.
+
+        Args:
+            points: (N, 3) [m]
+
+        Returns:
+            Closest points (N, 3) [m] and normals (N, 3).
         """
         low, high = self.corners.min(axis=1), self.corners.max(axis=1)
         found, normals = np.empty_like(points), np.empty_like(points)
         best = 0
         for i, point in enumerate(points):
-            # The last triangle bounds the distance; only triangles whose box comes nearer can beat it.
+            # The last triangle bounds the distance; only triangles whose bounding box is nearer need be tested.
             held = self.corners[best]
             reach = np.linalg.norm(_closest_barycentric(held[None], point)[0] @ held - point)
             gap = np.maximum(np.maximum(low - point, point - high), 0.0)
@@ -68,7 +80,15 @@ class Surface:
 
 
 def closest_on_curve(points: Array, curve: Array) -> tuple[Array, Array]:
-    """Closest points (N, 3) on the polyline `curve` (M, 3) to `points` (N, 3), and arc lengths (N,) there. All in m."""
+    """Closest points on a polyline and their arc lengths.
+
+    Args:
+        points: (N, 3) [m]
+        curve: Vertices (M, 3) [m].
+
+    Returns:
+        Closest points (N, 3) [m] and arc lengths (N,) [m].
+    """
     start, edge = curve[:-1], np.diff(curve, axis=0)
     length = np.linalg.norm(edge, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(length)])

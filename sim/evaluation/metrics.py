@@ -1,7 +1,7 @@
-"""The figures of a run, from its recording and the truth about the object; their meanings are fixed in the README.
+"""Metrics of work along a path on an object, from the recording and the true object; the README defines them.
 
-`assess` gives everything that `metrics.json` holds, and what of it missed its bound. A figure that the run did not
-live to produce is None (null in JSON) and counts as missed.
+`assess` gives all content of `metrics.json`, and the metrics that missed their bounds. A metric is None (null in JSON),
+and counts as missed, if the run ended before it could be measured.
 """
 
 import json
@@ -20,12 +20,12 @@ from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.loop.recording import Recording
 from sim.runs.saving import write_json
 
-SETTLING = 1.0  # [s] from the beginning of a change of the set force that do not count
-LOST_BELOW = 1.0  # [N] true normal force that is no contact
-RAMP_GAP = 0.1  # [s] without change after which the next change of the set force is a new one
-TILT_RATE = 50.0  # [Hz] at which the surface normal under the tip is looked up
-STANDSTILL = 1e-6  # [m/s] of the commanded point, and below
-INTERRUPTED = "interrupted"  # state of a run that was ended from outside
+SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
+LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
+RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
+TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
+STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
+INTERRUPTED = "interrupted"  # state of a run ended by a signal
 SCHEMA = "metrics.schema.json"
 
 Figures = dict[str, float | None]
@@ -33,7 +33,7 @@ Figures = dict[str, float | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """What a run must keep to be accepted."""
+    """Acceptance bounds of a run."""
 
     force_error_rms: float = 3.0  # [N]
     force_error_max: float = 9.0  # [N]
@@ -42,26 +42,26 @@ class Bounds:
     position_error: float = 0.005  # [m] of the identification
     position_error_share: float = 0.005  # of the range
     tilt: float = float(np.radians(3.0))  # [rad] tool and hull
-    gap_error: float = 0.008  # [m] of work without contact: what identification and path may each be off, together
+    gap_error: float = 0.008  # [m] of work without contact: sum of the bounds of identification and path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueObject:
-    """What was really there to be worked on."""
+    """True object and the work on it."""
 
     model: TargetModel
     path: str  # name of the tool path on it
     X_WT: Array  # (4, 4)
-    contactless: float | None = None  # [m] distance that was to be kept from its surface; None: pressed
+    contactless: float | None = None  # [m] commanded distance from its surface; None: contact work
 
     def __post_init__(self) -> None:
-        self.model.path(self.path)  # raises ConfigurationError if it has none of that name
+        self.model.path(self.path)  # raises ConfigurationError for an unknown name
         object.__setattr__(self, "X_WT", checked(self.X_WT, (4, 4), "X_WT"))
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """One figure against its bound."""
+    """Metric with its acceptance bound."""
 
     name: str
     value: float | None
@@ -71,11 +71,12 @@ class Requirement:
 
     @property
     def ok(self) -> bool:
+        """True if there is no bound, or the value is known and within it."""
         return self.bound is None or (self.value is not None and self.value <= self.bound * (1.0 + 1e-9))
 
     @property
     def failure(self) -> str:
-        """What is wrong, in a line; empty if nothing is."""
+        """Message of a missed bound; empty if there is none."""
         if self.ok or self.bound is None:
             return ""
         if self.value is None:
@@ -86,7 +87,7 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
-    """The metrics of a run and the checks that decide on its acceptance."""
+    """Metrics of a run and its acceptance."""
 
     metrics: Mapping[str, Any]  # as written to metrics.json
     checks: tuple[Requirement, ...]
@@ -104,11 +105,22 @@ class Assessment:
         identification_s: float | None = None,
         others: Iterable[str] = (),
     ) -> "Assessment":
-        """The verdict on a run: `checks` that it missed, `others` (a line each) beside them, an end other than done.
+        """Assess a run by its checks; every run must also be free of collision and end in DONE.
 
-        The metrics are `figures`, those that every run has whatever its work, and the verdict. No run may collide.
-        What differs from one time to another is in "timings" alone: `wall_s` [s] it took, and `identification_s` [s]
-        of it the last identification.
+        The metrics are `figures`, those common to all kinds of run, and the verdict. Everything that differs between
+        repetitions is in "timings".
+
+        Args:
+            recording: The run.
+            figures: Metrics of its kind of work.
+            checks: Requirements of its kind of work.
+            seed: Seed of the run.
+            wall_s: Wall time [s].
+            identification_s: Wall time of the last identification [s].
+            others: Messages of further failures.
+
+        Returns:
+            The assessment.
         """
         final = recording.final
         state, note = final.state.value, final.note
@@ -138,24 +150,29 @@ class Assessment:
 
     @property
     def accepted(self) -> bool:
+        """True if nothing failed."""
         return not self.failed
 
     def made_by(self, provenance: Mapping[str, Any]) -> "Assessment":
-        """The same, with what it was made by among the metrics."""
+        """Copy with `provenance` among the metrics."""
         return replace(self, metrics={**self.metrics, "provenance": dict(provenance)})
 
     def write(self, file: Path) -> None:
-        """Write metrics.json. Raises ConfigurationError where that cannot be."""
+        """Write metrics.json.
+
+        Raises:
+            ConfigurationError: The file cannot be written.
+        """
         write_json(file, self.metrics)
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema of metrics.json."""
+    """JSON Schema of metrics.json."""
     return run_schema(SCHEMA)
 
 
 def run_schema(name: str) -> dict[str, Any]:
-    """The JSON Schema `name` of a run's metrics, in one piece with that of what all runs have."""
+    """JSON Schema `name` of one kind of metrics, merged with the schema common to all runs."""
     own, shared = (
         json.loads(files("sim").joinpath("schemas", each).read_text(encoding="utf-8"))
         for each in (name, "run.schema.json")
@@ -172,7 +189,19 @@ def assess(
     identification_s: float | None = None,
     bounds: Bounds | None = None,
 ) -> Assessment:
-    """All figures of a run. `wall_s` [s] the loop took, `identification_s` [s] of it finding the object."""
+    """All metrics of a run along a path on an object.
+
+    Args:
+        recording: The run.
+        truth: True object and work.
+        seed: Seed of the run.
+        wall_s: Wall time of the loop [s].
+        identification_s: Wall time of the last identification [s].
+        bounds: Acceptance bounds; default: `Bounds()`.
+
+    Returns:
+        The assessment.
+    """
     bounds = bounds or Bounds()
     identification = _identification(recording, truth)
     contact, segments = contact_figures(recording)
@@ -223,15 +252,15 @@ def assess(
 
 
 def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
-    """True normal force against the step set value in the work state: overall, and for each set value in turn.
+    """Error of the true normal force from the set force in the work state, overall and per segment.
 
-    RMS is of the mean in each of the loop's steps; peaks and lost contact are those of the physics' own steps in it.
-    The reference may come to a new set value by a ramp; the error counts against its end, from SETTLING after its
-    beginning on.
+    A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
+    steps within them. If the reference ramps to a new set force, the error is relative to the end of the ramp. It
+    counts from SETTLING after the beginning of the ramp.
     """
     time, work = recording["set_force"].time, recording.within(WorkState.WORK)
     names = ("force_error_rms_n", "force_error_max_n", "lost_s")
-    if not work.any() or not recording["set_force"].scalar[work].any():  # none was asked for
+    if not work.any() or not recording["set_force"].scalar[work].any():  # no force was commanded
         return dict.fromkeys(names), []
     wanted = recording["set_force"].scalar
     lost = (recording["contact_least"].scalar < LOST_BELOW) & work
@@ -240,7 +269,7 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     begins = changed & (time - np.concatenate([[-np.inf], last_change[:-1]]) > RAMP_GAP)
     part = np.cumsum(begins) - 1
     starts = np.flatnonzero(begins)
-    step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # where each ramp has come to
+    step = wanted[np.append(starts[1:], len(wanted)) - 1][part]  # [N] final value of each ramp
     error, over, under = (recording[name].scalar - step for name in ("contact_normal", "contact_most", "contact_least"))
     peak = np.maximum(np.abs(over), np.abs(under))
     settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
@@ -264,29 +293,29 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathError:
-    """The true tip against the timed commanded path, split; over the work state."""
+    """Error of the true tip from the timed commanded path, by components, in the work state."""
 
     time: Array  # (N,) [s]
     along: Array  # (N,) [m] signed, along the tangent
     normal: Array  # (N,) [m] signed, along the tool axis: deeper is positive
     lateral: Array  # (N,) [m] signed, along axis x tangent
-    deviation: Array  # (N,) [m] the larger of along-track and cross-track
+    deviation: Array  # (N,) [m] the larger of along-track and cross-track error
 
     @property
     def cross(self) -> Array:
-        """(N,) [m] distance from the path in the surface. Along the normal the force decides, not the path."""
+        """Distance (N,) [m] from the path within the surface; along the normal, force is controlled instead."""
         return np.abs(self.lateral)
 
 
 def path_error(recording: Recording) -> PathError | None:
-    """The tip's error on its path, or None if the run never came to work."""
+    """Error of the tip on its path; None if the run never reached the work state."""
     work = recording.within(WorkState.WORK)
     velocity = recording["v_command"].value[work]
     speed = np.linalg.norm(velocity, axis=1)
     moving = np.flatnonzero(speed > STANDSTILL)
     if not moving.size:
         return None
-    # Where the commanded point rests, at both ends, the tangent is that of the nearest motion.
+    # While the commanded point is at rest, at both ends, the tangent is that of the nearest motion.
     rows = np.arange(len(speed))
     after = np.clip(np.searchsorted(moving, rows), 0, moving.size - 1)
     before = np.maximum(after - 1, 0)
@@ -309,7 +338,7 @@ def path_error(recording: Recording) -> PathError | None:
 
 
 def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
-    """The true tip against the commanded path, the ideal path on the true object, and its surface."""
+    """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
     names = (
         "path_deviation_rms_m",
         "path_deviation_max_m",
@@ -326,7 +355,7 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     if error is None:
         return dict.fromkeys(names)
     work = recording.within(WorkState.WORK)
-    # A turn that leaves the object as it is moves the path on it: the pose that shows the same object, as it was found.
+    # A symmetry rotation leaves the object unchanged but moves the path: use the symmetric pose nearest the found one.
     X_WT = np.array(truth.X_WT)
     if recording.targets:
         X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
@@ -349,7 +378,15 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
 
 
 def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
-    """Times (N,) [s] in the work state, and angles (N,) [rad] between the tool axis and the true inward normal."""
+    """Angle between the tool axis and the true inward normal, in the work state.
+
+    Args:
+        recording: The run.
+        truth: True object.
+
+    Returns:
+        Times (N,) [s] and angles (N,) [rad].
+    """
     time, tip_T, axis = _at_work(recording, truth)
     surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
     _, normal = surface.closest(tip_T)
@@ -358,9 +395,9 @@ def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
 
 
 def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
-    """The pad's distance to the true surface against the one to be kept, at work; None where it was to press.
+    """Error of the pad's distance from the true surface in the work state, and contact time in any state.
 
-    Beside the error: the time with contact, in any state.
+    None for contact work.
     """
     if truth.contactless is None:
         return None
@@ -377,7 +414,15 @@ def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
 
 
 def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
-    """Times (N,) [s] in the work state, and distances (N,) [m] of the pad's face from the true surface, 0 inside it."""
+    """Distance of the pad's face from the true surface in the work state, 0 inside it.
+
+    Args:
+        recording: The run.
+        truth: True object.
+
+    Returns:
+        Times (N,) [s] and distances (N,) [m].
+    """
     time, tip_T, _ = _at_work(recording, truth)
     surface = Surface.of(np.asarray(truth.model.vertices), truth.model.triangles)
     found, normal = surface.closest(tip_T)
@@ -386,7 +431,7 @@ def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
 
 
 def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
-    """Times (N,) [s] in the work state, at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
+    """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
     every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
     rows = np.flatnonzero(recording.within(WorkState.WORK))[::every]
     X_TW = inverse(truth.X_WT)
@@ -395,22 +440,27 @@ def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Arr
 
 
 def force_estimate_figures(recording: Recording) -> Figures:
-    """Tool force felt through the joints against the true contact force, as vectors and along the tool, at work."""
+    """Error of the tool force estimated from the joints, as a vector and along the tool, in the work state."""
     work = recording.within(WorkState.WORK)
     names = ("error_rms_n", "normal_error_rms_n")
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
     if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
-        return dict.fromkeys(names)  # the controller need not believe in any force
+        return dict.fromkeys(names)  # a controller need not estimate forces
     return {names[0]: float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))), names[1]: float(np.sqrt(np.mean(normal**2)))}
 
 
 def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
-    """Times (N,) [s] in the work state, displacement (N, 3) [m] in W and turn (N,) [rad] of the hull since first touch.
+    """Motion of the hull in the work state since first contact; without a set force, since the work began.
 
-    Where the hull is asked to travel with the tool, that is taken off.
-    The turn is the whole rotation, yaw included. Where no force was asked for: since the work began. None if the tool
-    never touched or the run never came to work.
+    A commanded motion of the hull is subtracted. The turn is the whole rotation, yaw included.
+
+    Args:
+        recording: The run.
+
+    Returns:
+        Times (N,) [s], displacement (N, 3) [m] in W, and turn (N,) [rad]. None if the tool never touched, or the run
+        never reached the work state.
     """
     work = recording.within(WorkState.WORK)
     pressed = recording["set_force"].scalar[work].any()
@@ -428,7 +478,7 @@ def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
 
 
 def hull_figures(recording: Recording) -> Figures:
-    """How far the hull moved and turned under the work, from its pose at first touch."""
+    """Peak displacement and turn of the hull during the work, from its pose at first contact."""
     motion = hull_motion(recording)
     if motion is None:
         return {"excursion_max_m": None, "tilt_max_rad": None}
@@ -437,7 +487,7 @@ def hull_figures(recording: Recording) -> Figures:
 
 
 def _identification(recording: Recording, truth: TrueObject) -> dict[str, Any]:
-    """The last view's outcome against the truth, up to the object's symmetry."""
+    """Error of the last identification, up to the object's symmetry."""
     found = recording.targets[-1] if recording.targets else None
     figures: dict[str, Any] = {
         "position_error_m": None,

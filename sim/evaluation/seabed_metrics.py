@@ -1,8 +1,9 @@
-"""The figures of work in the seabed, from its recording and the true ground.
+"""Metrics of work in the seabed, from its recording and the true ground.
 
-Push is the true force of the soil against the tool along its axis, at the physics rate. Rise and excursion of the hull
-count from its place when the tool first met the soil, until it is out again. Of a tool that was dragged, depth and side
-are against the commanded path; its depth under the true surface has the scan's error in it and is told beside.
+Push is the true force of the soil against the tool along its axis, including peaks of the physics steps. Rise and
+excursion of the hull are relative to its position when the tool first met the soil, until it is out again. For a
+dragged tool, depth and side errors are relative to the commanded path. Its depth under the true surface, which includes
+the error of the scan, is reported separately.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,43 +23,54 @@ from sim.loop.recording import Recording
 
 SCHEMA = "seabed_work.schema.json"
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
-_GAP_EVERY = 0.5  # [s] between looks at how near the hull is to the ground
+_GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeabedBounds:
-    """What the work must keep to be accepted."""
+    """Acceptance bounds of the work."""
 
-    target: float = 0.01  # [m] of a target's height,
-    target_share: float = 0.005  # and of its range besides
-    push: float = 0.05  # of the set push, while it is held
+    target: float = 0.01  # [m] error of a target's height; in addition to it
+    target_share: float = 0.005  # this share of its range
+    push: float = 0.05  # error as a share of the set push, while it is held
     rise: float = 0.02  # [m] of the hull
-    depth: float = 0.005  # [m] of a tool that is dragged
-    side: float = 0.003  # [m]
+    depth: float = 0.005  # [m] depth error of a dragged tool
+    side: float = 0.003  # [m] lateral error of a dragged tool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrueGround:
-    """What was really there, and what was asked for."""
+    """True ground and hull, and the commanded work."""
 
     ground: Seabed
     hull_box: Array  # (2, 3) [m] corners of the hull in B
-    push: float | None  # [N] of a core; None: dragged
-    depth: float  # [m] dragged at; at which a core is full
+    push: float | None  # [N] set push of a core sampler; None: dragged tool
+    depth: float  # [m] set depth of a dragged tool; depth at which a core sampler is full
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hull_box", checked(self.hull_box, (2, 3), "hull_box"))
 
 
 def schema() -> dict[str, Any]:
-    """The JSON Schema of the metrics.json of work in the seabed."""
+    """JSON Schema of the metrics.json of work in the seabed."""
     return run_schema(SCHEMA)
 
 
 def assess_seabed_work(
     recording: Recording, truth: TrueGround, *, seed: int, wall_s: float, bounds: SeabedBounds | None = None
 ) -> Assessment:
-    """All figures of a run; a figure that it did not live to produce is None and counts as missed."""
+    """All metrics of a run; one that could not be measured is None and counts as missed.
+
+    Args:
+        recording: The run.
+        truth: True ground and commanded work.
+        seed: Seed of the run.
+        wall_s: Wall time of the loop [s].
+        bounds: Acceptance bounds; default: `SeabedBounds()`.
+
+    Returns:
+        The assessment.
+    """
     bounds = bounds or SeabedBounds()
     found = recording.targets[-1] if recording.targets else None
     worked = truth.push is not None, recording.within(WorkState.WORK).any()
@@ -113,7 +125,7 @@ _OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_d
 
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
-    """Metrics of a trial that broke down, with what there is to say of it."""
+    """Metrics of a trial that crashed for `reason`."""
     hull = ("rise_max_m", "sink_max_m", "excursion_max_m", "ground_gap_m")
     surface = ("target_error_max_m", "target_error_share", "range_m")
     return {
@@ -126,7 +138,7 @@ def crashed(seed: int, reason: str) -> dict[str, Any]:
 
 
 def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Success share with its interval, distributions, and failures by kind, of the metrics of many trials."""
+    """Success rate with its interval, distributions, and failures by kind, of many trials."""
 
     def of(part: str, key: str) -> dict[str, float] | None:
         return spread(trial[part][key] for trial in trials if trial[part] is not None)
@@ -141,7 +153,7 @@ def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:
-    """Heights at which the targets were found against the true ones, where the path begins and ends."""
+    """Error of the target heights from the true ground, at the ends of the path."""
     figures: dict[str, Any] = {
         "accepted": found is not None and found.accepted,
         "target_error_max_m": None,
@@ -197,13 +209,13 @@ def _drag(recording: Recording, truth: TrueGround) -> dict[str, Any]:
 
 
 def tip_depth(recording: Recording, ground: Seabed) -> Array:
-    """Depth (N,) [m] of the tip below the true surface, straight up; NaN beside the terrain."""
+    """Vertical depth (N,) [m] of the tip below the true surface; NaN outside the terrain."""
     tip = recording["p_pad"].value
     return ground.height(tip) - tip[:, 2]
 
 
 def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
-    """How far the hull rose, sank and moved in all, from its place when the tool first met the soil."""
+    """Peak rise, sinking and excursion of the hull from its position when the tool first met the soil."""
     inside = recording.within(*IN_THE_SOIL)
     touched = np.flatnonzero(inside & (recording["contact_normal"].scalar != 0.0))
     if not touched.size:
@@ -218,7 +230,7 @@ def hull_in_the_soil(recording: Recording) -> dict[str, float | None]:
 
 
 def hull_gap(recording: Recording, truth: TrueGround) -> float:
-    """Least distance [m] of the hull's box from the true ground in the whole run; 0 where they meet."""
+    """Smallest distance [m] of the hull's box from the true ground over the whole run; 0 if they intersect."""
     every = max(1, round(_GAP_EVERY / recording.timestep))
     ground, box = truth.ground.mesh()[0], truth.hull_box
     least = np.inf

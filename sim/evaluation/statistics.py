@@ -1,4 +1,4 @@
-"""Many trials of one job, summed up: the share accepted with its interval, how figures spread, why others failed."""
+"""Statistics over many trials of one task: success rate with interval, distributions of metrics, kinds of failure."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -11,9 +11,18 @@ from sim.interfaces.messages import WorkState
 
 
 def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share, `good` of `of`; `z` = 1.96 for 95 %.
+    """Wilson score interval of a proportion [Wilson 1927].
 
-    Raises ConfigurationError for counts that cannot be.
+    Args:
+        good: Number of successes.
+        of: Number of trials.
+        z: Quantile of the normal distribution; 1.96 for 95 %.
+
+    Returns:
+        Lower and upper limit.
+
+    Raises:
+        ConfigurationError: The counts are impossible.
     """
     if not 0 <= good <= of or of < 1:
         raise ConfigurationError(f"share: expected 0 <= good <= of, of > 0; got {good} of {of}")
@@ -25,7 +34,7 @@ def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
 
 
 def spread(values: Iterable[float | None]) -> dict[str, float] | None:
-    """Median, 95th percentile and worst of what is there; None of nothing."""
+    """Median, 95th percentile, maximum and minimum of the known values; None if there are none."""
     known = [value for value in values if value is not None]
     if not known:
         return None
@@ -38,9 +47,14 @@ def spread(values: Iterable[float | None]) -> dict[str, float] | None:
 
 
 def kind_of_failure(metrics: Mapping[str, Any], kinds: Iterable[tuple[str, str]]) -> str:
-    """In a word or two, why a trial was not accepted; empty if it was.
+    """Short name of the cause of a failed trial; empty if it was accepted.
 
-    `kinds`: words of the run's note, and what they stand for, the first that are found.
+    Args:
+        metrics: Metrics of the trial.
+        kinds: Pairs of words in the run's note and the name they stand for; the first match counts.
+
+    Returns:
+        The name.
     """
     if metrics["accepted"]:
         return ""
@@ -56,7 +70,15 @@ def kind_of_failure(metrics: Mapping[str, Any], kinds: Iterable[tuple[str, str]]
 
 
 def verdicts(trials: Sequence[Mapping[str, Any]], kind: Callable[[Mapping[str, Any]], str]) -> dict[str, Any]:
-    """Share accepted with its interval, and failures by `kind`, of the metrics of many trials."""
+    """Success rate of many trials with its interval, and failures counted by `kind`.
+
+    Args:
+        trials: Metrics of each trial.
+        kind: Function from metrics to the name of the failure.
+
+    Returns:
+        The summary.
+    """
     good = sum(bool(trial["accepted"]) for trial in trials)
     low, high = wilson(good, len(trials))
     return {
@@ -71,7 +93,7 @@ def verdicts(trials: Sequence[Mapping[str, Any]], kind: Callable[[Mapping[str, A
 
 
 def crashed_run(seed: int, reason: str) -> dict[str, Any]:
-    """The parts of a trial's metrics that every job has, of one that broke down for `reason`."""
+    """Metrics common to all tasks, for a trial that crashed for `reason`."""
     run = ("simulated_s", "collision_s", "trajectory_sha256")
     return {
         "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason},

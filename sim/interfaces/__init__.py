@@ -1,5 +1,5 @@
-"""The leaf that every room may import: spatial algebra, messages, protocols, errors. Imports numpy only."""
+"""Shared base of all packages: spatial algebra, messages, protocols, errors. Imports numpy only."""
 
 from sim.interfaces import kernel_cache
 
-kernel_cache.prepare()  # before any loop is compiled, whichever room is imported first
+kernel_cache.prepare()  # before any kernel is compiled, whichever package is imported first

@@ -1,14 +1,14 @@
-"""One error tree. A message names the offending thing, what is allowed, and what was given, in one short line."""
+"""Exceptions of the project; a message names the item, the allowed values and the given one, in one line."""
 
 import re
 
-LONGEST = 300  # characters of a message
-_TAIL = 90  # of them that are kept from its end, where what was given is said
+LONGEST = 300  # [characters] longest message
+_TAIL = 90  # [characters] kept from the end of a message that is too long: there it says what was given
 _UNPRINTABLE = re.compile(r"\s*[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]+\s*")
 
 
 def one_line(text: str, most: int = LONGEST) -> str:
-    """`text` in one line of at most `most` characters: what is longer loses its middle."""
+    """`text` on one line of at most `most` characters; a longer one loses its middle."""
     line = _UNPRINTABLE.sub(" ", text).strip()
     if len(line) <= most:
         return line
@@ -17,31 +17,31 @@ def one_line(text: str, most: int = LONGEST) -> str:
 
 
 class UuvError(Exception):
-    """Base of every error that this project raises on purpose; scripts turn it into one line and exit code 2."""
+    """Base of all errors raised on purpose; scripts turn it into one line and exit code 2."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(one_line(str(message)))
 
 
 class ConfigurationError(UuvError, ValueError):
-    """A value given at a door (file, option, argument) is not allowed."""
+    """A value from outside (file, option, argument) is not allowed."""
 
 
 class HydrodynamicsError(UuvError):
-    """The hydrodynamic model cannot be run as asked (solver, step length, MuJoCo's layout)."""
+    """The hydrodynamic model cannot run under these settings (solver, step length, MuJoCo's layout)."""
 
 
 class MissingLibraryError(UuvError, ImportError):
-    """A package that only some things need, or a system library of one, is not installed."""
+    """An optional package, or a system library that one needs, is not installed."""
 
 
 class PerceptionError(UuvError):
-    """Measurements do not hold what was asked of them (nothing seen, object not found)."""
+    """The measurements do not contain what was sought (nothing visible, object not found)."""
 
 
 class ReachError(UuvError):
-    """A pose or path lies outside what the arm can take."""
+    """A pose or path lies outside the arm's reach."""
 
 
 class PhysicsWarning(UserWarning):
-    """The physics runs, but a model looks unlike any real vehicle, or has gone beyond what it was judged for."""
+    """The simulation runs, but the model looks implausible or has left the range that it is valid in."""

@@ -1,4 +1,4 @@
-"""Files at a door: whether there is one to read, and what is in it, as ConfigurationError where there is not."""
+"""Reading of input files: existence, content and encoding, with ConfigurationError for every failure."""
 
 import os
 from pathlib import Path
@@ -9,13 +9,17 @@ from sim.interfaces.spatial import shown
 
 
 def existing_file(file: Any, what: str) -> Path:
-    """The path of a file that is there; ConfigurationError that begins with `what` for anything else."""
+    """Path of an existing file; `what` begins the error message.
+
+    Raises:
+        ConfigurationError: `file` is no file name, or there is no such file.
+    """
     if not isinstance(file, str | os.PathLike) or isinstance(file, bytes):
         raise ConfigurationError(f"{what}: expected the name of a file, got {shown(file)}")
     path = Path(file)
     try:
         found = path.is_file()
-    except (OSError, ValueError) as error:  # a name of more than 255 characters; links that lead in a circle
+    except (OSError, ValueError) as error:  # a name of more than 255 characters, or a cycle of links
         raise ConfigurationError(f"{what} {shown(str(path))}: {_why(error)}") from error
     if not found:
         there = "it is a folder" if path.is_dir() else "there is no such file"
@@ -24,7 +28,11 @@ def existing_file(file: Any, what: str) -> Path:
 
 
 def bytes_of(file: Any, what: str) -> bytes:
-    """What is in a file; ConfigurationError that begins with `what` if it is not there, empty, or cannot be read."""
+    """Content of a file; `what` begins the error message.
+
+    Raises:
+        ConfigurationError: The file does not exist, is empty, or cannot be read.
+    """
     path = existing_file(file, what)
     try:
         raw = path.read_bytes()
@@ -36,7 +44,11 @@ def bytes_of(file: Any, what: str) -> bytes:
 
 
 def text_of(file: Any, what: str) -> str:
-    """The text of a file in UTF-8, with or without byte order mark; ConfigurationError as `bytes_of`."""
+    """Text of a UTF-8 file, with or without byte order mark; `what` begins the error message.
+
+    Raises:
+        ConfigurationError: As `bytes_of` does, or the file is not UTF-8.
+    """
     raw = bytes_of(file, what)
     try:
         text = raw.decode("utf-8-sig")

@@ -1,4 +1,4 @@
-"""Compiled loops that are kept between runs, and what they are compiled from in other files."""
+"""Cache keys for numba kernels that depend on code or constants in other files."""
 
 import hashlib
 import inspect
@@ -11,19 +11,20 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def keyed_by_imports(function: F) -> F:
-    """For below `@numba.njit(cache=True)`, in a file that takes compiled functions or numbers from another.
+    """Decorator below `@numba.njit(cache=True)` for kernels that use compiled functions or constants of other files.
 
-    Numba keeps machine code until the file of the function itself changes, though it holds that of all it calls. It
-    names its files by `__qualname__`, so with `imports_stamp` in there a change elsewhere is met by other names.
+    Numba invalidates cached machine code only when the file of the function itself changes, though the code contains
+    that of all it calls. It names its cache files by `__qualname__`. With `imports_stamp` in that name, a change
+    elsewhere leads to new files.
     """
     function.__qualname__ += f".{imports_stamp(function.__globals__)}"
     return function
 
 
 def imports_stamp(namespace: Mapping[str, Any]) -> str:
-    """A word of 12 letters that changes with what compiled code in the module `namespace` may take from other files.
+    """Hash of 12 characters over everything that kernels of the module `namespace` may take from other files.
 
-    That is the source of each compiled function imported, and of those that its file imports in turn, and the numbers.
+    That is the source of each imported compiled function, of those that its file imports in turn, and the constants.
     """
     digest = hashlib.sha256()
     for part in _parts(namespace, {str(namespace.get("__file__"))}):
@@ -33,7 +34,7 @@ def imports_stamp(namespace: Mapping[str, Any]) -> str:
 
 def _parts(namespace: Mapping[str, Any], seen: set[str]) -> Iterator[bytes]:
     for name, value in sorted(namespace.items()):
-        if hasattr(value, "__wrapped__"):  # numba's functions say so what they were made of
+        if hasattr(value, "__wrapped__"):  # numba's functions refer so to their Python source
             origin = inspect.unwrap(value)
             file = inspect.getfile(origin)
             if file not in seen:

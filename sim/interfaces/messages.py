@@ -1,4 +1,4 @@
-"""Time-stamped, frozen messages: the only things that travel between rooms.
+"""Time-stamped, frozen messages: the only data exchanged between sensors, perception, control and plant.
 
 Every array is read-only. Frames: W world (z up), B hull, C camera (OpenCV axes), G tool (z out of the tool),
 T target (the frame of its model). Ground truth is not a message: it never leaves `sim`.
@@ -13,23 +13,23 @@ import numpy as np
 
 from sim.interfaces.spatial import Array, readonly
 
-_UNKNOWN = readonly([math.nan] * 3)
-_STILL = readonly([0.0] * 3)
+_UNKNOWN = readonly([math.nan] * 3)  # [m]
+_STILL = readonly([0.0] * 3)  # [rad/s]
 
 
 class WorkState(StrEnum):
-    """What the vehicle is doing; the supervisor moves through these in order, or falls to RETREAT and ABORT."""
+    """State of the task; the supervisor passes through these in order, or goes to RETREAT and ABORT."""
 
-    SETTLE = "settle"  # hover until the hull is quiet
-    SCAN = "scan"  # a depth frame is asked for, identification runs
+    SETTLE = "settle"  # station keeping until the hull is at rest
+    SCAN = "scan"  # a depth frame is requested, identification runs
     CLOSE_IN = "close-in"  # the hull moves to the work pose, the arm to the pose before contact
-    TARE = "tare"  # torque bias is removed, free of contact
+    TARE = "tare"  # torque bias is estimated and removed, free of contact
     APPROACH = "approach"  # guarded move along the tool axis until contact
     PRESS = "press"  # force grows to its first set value; no motion along the path yet
-    WORK = "work"  # motion along the path under force control; of a sampler, its stay in the hole
-    SEARCH = "search"  # a sampler feels for its hole in a spiral
-    INSERT = "insert"  # a sampler goes into its hole, giving way to what pushes it aside
-    WITHDRAW = "withdraw"  # a sampler is drawn out again
+    WORK = "work"  # motion along the path under force control; for a sampler, its stay in the hole
+    SEARCH = "search"  # spiral search for the hole with a sampler in contact
+    INSERT = "insert"  # insertion of a sampler, compliant to side forces
+    WITHDRAW = "withdraw"  # the sampler is pulled out
     RETREAT = "retreat"  # tool leaves the surface along its axis
     DONE = "done"  # path finished and tool withdrawn
     ABORT = "abort"  # tool withdrawn before the path was finished
@@ -54,7 +54,7 @@ class TorqueMeasurement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImuNoise:
-    """Standard deviations of an inertial unit's errors, as its maker states them."""
+    """Standard deviations of an inertial unit's errors, from its data sheet."""
 
     acceleration: float  # [m/s^2] white, per sample
     acceleration_bias: float  # [m/s^2] constant over a run
@@ -66,18 +66,18 @@ class ImuNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ImuMeasurement:
-    """Inertial unit and attitude reference at the hull origin."""
+    """Reading of the inertial unit and attitude reference at the hull origin."""
 
     time: float  # [s]
     specific_force_B: Array  # (3,) [m/s^2], acceleration minus gravity
     w_WB_B: Array  # (3,) [rad/s]
     R_WB: Array  # (3, 3)
-    noise: ImuNoise | None = None  # as stated by the maker; None: not stated
+    noise: ImuNoise | None = None  # from the data sheet; None: not stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DvlNoise:
-    """Standard deviations of a Doppler log's errors per axis, as its maker states them."""
+    """Standard deviations of a Doppler velocity log's errors per axis, from its data sheet."""
 
     white: float  # [m/s] per sample
     bias: float = 0.0  # [m/s] constant over a run
@@ -85,70 +85,70 @@ class DvlNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DvlMeasurement:
-    """Velocity over ground."""
+    """Velocity over ground from a Doppler velocity log (DVL)."""
 
     time: float  # [s]
     v_WB_B: Array  # (3,) [m/s]
-    noise: DvlNoise | None = None  # as stated by the maker; None: not stated
+    noise: DvlNoise | None = None  # from the data sheet; None: not stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DvlRangesMeasurement:
-    """Ranges to the ground along the beams of a Doppler log."""
+    """Ranges to the ground along the beams of a Doppler velocity log."""
 
     time: float  # [s]
-    ranges: Array  # (k,) [m], NaN where no echo came
+    ranges: Array  # (k,) [m], NaN without an echo
     axes_B: Array  # (k, 3) unit axes of the beams
-    p_BD: Array  # (3,) [m] the array on the hull
+    p_BD: Array  # (3,) [m] position of the transducer array in the hull
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PressureMeasurement:
-    """Pressure gauge."""
+    """Reading of the pressure gauge."""
 
     time: float  # [s]
     pressure: float  # [Pa] absolute
-    depth: float  # [m] of the gauge below the surface, as it makes of the pressure
+    depth: float  # [m] of the gauge below the surface, computed by the gauge from the pressure
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionNoise:
-    """Standard deviations of the errors of a position from vision per axis, as its maker states them."""
+    """Standard deviations per axis of the errors of a position from vision."""
 
-    white: float  # [m] per picture
-    wander: float = 0.0  # [m] of a slow error (Gauss-Markov)
-    wander_time: float = 60.0  # [s] over which it forgets itself
+    white: float  # [m] per image
+    wander: float = 0.0  # [m] of a slow error (first-order Gauss-Markov)
+    wander_time: float = 60.0  # [s] its correlation time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VisionMeasurement:
-    """Position of the hull against the scene, from vision; `time` is when the picture was taken, not its arrival."""
+    """Position of the hull relative to the scene, from vision; `time` is that of exposure, not of arrival."""
 
     time: float  # [s]
     p_WB: Array  # (3,) [m]
-    noise: VisionNoise | None = None  # as stated by the maker; None: not stated
+    noise: VisionNoise | None = None  # from the data sheet; None: not stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthImage:
-    """One frame of a depth camera, with the camera's place on the hull."""
+    """One frame of a depth camera, with the camera's pose in the hull."""
 
     time: float  # [s]
-    depth: Array  # (height, width) [m] along the optical axis, NaN where nothing came back
-    K: Array  # (3, 3) pinhole matrix [px]
+    depth: Array  # (height, width) [m] along the optical axis, NaN without a measurement
+    K: Array  # (3, 3) [px] pinhole matrix
     X_BC: Array  # (4, 4) camera in hull
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SonarScan:
-    """One ping of a 3D sonar, with its place on the hull."""
+    """One ping of a 3D sonar, with its pose in the hull."""
 
     time: float  # [s]
-    points: Array  # (H, W, 3) [m] in the sensor frame S, one for each beam, NaN where no echo came back
+    points: Array  # (H, W, 3) [m] in the sensor frame S, one for each beam, NaN without an echo
     X_BS: Array  # (4, 4) sensor in hull; OpenCV axes: x right, y down, z ahead
 
 
-Look = DepthImage | SonarScan  # what a target is found in
+Look = DepthImage | SonarScan  # input of target identification
 
 Measurement = (
     EncoderMeasurement
@@ -165,19 +165,19 @@ Measurement = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GroundPlane:
-    """The seabed under the vehicle, on the whole."""
+    """Plane fitted to the seabed under the vehicle."""
 
-    time: float  # [s] of the last ranges in it
-    p_W: Array  # (3,) [m] a point of the plane; NaN where too few beams make one
-    normal_W: Array  # (3,) unit, upwards; NaN alike
-    scatter: float  # [m] RMS distance of the beams' places from it; 0 of three
-    beams: int  # that see the ground
-    silent: tuple[int, ...]  # beams, from 1, that do not
+    time: float  # [s] of the newest ranges used
+    p_W: Array  # (3,) [m] a point of the plane; NaN with too few beams
+    normal_W: Array  # (3,) unit, upwards; NaN likewise
+    scatter: float  # [m] RMS distance of the beams' ground points from it; 0 with three
+    beams: int  # number of beams with an echo
+    silent: tuple[int, ...]  # beams without an echo, counted from 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateEstimate:
-    """What the vehicle believes of itself."""
+    """State of the vehicle as estimated on board."""
 
     time: float  # [s]
     X_WB: Array  # (4, 4) hull pose
@@ -187,64 +187,64 @@ class StateEstimate:
     q: Array  # (n,) [rad]
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m] measured at the gear outputs
-    tau_doubt: Array | None = None  # (n,) [N m] standard deviation of each beside the sensors' noise; None: of none
-    position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull's place, W; NaN: not said
-    vision_age: float = math.nan  # [s] since the newest picture that was used was taken; NaN: not said
-    dvl_age: float = math.nan  # [s] the same of the DVL; inf: none was ever used
-    imu_age: float = math.nan  # [s] the same of the IMU
-    ground: GroundPlane | None = None  # under the hull; None: not said
+    tau_doubt: Array | None = None  # (n,) [N m] standard deviation beyond the sensors' noise; None: none
+    position_sigma: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [m] of the hull position, W; NaN: not known
+    vision_age: float = math.nan  # [s] since exposure of the newest image that was used; NaN: not known
+    dvl_age: float = math.nan  # [s] the same for the DVL; inf: none was ever used
+    imu_age: float = math.nan  # [s] the same for the IMU
+    ground: GroundPlane | None = None  # under the hull; None: not known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolPath:
-    """A tool path on the real surface, sampled densely over its arc length."""
+    """Tool path on the real surface, sampled densely over its arc length."""
 
     s: Array  # (N,) [m] arc length, from 0, increasing
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path
-    on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else carried over from the model alone)
+    on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
-    """A known object or a place on the seabed, found: its pose and the tool path on it, in W."""
+    """Identified target, a known object or a place on the seabed: its pose and tool path in W."""
 
     time: float  # [s] of the frame that it was found in
-    X_WT: Array  # (4, 4) pose of the model frame; of a place on the seabed, level
-    accepted: bool  # the check held
-    check_m: float  # [m] the check's figure; inf if it could not be made
+    X_WT: Array  # (4, 4) pose of the model frame; level for a place on the seabed
+    accepted: bool  # passed the pose check
+    check_m: float  # [m] error measure of the pose check; inf if it could not be computed
     range_m: float  # [m] camera to the target's centre
     reason: str  # why it was not accepted; empty if it was
     path: ToolPath | None  # in W; None if not accepted
-    ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not looked at
+    ground: Array | None = None  # (V, 3) [m] points of the seabed around it, W; None: not measured
 
 
 class FaultKind(StrEnum):
-    """What the vehicle can find wrong with itself."""
+    """Kind of fault that the vehicle can detect on board."""
 
-    ESTIMATE = "estimate"  # not a number, or time stands still: nothing can be controlled
-    CONTROLLER = "controller"  # its commands are not numbers
-    VISION = "vision"  # too old to be followed along a path
+    ESTIMATE = "estimate"  # NaN, or time does not advance: no control is possible
+    CONTROLLER = "controller"  # commands are NaN
+    VISION = "vision"  # too old to follow a path by
     TORQUE_SENSOR = "torque sensor"  # of one joint
     ENCODER = "encoder"  # of one joint
-    THRUSTER = "thruster"  # one gives less than it is asked for
+    THRUSTER = "thruster"  # one gives less thrust than commanded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One thing found wrong."""
+    """One detected fault."""
 
     kind: FaultKind
-    part: str  # name of the joint or thruster; empty where there is but one
-    index: int  # of it; -1 where there is but one
-    time: float  # [s] it was found
-    figures: str = ""  # by which it was found, in words: "gave 3 N where 11 N were asked for"
+    part: str  # name of the joint or thruster; empty if there is only one
+    index: int  # of the part; -1 if there is only one
+    time: float  # [s] of detection
+    figures: str = ""  # evidence in words: "gave 3 N where 11 N were asked for"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reference:
-    """What the controller is asked to do now."""
+    """Set points of the planner for the controller."""
 
     time: float  # [s]
     state: WorkState
@@ -253,27 +253,27 @@ class Reference:
     X_WG: Array | None  # (4, 4) tool pose to follow, or None: hold `q`
     v_WG_W: Array  # (3,) [m/s] velocity of the tool point
     w_WG_W: Array  # (3,) [rad/s] angular velocity of the tool frame
-    q: Array  # (n,) [rad] joint angles to hold when X_WG is None; else the posture to start IK from
+    q: Array  # (n,) [rad] joint angles to hold when X_WG is None; else the initial posture of IK
     qd: Array  # (n,) [rad/s] velocity of `q`
     force: float  # [N] set normal force; 0 when free of contact
     force_control: bool  # close the force loop
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
-    note: str = ""  # why the work was broken off, once it was
-    compliant: bool = False  # give way to forces across the tool axis
-    lost_thrusters: tuple[int, ...] = ()  # not to be counted on
+    note: str = ""  # reason for an abort, after one
+    compliant: bool = False  # yield to forces across the tool axis
+    lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """What goes to the drives, what the controller feels (for the planner), and what it believes (for logs)."""
+    """Output of the controller: drive commands, force estimate for the planner, internal values for logs."""
 
     time: float  # [s]
     joint_torque: Array  # (n,) [N m]
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
     scan: bool  # take a depth frame now
-    felt_normal: float = float("nan")  # [N], normal force at the tool by its estimate; NaN: it has none
+    felt_normal: float = float("nan")  # [N] estimated normal force at the tool; NaN: no estimate
     believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]
-    faults: tuple[Fault, ...] = ()  # what it finds wrong with the vehicle, first found first
+    faults: tuple[Fault, ...] = ()  # detected faults, in order of detection

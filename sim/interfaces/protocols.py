@@ -1,4 +1,4 @@
-"""The shapes of pluggable parts. Each has explicit state, so a run can be replayed and shared.
+"""Protocols of the pluggable parts; their state is explicit, so a run can be replayed and shared.
 
 `period` [s] is a whole multiple of the plant's step; `sim.loop.rollout` checks it and calls `step` at that rate.
 """
@@ -13,64 +13,122 @@ from sim.interfaces.messages import Command, Measurement, Reference, StateEstima
 
 @runtime_checkable
 class Sensor(Protocol):
-    """Truth in, one measurement out, or None where no message comes.
+    """Simulated sensor: maps the true state to one measurement, or to None if no message is sent.
 
-    `truth` is `sim.plant.plant.Truth`; only `sim` may look into it.
+    `truth` is `sim.plant.plant.Truth`; only `sim` may read it.
     """
 
     @property
-    def period(self) -> float: ...  # [s]; 0 means on request (`Command.scan`)
+    def period(self) -> float:
+        """Time between measurements [s]; 0 means on request (`Command.scan`)."""
+        ...
 
     @property
-    def delay(self) -> float: ...  # [s] between the moment measured and the moment delivered
+    def delay(self) -> float:
+        """Time between measurement and delivery [s]."""
+        ...
 
-    def init(self, rng: np.random.Generator) -> Any: ...
+    def init(self, rng: np.random.Generator) -> Any:
+        """Initial state of the sensor, with its random stream."""
+        ...
 
-    def step(self, state: Any, truth: Any) -> tuple[Any, Measurement | None]: ...
+    def step(self, state: Any, truth: Any) -> tuple[Any, Measurement | None]:
+        """Next state and measurement at `truth`; None if the sensor gives no message."""
+        ...
 
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Measurements in, the vehicle's own state out."""
+    """State estimator: maps measurements to an estimate of the vehicle's own state."""
 
     @property
-    def period(self) -> float: ...  # [s]
+    def period(self) -> float:
+        """Time between estimates [s]."""
+        ...
 
-    def init(self, first: Sequence[Measurement]) -> Any: ...
+    def init(self, first: Sequence[Measurement]) -> Any:
+        """Initial state from the first measurements."""
+        ...
 
-    def step(self, state: Any, measurements: Sequence[Measurement]) -> tuple[Any, StateEstimate]: ...
+    def step(self, state: Any, measurements: Sequence[Measurement]) -> tuple[Any, StateEstimate]:
+        """Next state and estimate from the measurements that arrived since the last step."""
+        ...
 
 
 @runtime_checkable
 class TargetFinder(Protocol):
-    """Depth frames in, the target and its tool path out, or None where more are wanted first. Called once per frame."""
+    """Target identification: maps depth frames to a target and its tool path; called once per frame."""
 
-    def init(self) -> Any: ...
+    def init(self) -> Any:
+        """Initial state, before any frame."""
+        ...
 
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]: ...
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+        """Process one frame.
+
+        Args:
+            state: State after the last frame.
+            estimate: Vehicle state at the time of the frame.
+            measurement: Depth frame or sonar scan.
+
+        Returns:
+            Next state, and the target; None if more frames are needed first.
+        """
+        ...
 
 
 @runtime_checkable
 class Planner(Protocol):
-    """Estimates in, references out: the supervisor of the work."""
+    """Task supervisor: maps estimates to set points."""
 
     @property
-    def period(self) -> float: ...  # [s]
+    def period(self) -> float:
+        """Time between set points [s]."""
+        ...
 
-    def init(self, estimate: StateEstimate) -> Any: ...
+    def init(self, estimate: StateEstimate) -> Any:
+        """Initial state from the first estimate."""
+        ...
 
     def step(
         self, state: Any, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[Any, Reference]: ...
+    ) -> tuple[Any, Reference]:
+        """Compute the next set points.
+
+        Args:
+            state: State after the last step.
+            estimate: Estimated vehicle state.
+            target: Newest target, or None.
+            last: Newest command of the controller, or None.
+
+        Returns:
+            Next state and set points.
+        """
+        ...
 
 
 @runtime_checkable
 class Controller(Protocol):
-    """Estimates and references in, commands out."""
+    """Controller: maps estimates and set points to commands."""
 
     @property
-    def period(self) -> float: ...  # [s]
+    def period(self) -> float:
+        """Time between commands [s]."""
+        ...
 
-    def init(self, estimate: StateEstimate) -> Any: ...
+    def init(self, estimate: StateEstimate) -> Any:
+        """Initial state from the first estimate."""
+        ...
 
-    def step(self, state: Any, estimate: StateEstimate, reference: Reference) -> tuple[Any, Command]: ...
+    def step(self, state: Any, estimate: StateEstimate, reference: Reference) -> tuple[Any, Command]:
+        """Compute the next command.
+
+        Args:
+            state: State after the last step.
+            estimate: Estimated vehicle state.
+            reference: Set points of the planner.
+
+        Returns:
+            Next state and command.
+        """
+        ...

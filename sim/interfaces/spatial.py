@@ -1,4 +1,4 @@
-"""Poses, rotations and wrenches on plain numpy arrays.
+"""Poses, rotations and wrenches on plain numpy arrays, and validation of numerical input.
 
 A pose `X_AB` is a (4, 4) homogeneous matrix that takes coordinates in B to coordinates in A. Quaternions are
 `wxyz` and say so in their name. Six-vectors are (linear; angular), at the body-frame origin, in body axes.
@@ -19,48 +19,65 @@ Array = NDArray[np.float64]
 _FLOAT64 = np.dtype(np.float64)
 
 GRAVITY = 9.81  # [m/s^2], along -z of W
-FARTHEST = 1e9  # [m] from a frame, within which positions are kept to a micrometre
+FARTHEST = 1e9  # [m] largest coordinate accepted; up to there float64 resolves a micrometre
 
 
 def readonly(values: ArrayLike) -> Array:
-    """A private, read-only float64 copy of `values`."""
+    """Private, read-only float64 copy of `values`."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
 
 
 def shown(value: Any) -> str:
-    """`value` as a message shows it: one line of at most 80 characters, whatever it is."""
+    """Text of any `value` for an error message: one line of at most 80 characters."""
     try:
         if isinstance(value, np.ndarray | np.generic):
             small = value.size <= _FEW
             text = repr(value.tolist()) if small else f"{value.dtype} numbers of shape {value.shape}"
         else:
             text = _REPR.repr(value)
-    except Exception:  # of a foreign __repr__, or an int of more digits than Python prints
+    except Exception:  # a foreign __repr__ failed, or an int has more digits than Python prints
         text = f"a {type(value).__name__}"
     return one_line(text, _MOST_SHOWN)
 
 
-_MOST_SHOWN = 80  # characters
-_FEW = 16  # numbers: a pose
+_MOST_SHOWN = 80  # [characters] longest text of a value in a message
+_FEW = 16  # numbers of an array that are printed in full: those of a pose
 _REPR = reprlib.Repr()
 _REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = 6
 _REPR.maxlong, _REPR.maxstring, _REPR.maxother = 30, _MOST_SHOWN, _MOST_SHOWN
 
 
 def unit_vector(values: ArrayLike, name: str) -> Array:
-    """The read-only unit vector (3,) along `values` (3,); ConfigurationError if those are none, or zero."""
+    """Read-only unit vector (3,) along `values` (3,).
+
+    Raises:
+        ConfigurationError: `values` is no finite vector (3,), or zero; the message begins with `name`.
+    """
     vector = checked(values, (3,), name)
     largest = float(np.abs(vector).max())
     if not largest > 1e-9:
         raise ConfigurationError(f"{name}: must not be zero")
-    vector = vector / largest  # the square of a very long one is no number
+    vector = vector / largest  # the square of a very long one would overflow
     return readonly(vector / np.linalg.norm(vector))
 
 
 def checked_place(values: ArrayLike, shape: tuple[int, ...], name: str, farthest: float = FARTHEST) -> Array:
-    """`checked` positions [m], which must lie within `farthest` [m] of their frame's origin."""
+    """Read-only copy of positions, validated as by `checked` and for their distance from the frame's origin.
+
+    Args:
+        values: Positions [m].
+        shape: Required shape.
+        name: Begins the error message.
+        farthest: Largest coordinate [m].
+
+    Returns:
+        Positions [m], float64.
+
+    Raises:
+        ConfigurationError: As `checked` does, or a coordinate is larger than `farthest`.
+    """
     points = checked(values, shape, name)
     if points.size and np.abs(points).max() > farthest:
         raise ConfigurationError(f"{name}: must lie within {farthest:g} m, got {np.abs(points).max():g} m")
@@ -68,24 +85,42 @@ def checked_place(values: ArrayLike, shape: tuple[int, ...], name: str, farthest
 
 
 def real_array(values: Any, name: str, wanted: str = "numbers") -> Array:
-    """A new float64 array of `values`, of any shape, or ConfigurationError that says what is `wanted`.
+    """New float64 array of `values`, of any shape.
 
-    Complex numbers, strings and dates are no numbers here; infinite ones and NaN are.
+    Args:
+        values: Anything that numpy can convert; inf and NaN are accepted.
+        name: Begins the error message.
+        wanted: Description of the expected input for the message.
+
+    Returns:
+        The array.
+
+    Raises:
+        ConfigurationError: `values` are no real numbers; complex numbers, strings and dates are refused.
     """
     try:
         given = np.asarray(values)
         if given.dtype.kind not in "biufO":
             raise TypeError(f"{given.dtype} is not a real number")
-        with np.errstate(over="ignore"):  # of a longer float: it becomes infinite
+        with np.errstate(over="ignore"):  # a float beyond float64 becomes infinite
             return np.array(given, dtype=np.float64)
-    except Exception as error:  # whatever the `__array__` or `__float__` of a foreign object raises
+    except Exception as error:  # a foreign object's `__array__` or `__float__` can raise anything
         raise ConfigurationError(f"{name}: expected {wanted}, got {shown(values)}") from error
 
 
 def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, or ConfigurationError if its shape is not `shape` or it is not finite.
+    """Read-only float64 copy of `values`, validated for shape and finiteness.
 
-    Complex numbers and strings are no numbers here.
+    Args:
+        values: Real numbers; complex numbers and strings are refused.
+        shape: Required shape.
+        name: Begins the error message.
+
+    Returns:
+        The copy.
+
+    Raises:
+        ConfigurationError: The shape differs, or a number is not finite.
     """
     array = real_array(values, name, f"{shape} numbers")
     if array.shape != shape:
@@ -97,7 +132,20 @@ def checked(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
 
 
 def checked_rows(values: ArrayLike, width: int, name: str, least: int = 1) -> Array:
-    """A read-only float64 copy of `values` (n, `width`), n >= `least`; ConfigurationError for anything else."""
+    """Read-only float64 copy of `values` (n, `width`).
+
+    Args:
+        values: Finite real numbers.
+        width: Required number of columns.
+        name: Begins the error message.
+        least: Smallest number of rows.
+
+    Returns:
+        The copy.
+
+    Raises:
+        ConfigurationError: The shape differs, there are too few rows, or a number is not finite.
+    """
     array = real_array(values, name, f"(n, {width}) numbers")
     if array.ndim != 2 or array.shape[1] != width or len(array) < least:
         raise ConfigurationError(f"{name}: expected shape (n, {width}), n >= {least}, got {array.shape}")
@@ -105,7 +153,11 @@ def checked_rows(values: ArrayLike, width: int, name: str, least: int = 1) -> Ar
 
 
 def checked_pose(values: ArrayLike, name: str) -> Array:
-    """A read-only copy of the pose `values` (4, 4); ConfigurationError if it is none."""
+    """Read-only copy of the pose `values` (4, 4).
+
+    Raises:
+        ConfigurationError: `values` is no pose, or its position is beyond FARTHEST.
+    """
     X = checked(values, (4, 4), name)
     R = X[:3, :3]
     rigid = np.abs(R).max() < 2.0 and np.allclose(R.T @ R, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0.0
@@ -117,16 +169,25 @@ def checked_pose(values: ArrayLike, name: str) -> Array:
 
 
 def not_a_pose(name: str, X: Array) -> ConfigurationError:
-    """The error for a matrix `X` (4, 4) that is no pose."""
+    """Error for a matrix `X` (4, 4) that is no pose."""
     return ConfigurationError(
         f"{name}: expected a pose (right-handed rotation to 1e-6, translation, last row 0 0 0 1), got {shown(X)}"
     )
 
 
 def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
-    """`values` itself where it is what `checked` would return, else a copy of that: a check for loops, about 1 us.
+    """Validated array for loops: `values` itself if it already is what `checked` returns, else a copy; about 1 us.
 
-    Raises ConfigurationError as `checked` does.
+    Args:
+        values: Real numbers.
+        shape: Required shape.
+        name: Begins the error message.
+
+    Returns:
+        Float64 array; it may be `values` itself.
+
+    Raises:
+        ConfigurationError: As `checked` does.
     """
     plain = type(values) is np.ndarray and values.shape == shape and values.dtype == _FLOAT64
     if plain and math.isfinite(np.vdot(values, values)):
@@ -135,7 +196,11 @@ def fitting(values: Array, shape: tuple[int, ...], name: str) -> Array:
 
 
 def number(value: Any, name: str) -> float:
-    """`value` as a float, or ConfigurationError if it is not one real number that a float can hold; inf and NaN are."""
+    """`value` as a float; inf and NaN are accepted.
+
+    Raises:
+        ConfigurationError: `value` is not one real number that a float can hold.
+    """
     if type(value) is float:
         return value
     try:
@@ -151,7 +216,21 @@ def number(value: Any, name: str) -> float:
 def finite_number(
     value: Any, name: str, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
 ) -> float:
-    """`value` as a finite float, > `above`, >= `least` and <= `most`; ConfigurationError otherwise."""
+    """`value` as a finite float within bounds.
+
+    Args:
+        value: Candidate.
+        name: Begins the error message.
+        above: Exclusive lower bound.
+        least: Inclusive lower bound.
+        most: Inclusive upper bound.
+
+    Returns:
+        The float.
+
+    Raises:
+        ConfigurationError: `value` is not finite or out of bounds.
+    """
     given = number(value, name)
     if math.isfinite(given) and given > above and least <= given <= most:
         return given
@@ -162,7 +241,20 @@ def finite_number(
 
 
 def whole_number(value: Any, name: str, *, least: int = 0, most: int | None = None) -> int:
-    """`value` as an int >= `least`, and <= `most`; ConfigurationError otherwise. True and 2.0 are no whole numbers."""
+    """`value` as an int within bounds; True and 2.0 are refused.
+
+    Args:
+        value: Candidate.
+        name: Begins the error message.
+        least: Inclusive lower bound.
+        most: Inclusive upper bound; None: unbounded.
+
+    Returns:
+        The int.
+
+    Raises:
+        ConfigurationError: `value` is no int or out of bounds.
+    """
     kind = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not kind or value < least or (most is not None and value > most):
         allowed = f">= {least}" if most is None else f"in {least}..{most}"
@@ -171,7 +263,19 @@ def whole_number(value: Any, name: str, *, least: int = 0, most: int | None = No
 
 
 def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
-    """`value`, one of the words `allowed`; ConfigurationError otherwise."""
+    """`value`, if it is one of the words `allowed`.
+
+    Args:
+        value: Candidate.
+        allowed: Permitted words.
+        name: Begins the error message.
+
+    Returns:
+        The word.
+
+    Raises:
+        ConfigurationError: `value` is none of them.
+    """
     words = tuple(allowed)
     if not isinstance(value, str) or value not in words:
         raise ConfigurationError(f"{name}: allowed {', '.join(words)}, got {shown(value)}")
@@ -179,7 +283,7 @@ def one_of(value: Any, allowed: Iterable[str], name: str) -> str:
 
 
 def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
-    """The pose with rotation `R` (3, 3), default identity, and position `p` (3,) [m], default zero."""
+    """Pose (4, 4) with rotation `R` (3, 3), default identity, and position `p` (3,) [m], default zero."""
     X = np.eye(4)
     if R is not None:
         X[:3, :3] = R
@@ -189,7 +293,7 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
 
 
 def inverse(X_AB: Array) -> Array:
-    """X_BA."""
+    """Inverse pose X_BA (4, 4)."""
     X_BA = np.eye(4)
     R_BA = X_AB[:3, :3].T
     X_BA[:3, :3] = R_BA
@@ -203,16 +307,16 @@ def transform_points(X_AB: Array, p_B: Array) -> Array:
 
 
 def skew(v: ArrayLike) -> Array:
-    """The matrix S with S @ u = v x u."""
+    """Cross-product matrix S (3, 3) of `v`: S @ u = v x u."""
     x, y, z = np.asarray(v, dtype=np.float64).tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def exp_so3(phi: ArrayLike) -> Array:
-    """Rotation matrix of the rotation vector `phi` (3,) [rad] (Rodrigues)."""
+    """Rotation matrix (3, 3) of the rotation vector `phi` (3,) [rad] (Rodrigues' formula)."""
     x, y, z = np.asarray(phi, dtype=np.float64).tolist()
     square = x * x + y * y + z * z
-    # Scalars throughout: on three numbers numpy's own calls cost ten times the sums.
+    # Scalars throughout: on three numbers numpy's calls cost ten times as much as the sums.
     if square < 1e-12:
         s, c = 1.0 - square / 6.0, 0.5 - square / 24.0
     else:
@@ -229,11 +333,11 @@ def exp_so3(phi: ArrayLike) -> Array:
         c * y * z + s * x,
         1.0 - c * (x * x + y * y),
     )
-    return np.array(rows).reshape(3, 3)  # nested lists take twice as long
+    return np.array(rows).reshape(3, 3)  # converting nested lists takes twice as long
 
 
 def log_so3(R: Array) -> Array:
-    """Rotation vector (3,) [rad] of `R`, of length in [0, pi], exact near 0 and near pi."""
+    """Rotation vector (3,) [rad] of `R`, of length in [0, pi]; exact near 0 and near pi."""
     w, x, y, z = _quaternion(R)
     if w < 0.0:
         w, x, y, z = -w, -x, -y, -z
@@ -248,7 +352,7 @@ def rotation_angle(R_a: Array, R_b: Array) -> float:
 
 
 def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
-    """Rotation matrix of a quaternion (w, x, y, z), normalised first."""
+    """Rotation matrix (3, 3) of a quaternion (w, x, y, z), which is normalised first."""
     q = np.asarray(quat_wxyz, dtype=np.float64)
     w, x, y, z = q / np.linalg.norm(q)
     return np.array(
@@ -261,7 +365,7 @@ def rotation_from_quat_wxyz(quat_wxyz: ArrayLike) -> Array:
 
 
 def quat_wxyz_from_rotation(R: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of `R`, by the largest component (Shepperd), so that it is exact near pi."""
+    """Unit quaternion (w, x, y, z) of `R`; by the largest component [Shepperd 1978], so it is exact near pi."""
     return np.array(_quaternion(R))
 
 
@@ -281,9 +385,10 @@ def _quaternion(R: Array) -> tuple[float, float, float, float]:
 
 
 def rotation_from_z(z: ArrayLike, x_hint: ArrayLike) -> Array:
-    """Rotation whose z axis is `z` (3,) and whose x axis is `x_hint` (3,) made perpendicular to it.
+    """Rotation (3, 3) whose z axis is `z` (3,) and whose x axis is `x_hint` (3,) made perpendicular to it.
 
-    Raises ConfigurationError if either is zero or they are parallel.
+    Raises:
+        ConfigurationError: Either is zero, or they are parallel.
     """
     z_axis = np.asarray(z, dtype=np.float64)
     z_axis = z_axis / max(float(np.linalg.norm(z_axis)), 1e-300)

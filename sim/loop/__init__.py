@@ -1,1 +1,1 @@
-"""The one step loop, and the recording that it fills."""
+"""The step loop of a run, and the recording of it."""

@@ -1,7 +1,7 @@
-"""What is kept of a run: columns, filled while the loop runs, read by metrics and reports when it is over.
+"""Recording of a run: time series filled by the step loop, read by metrics and reports afterwards.
 
-`Recorder` watches `sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times in s
-from the start of the run, everything else in SI and W unless a name says otherwise.
+`Recorder` observes `sim.loop.rollout` and costs a few microseconds a step; `Recording` is its frozen result. Times are
+in s from the start of the run. All other quantities are in SI units and W unless a name says otherwise.
 """
 
 import hashlib
@@ -25,17 +25,17 @@ from sim.loop.rollout import Moment, ticks_per_period
 STATES = tuple(WorkState)  # the series "state" holds indices into it
 _INDEX = {state: i for i, state in enumerate(STATES)}
 _XYZ = ("x", "y", "z")
-_NOWHERE = np.full(3, np.nan)
+_NOWHERE = np.full(3, np.nan)  # no tool position is commanded, or no force estimated
 
-# Columns of the blocks: series name -> (labels, unit). The order is that of the rows as they are written.
+# Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
 _Columns = Mapping[str, tuple[tuple[str, ...], str]]
 _SCALARS: _Columns = {
-    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps,
-    "contact_least": ((), "N"),  # least and
-    "contact_most": ((), "N"),  # greatest of them
+    "contact_normal": ((), "N"),  # true, tool on object: mean over the plant's substeps
+    "contact_least": ((), "N"),  # smallest of a substep
+    "contact_most": ((), "N"),  # largest of a substep
     "saturated": ((), ""),
     "collision": ((), ""),
-    "felt_normal": ((), "N"),  # from joint torques
+    "felt_normal": ((), "N"),  # estimated from joint torques
 }
 _VECTORS: _Columns = {
     "p_pad": (_XYZ, "m"),  # true tip
@@ -49,16 +49,16 @@ _REFERENCE: _Columns = {
     "state": ((), ""),
     "set_force": ((), "N"),
     "path_s": ((), "m"),
-    "p_command": (_XYZ, "m"),  # tip asked for, carried on by its velocity; NaN where the arm holds joint angles
+    "p_command": (_XYZ, "m"),  # commanded tip, extrapolated by its velocity; NaN while the arm holds joint angles
     "v_command": (_XYZ, "m/s"),
     "p_WB_reference": (_XYZ, "m"),
 }
-EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series that every recording has, full or not
+EVERY_STEP = (*_SCALARS, *_VECTORS, *_REFERENCE)  # series of every recording, full or not
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """One quantity over time."""
+    """Time series of one quantity."""
 
     time: Array  # (N,) [s]
     value: Array  # (N, k)
@@ -67,7 +67,11 @@ class Series:
 
     @property
     def scalar(self) -> Array:
-        """The values (N,) of a series with one column; ConfigurationError for any other."""
+        """Values (N,) of a series with one column.
+
+        Raises:
+            ConfigurationError: The series has several columns.
+        """
         if self.value.shape[1] != 1:
             raise ConfigurationError(f"series has columns {self.labels}, not one")
         return self.value[:, 0]
@@ -75,29 +79,33 @@ class Series:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """A change of state."""
+    """Change of the planner's state."""
 
     time: float  # [s]
     state: WorkState
-    note: str  # why, where the planner said so
+    note: str  # reason, if the planner gave one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """One run, as it was."""
+    """Complete, immutable record of one run."""
 
     timestep: float  # [s] of the loop
     duration: float  # [s]
     vehicle: Vehicle
     series: Mapping[str, Series]
     events: tuple[Event, ...]
-    targets: tuple[Target, ...]  # what the finder said, one per frame
-    clouds: Mapping[str, Array]  # (N, 3) [m] in W, put in by the scenario
-    substeps: int = 1  # of the physics in each of the loop's
-    interrupted: str = ""  # by what the run was ended before its time, e.g. SIGTERM
+    targets: tuple[Target, ...]  # results of the finder, one per frame
+    clouds: Mapping[str, Array]  # (N, 3) [m] in W, added by the scenario
+    substeps: int = 1  # physics steps per step of the loop
+    interrupted: str = ""  # cause of an early end, e.g. SIGTERM
 
     def __getitem__(self, name: str) -> Series:
-        """The series `name`; ConfigurationError, with the names there are, if there is none."""
+        """Series `name`.
+
+        Raises:
+            ConfigurationError: It was not recorded; the message lists the series.
+        """
         if name not in self.series:
             raise ConfigurationError(f"no series {name!r} was recorded; there are {', '.join(sorted(self.series))}")
         return self.series[name]
@@ -106,14 +114,14 @@ class Recording:
         return name in self.series
 
     def within(self, *states: WorkState) -> np.ndarray:
-        """(N,) bool over the steps: the planner was in one of `states`."""
+        """Mask (N,) over the steps, True while the planner was in one of `states`."""
         return np.isin(self["state"].scalar, [_INDEX[state] for state in states])
 
     def digest(self, names: Iterable[str] = EVERY_STEP) -> str:
-        """SHA-256 over times and values of the series `names`, bit for bit: of the whole trajectory by default.
+        """SHA-256 over times and values of the series `names`, bit for bit; by default over the whole trajectory.
 
-        Names that were not recorded are passed over; the order of `names` does not count. It is the same with and
-        without the slower series, on any byte order, and for any bits of NaN.
+        Names that were not recorded are skipped; the order of `names` has no effect. The digest does not depend on the
+        slower series, the byte order, or the bits of NaN.
         """
         digest = hashlib.sha256()
         for name in sorted(set(names) & set(self.series)):
@@ -127,12 +135,12 @@ class Recording:
 
     @property
     def final(self) -> Event:
-        """The state in which the run ended."""
+        """State in which the run ended."""
         return self.events[-1]
 
 
 class _Block:
-    """A table that grows by doubling: rows of a fixed width, the first column is the time unless the owner has it."""
+    """Table of fixed width that grows by doubling; its first column is the time unless stored elsewhere."""
 
     def __init__(self, width: int, rows: int = 1024) -> None:
         self.width = width
@@ -140,7 +148,7 @@ class _Block:
         self.count = 0
 
     def row(self) -> Array:
-        """The next row, to be filled."""
+        """Next row, to be filled by the caller."""
         if self.count == len(self._table):
             self._table = np.concatenate([self._table, np.empty_like(self._table)])
         row = self._table[self.count]
@@ -148,15 +156,15 @@ class _Block:
         return row
 
     def table(self) -> Array:
-        """A copy (N, width) of the rows so far."""
+        """Copy (N, width) of the rows so far."""
         return self._table[: self.count].copy()
 
 
 class Recorder:
     """Observer of `sim.loop.rollout` that keeps a run in memory.
 
-    At the loop's rate: what the metrics need. If `full`, also joints, torques, thrusts, current, the estimate and
-    what the controller believed every `period`, and the poses of all bodies every `pose_period`.
+    At the loop's rate it keeps what the metrics need. If `full`, it also keeps joints, torques, thrusts, current, the
+    estimate and the controller's internal values every `period`, and the poses of all bodies every `pose_period`.
     """
 
     def __init__(
@@ -168,9 +176,17 @@ class Recorder:
         period: float = 0.02,
         pose_period: float = 0.04,
     ) -> None:
-        """Take the plant's model and timestep [s] (default: the model's own).
+        """Allocate the tables.
 
-        Raises ConfigurationError for periods that are no multiple of it, and if it is none of the model's.
+        Args:
+            model: Model of the plant.
+            timestep: Step of the loop [s]; default: the model's.
+            full: Also keep the slower series.
+            period: Of the slower series [s].
+            pose_period: Of the body poses [s].
+
+        Raises:
+            ConfigurationError: A period is no multiple of `timestep`, or `timestep` no multiple of the model's.
         """
         self._timestep = float(model.opt.timestep) if timestep is None else timestep
         self._substeps = ticks_per_period(self._timestep, float(model.opt.timestep), "recorder's timestep")
@@ -205,13 +221,18 @@ class Recorder:
         self._clouds: dict[str, Array] = {}
 
     def add_cloud(self, name: str, points_W: ArrayLike) -> None:
-        """Keep points (N, 3) [m] in W under `name`."""
+        """Keep points (N, 3) [m] in W under `name`.
+
+        Raises:
+            ConfigurationError: The shape is wrong.
+        """
         points = np.asarray(points_W, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
         self._clouds[name] = readonly(points)
 
     def observe(self, moment: Moment) -> None:
+        """Record one step."""
         truth, believed = moment.truth, moment.command.believed
         if truth is not self._truth:
             self._bind(truth)
@@ -246,7 +267,11 @@ class Recorder:
             poses[:, :3], poses[:, 3:] = truth.xpos, truth.xquat
 
     def recording(self, interrupted: str = "") -> Recording:
-        """What was kept so far; `interrupted` says by what the run was ended. ConfigurationError if nothing was."""
+        """Recording of the steps so far; `interrupted` is the cause of an early end.
+
+        Raises:
+            ConfigurationError: No step was recorded.
+        """
         if not self._physics.count:
             raise ConfigurationError("the recorder has seen no step yet")
         scalars = np.array(self._scalars).reshape(-1, 2 + len(_SCALARS))
@@ -282,13 +307,13 @@ class Recorder:
         )
 
     def _bind(self, truth: Any) -> None:
-        """Look the views of `truth` up once; they stay valid for as long as the plant gives out the same object."""
+        """Cache the views of `truth`; they stay valid while the plant returns the same object."""
         self._truth = truth
         quat_WB_wxyz = truth.xquat[self._vehicle.hull]
         self._views = (truth.p_pad, truth.R_WG[:, 2], truth.p_WB, quat_WB_wxyz, truth.contact_force_W)
 
     def _refer(self, reference: Reference) -> None:
-        """Keep a new reference: at the planner's rate, since the physics is several times faster."""
+        """Record a new reference; done at the planner's rate, which is several times lower than the loop's."""
         if self._reference is None or reference.state is not self._reference.state:
             self._events.append(Event(time=reference.time, state=reference.state, note=reference.note))
         self._reference = reference
@@ -326,7 +351,7 @@ class Recorder:
 
 @numba.njit(cache=True)
 def _join(row, p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force):
-    """The columns of `_VECTORS` into their row: as `np.concatenate`, in a third of the time."""
+    """Write the columns of `_VECTORS` into their row; takes a third of the time of `np.concatenate`."""
     row[0:3], row[3:6], row[6:9], row[9:13] = p_pad, tool_axis, p_WB, quat_WB_wxyz
     row[13:16], row[16:19] = contact_force, felt_force
 
@@ -336,7 +361,7 @@ def _total_width(columns: _Columns) -> int:
 
 
 def _split(time: Array, table: Array, columns: _Columns) -> dict[str, Series]:
-    """The columns of `table` (N, sum of widths) as series, in the order of `columns`."""
+    """Columns of `table` (N, sum of widths) as series, in the order of `columns`."""
     series, start = {}, 0
     for name, (labels, unit) in columns.items():
         stop = start + max(1, len(labels))

@@ -1,6 +1,8 @@
-"""The one loop over the plant. It sees only protocols; rates are whole multiples of the plant's step.
+"""Closed-loop simulation of one run; all rates are whole multiples of the plant's step.
 
 truth -> sensors -> estimator -> (depth frame) -> finder -> planner -> controller -> plant
+
+The loop depends on protocols only.
 """
 
 from collections.abc import Sequence
@@ -23,28 +25,34 @@ from sim.interfaces.messages import (
 )
 from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
 
-LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are asked for
+LOOK_PERIOD = 0.1  # [s] between depth frames or sonar scans, while they are requested
 
 
 class SteppedPlant(Protocol):
-    """What the loop needs of a plant."""
+    """Plant interface that the loop requires."""
 
     timestep: float  # [s]
 
-    def observe(self) -> Any: ...
+    def observe(self) -> Any:
+        """Update the kinematics to the current time and return the truth."""
+        ...
 
-    def step(self, command: Command) -> None: ...
+    def step(self, command: Command) -> None:
+        """Advance by one `timestep` under `command`."""
+        ...
 
 
 class Observer(Protocol):
-    """Is shown every step; must change nothing."""
+    """Read-only observer that is called at every step."""
 
-    def observe(self, moment: "Moment") -> None: ...
+    def observe(self, moment: "Moment") -> None:
+        """Process one step; must not change `moment`."""
+        ...
 
 
 @dataclass(slots=True, eq=False)
 class Moment:
-    """Everything that is known at one step, truth and belief side by side, for observers only."""
+    """Snapshot of one step for observers: truth, estimate, set points and command."""
 
     tick: int
     truth: Any  # sim.plant.plant.Truth; live views
@@ -52,13 +60,13 @@ class Moment:
     target: Target | None
     reference: Reference
     command: Command
-    frame: Look | None  # the depth frame or sonar scan that arrived in this step
-    found: Any  # the finder's own state, for its clouds
+    frame: Look | None  # depth frame or sonar scan that arrived in this step
+    found: Any  # state of the finder, for its point clouds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Parts:
-    """The concrete parts of one run."""
+    """Concrete components of one run."""
 
     sensors: Sequence[Sensor]
     estimator: Estimator
@@ -68,7 +76,19 @@ class Parts:
 
 
 def ticks_per_period(period: float, timestep: float, name: str) -> int:
-    """How many physics steps make `period`; ConfigurationError unless it is a whole number."""
+    """Number of physics steps per `period`.
+
+    Args:
+        period: [s]
+        timestep: [s]
+        name: Begins the error message.
+
+    Returns:
+        The number of steps.
+
+    Raises:
+        ConfigurationError: The ratio is no whole number, or below 1.
+    """
     ratio = period / timestep
     ticks = round(ratio)
     if ticks < 1 or abs(ratio - ticks) > 1e-6 * ratio:
@@ -79,10 +99,22 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
 def rollout(
     plant: SteppedPlant, parts: Parts, *, duration: float, rng: np.random.Generator, observers: Sequence[Observer] = ()
 ) -> Moment:
-    """Run until the planner says DONE or ABORT and the arm is at rest, or `duration` [s] is over; the last moment.
+    """Run until the planner is in DONE or ABORT with the arm at rest, or until `duration` is over.
 
-    Every sensor gets its own stream, spawned from `rng`, so that adding one does not change the others.
-    Raises ConfigurationError for rates or delays that do not fit the physics step.
+    Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the others.
+
+    Args:
+        plant: Plant, or a wrapper of one.
+        parts: Sensors, estimator, finder, planner and controller.
+        duration: Longest simulated time [s].
+        rng: Source of all random streams.
+        observers: Called at every step, in order.
+
+    Returns:
+        The last moment.
+
+    Raises:
+        ConfigurationError: A rate or delay is no whole multiple of the physics step.
     """
     dt = plant.timestep
     steps = ticks_per_period(duration, dt, "duration")
@@ -113,8 +145,8 @@ def rollout(
     command: Command | None = None
     reference: Reference | None = None
     moment: Moment | None = None
-    asked = 0  # tick since which frames are asked for
-    seen_from: dict[float, StateEstimate] = {}  # by a late frame's time: where the vehicle believed to be then
+    asked = 0  # tick at which the present request for frames began
+    seen_from: dict[float, StateEstimate] = {}  # estimate at exposure, by the time stamp of a delayed frame
     arrived: list[Measurement] = []  # since the estimator's last step
     on_the_way: dict[int, list[Measurement]] = {}
     for tick in range(steps):
@@ -148,7 +180,7 @@ def rollout(
         if frame is not None and parts.finder is not None:
             then = seen_from.pop(frame.time, estimate)
             finder_state, found = parts.finder.step(finder_state, then, frame)
-            target = found or target  # None: it wants more frames first
+            target = found or target  # None: the finder needs more frames first
         if tick % planner_ticks == 0:
             planner_state, reference = parts.planner.step(planner_state, estimate, target, command)
         assert reference is not None

@@ -1,1 +1,1 @@
-"""The vehicle that is simulated: one MjModel with thrusters, contacts, soil, and faults put on from outside."""
+"""The simulated vehicle: one MjModel with thrusters, contacts, soil, and injected faults."""

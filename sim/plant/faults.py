@@ -1,9 +1,12 @@
-"""Faults of the plant and its sensors, put on from outside: wrappers with the shape of what they wrap.
+"""Fault injection: wrappers around plant, sensors and finder that keep the interface of the wrapped part.
 
-A thruster that dies, sticks or weakens (`FaultyPlant`), a sensor that falls silent, freezes, drifts, jumps, spikes or
-gives no numbers (`FaultySensor`, around any sensor), a finder that is sure of the wrong place (`MisplacedFinder`), a
-current that changes (`changing`, for `sim.water.current.Current`). Each acts while its `Onset` says so. Nothing of it
-reaches perception or controllers but through what they measure. A wrapped part draws the same random numbers as alone.
+- `FaultyPlant`: a thruster that fails, sticks or weakens.
+- `FaultySensor`: any sensor that falls silent, freezes, drifts, jumps, spikes or gives NaN.
+- `MisplacedFinder`: a finder that reports the wrong place with full confidence.
+- `changing`: a current that changes, for `sim.water.current.Current`.
+
+Each acts while its `Onset` is active. Perception and control learn of a fault through measurements only. A wrapped part
+draws the same random numbers as without the wrapper.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,15 +28,15 @@ from sim.plant.plant import Plant, Truth
 
 @dataclass(slots=True, eq=False)
 class Onset:
-    """When a fault begins, and how long it lasts: at a time, or at an event of the work that it watches for.
+    """Start and duration of a fault: at a given time, or at an event of the task.
 
-    Give `at`, or `state` (and `force`) and let it observe the rollout, or call `begin` yourself.
+    Give `at`; or give `state` (and `force`) and pass it to the rollout as an observer; or call `begin`.
     """
 
     at: float | None = None  # [s]
-    state: WorkState | None = None  # the first time that the planner is in this state
-    force: float = 0.0  # [N] and asks for at least this
-    after: float = 0.0  # [s] from then on
+    state: WorkState | None = None  # event: the planner first enters this state
+    force: float = 0.0  # [N] smallest set force for the event
+    after: float = 0.0  # [s] delay after time or event
     duration: float = np.inf  # [s]
     began: float = field(default=np.inf, init=False)  # [s]
 
@@ -48,20 +51,21 @@ class Onset:
             self.began = self.at + self.after
 
     def begin(self, time: float) -> None:
-        """Begin `after` later than `time` [s]."""
+        """Start the fault `after` seconds later than `time` [s]."""
         self.began = time + self.after
 
     def observe(self, moment: Moment) -> None:
-        """Watch for the state; an observer of `sim.loop.rollout`."""
+        """Wait for the event; an observer of `sim.loop.rollout`."""
         reference = moment.reference
         if not np.isfinite(self.began) and reference.state is self.state and reference.force >= self.force:
             self.begin(float(moment.truth.time))
 
     def elapsed(self, time: float) -> float:
-        """Time [s] since it began; negative before."""
+        """Time [s] since the start; negative before it."""
         return time - self.began
 
     def active(self, time: float) -> bool:
+        """Return True if the fault acts at `time` [s]."""
         return 0.0 <= self.elapsed(time) < self.duration
 
 
@@ -70,36 +74,40 @@ class Onset:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """A measurement on its way through a fault."""
+    """Input of a sensor fault: the measurement and the state of the fault."""
 
-    measurement: Any  # as the sensor made it
-    sound: Any  # the last one before the fault
+    measurement: Any  # output of the sound sensor
+    sound: Any  # last measurement before the fault
     elapsed: float  # [s] since the fault began
-    rng: np.random.Generator  # the fault's own
+    rng: np.random.Generator  # random stream of the fault
 
 
 class SensorFault(Protocol):
-    """What becomes of a measurement; None: nothing comes."""
+    """Fault model of a sensor: maps a reading to the faulty measurement, or to None if nothing is sent."""
 
-    def __call__(self, reading: Reading) -> Measurement | None: ...
+    def __call__(self, reading: Reading) -> Measurement | None:
+        """Measurement after the fault; None: no message."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """No message comes."""
+    """Loss of all messages."""
 
     def __call__(self, reading: Reading) -> None:
-        return None
+        """Return None."""
+        return None  # noqa: RET501
 
 
 @dataclass(frozen=True, slots=True)
 class Frozen:
-    """The fields stay as they were, or one element of each; time goes on."""
+    """Fields, or one element of each, keep their last sound value; time advances."""
 
     fields: tuple[str, ...]
     index: int | None = None
 
     def __call__(self, reading: Reading) -> Any:
+        """Measurement with the frozen fields."""
         measurement = reading.measurement
         for name in self.fields:
             kept = getattr(reading.sound, name, None)
@@ -109,19 +117,20 @@ class Frozen:
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """A field shows a value whatever it measures: zero, a rail, or `nan`, which is no number."""
+    """Field, or one element of it, has a constant value: zero, a limit, or `nan`."""
 
     field: str
     index: int | None = None
     value: float = 0.0
 
     def __call__(self, reading: Reading) -> Any:
+        """Measurement with the constant field."""
         return _changed(reading.measurement, self.field, self.index, lambda old: np.full_like(old, self.value))
 
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """A field is off by `jump` at once, and by `rate` more every second."""
+    """Field, or one element of it, is offset by `jump` at once and by `rate` more every second."""
 
     field: str
     index: int | None = None
@@ -129,6 +138,7 @@ class Offset:
     rate: float = 0.0  # [1/s]
 
     def __call__(self, reading: Reading) -> Any:
+        """Measurement with the offset field."""
         return _changed(
             reading.measurement, self.field, self.index, lambda old: old + self.jump + self.rate * reading.elapsed
         )
@@ -136,7 +146,7 @@ class Offset:
 
 @dataclass(frozen=True, slots=True)
 class Spikes:
-    """Every measurement is off by `size` with a probability, either way."""
+    """Measurement is off by plus or minus `size` with a given probability."""
 
     field: str
     index: int | None = None
@@ -144,6 +154,7 @@ class Spikes:
     probability: float = 0.05
 
     def __call__(self, reading: Reading) -> Any:
+        """Measurement with or without a spike."""
         hit = reading.rng.uniform() < self.probability
         way = 1.0 if reading.rng.uniform() < 0.5 else -1.0
         return _changed(reading.measurement, self.field, self.index, lambda old: old + hit * way * self.size)
@@ -154,7 +165,7 @@ def _part(value: Any, index: int | None) -> Any:
 
 
 def _changed(measurement: Any, name: str, index: int | None, change: Callable[[Any], Any]) -> Any:
-    """A copy of `measurement` in which `change` was applied to field `name`, or to element `index` of it.
+    """Copy of `measurement` with `change` applied to field `name`, or to element `index` of it.
 
     Raises ConfigurationError for a field or an element that it does not have.
     """
@@ -176,7 +187,7 @@ def _changed(measurement: Any, name: str, index: int | None, change: Callable[[A
 
 @dataclass(slots=True, eq=False)
 class FaultySensorState:
-    """The sensor's own memory, the fault's random stream, and the last measurement before the fault."""
+    """State of the wrapped sensor, random stream of the fault, and last measurement before the fault."""
 
     sensor: Any
     rng: np.random.Generator
@@ -184,7 +195,7 @@ class FaultySensorState:
 
 
 class FaultySensor:
-    """A sensor (`sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
+    """Sensor (`sim.interfaces.protocols.Sensor`) with one fault; wrap again for more."""
 
     def __init__(self, sensor: Sensor, fault: SensorFault, onset: Onset) -> None:
         self._sensor, self._fault, self._onset = sensor, fault, onset
@@ -192,10 +203,12 @@ class FaultySensor:
         self.period, self.delay = sensor.period, sensor.delay
 
     def init(self, rng: np.random.Generator) -> FaultySensorState:
+        """Initial state; the fault's random stream is separate from the sensor's."""
         inner = self._sensor.init(rng)
-        return FaultySensorState(inner, rng.spawn(1)[0])  # after the sensor's own, whose streams stay what they were
+        return FaultySensorState(inner, rng.spawn(1)[0])  # spawned last, so that the sensor's streams do not change
 
     def step(self, state: FaultySensorState, truth: Truth) -> tuple[FaultySensorState, Measurement | None]:
+        """Measurement of the wrapped sensor, changed by the fault while it is active."""
         state.sensor, measurement = self._sensor.step(state.sensor, truth)
         if measurement is None:
             return state, None
@@ -214,7 +227,7 @@ class FaultySensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ThrusterFault:
-    """A thruster that gives `share` of the thrust asked for (0: dead), or, if `stuck`, what it was last asked for."""
+    """Thruster that gives `share` of the commanded thrust (0: none), or, if `stuck`, keeps its last command."""
 
     thruster: int
     onset: Onset
@@ -223,10 +236,14 @@ class ThrusterFault:
 
 
 class FaultyPlant:
-    """A plant (`sim.loop.rollout.SteppedPlant`) some of whose thrusters do not do as they are told."""
+    """Plant (`sim.loop.rollout.SteppedPlant`) with thruster faults."""
 
     def __init__(self, plant: Plant, faults: Sequence[ThrusterFault]) -> None:
-        """Wrap `plant`. Raises ConfigurationError for a thruster that it does not have, or a share outside [0, 1]."""
+        """Wrap `plant`.
+
+        Raises:
+            ConfigurationError: A thruster does not exist, or a share is outside [0, 1].
+        """
         self.plant, self._faults = plant, tuple(faults)
         self.timestep = plant.timestep
         names = plant.vehicle.thruster_names
@@ -241,10 +258,11 @@ class FaultyPlant:
         self._last = np.zeros(len(names))
 
     def observe(self) -> Truth:
+        """As `Plant.observe`."""
         return self.plant.observe()
 
     def step(self, command: Command) -> None:
-        """As `Plant.step`, with the thruster commands that come through."""
+        """As `Plant.step`, with the thruster commands changed by the active faults."""
         thrusters, time = np.array(command.thrusters), self.plant.truth.time
         for fault in self._faults:
             i = fault.thruster
@@ -260,9 +278,18 @@ class FaultyPlant:
 
 
 def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tuple[float, float]]:
-    """Profile for a `Current`: from 1 to `factor` within `ramp` [s] of the onset, smoothly; back at its end.
+    """Profile for a `Current`: smooth change from 1 to `factor` at the onset, and back at its end.
 
-    Raises ConfigurationError for a ramp that is not positive.
+    Args:
+        onset: Time of the change.
+        factor: On the whole current.
+        ramp: Duration of each change [s].
+
+    Returns:
+        Function of time [s] that gives the factor and its rate of change [1/s].
+
+    Raises:
+        ConfigurationError: The ramp is not positive.
     """
     if not (np.isfinite(ramp) and ramp > 0.0 and np.isfinite(factor)):
         raise ConfigurationError(f"current: a ramp must be > 0 s and a factor finite, got {ramp} s and {factor}")
@@ -283,17 +310,34 @@ def changing(onset: Onset, factor: float, ramp: float) -> Callable[[float], tupl
 
 
 class MisplacedFinder:
-    """A finder (`sim.interfaces.protocols.TargetFinder`) as sure as the one it wraps, but of the wrong place."""
+    """Finder (`sim.interfaces.protocols.TargetFinder`) whose targets are shifted, at unchanged confidence."""
 
     def __init__(self, finder: TargetFinder, shift_W: ArrayLike, onset: Onset) -> None:
-        """Move all that `finder` finds in frames of that time by `shift_W` (3,) [m]."""
+        """Shift all targets found in frames within the onset's time.
+
+        Args:
+            finder: The finder to wrap.
+            shift_W: (3,) [m]
+            onset: Time of the fault.
+        """
         self._finder, self._shift_W = finder, checked(shift_W, (3,), "shift of the target [m]")
         self._onset = onset
 
     def init(self) -> Any:
+        """Initial state of the wrapped finder."""
         return self._finder.init()
 
     def step(self, state: Any, estimate: Any, measurement: Any) -> tuple[Any, Target | None]:
+        """Process one frame.
+
+        Args:
+            state: State of the wrapped finder.
+            estimate: Vehicle state at the time of the frame.
+            measurement: Depth frame or sonar scan.
+
+        Returns:
+            Next state, and the target, shifted while the fault is active.
+        """
         state, target = self._finder.step(state, estimate, measurement)
         if target is None or not self._onset.active(target.time):
             return state, target

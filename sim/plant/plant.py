@@ -1,4 +1,4 @@
-"""The plant: one vehicle in one MjModel, stepped at the loop's rate; and the ground truth that it alone knows."""
+"""The plant: one vehicle in one MjModel, advanced at the loop's rate, and its ground truth."""
 
 import mujoco
 import numpy as np
@@ -21,10 +21,10 @@ PAD_FACE_SITE = "pad_face"
 
 
 class Truth:
-    """The true state at the start of the plant's step. Live views: read them before the next step, keep none.
+    """True state at the start of the plant's step. Live views: read them before the next step, keep none.
 
-    Positions and velocities are those of `time`; accelerations and torques are those of the physics step that led here,
-    which is when a sensor would have sampled them. Contact is that of all substeps of the plant's step that led here.
+    Positions and velocities are those of `time`. Accelerations and torques are those of the preceding physics step, at
+    which a sensor would have sampled them. Contact covers all substeps of the preceding step of the plant.
     """
 
     __slots__ = (
@@ -80,20 +80,20 @@ class Truth:
     thrust: Array  # (m,) [N]
     saturated: bool  # a thruster command was at its limit
     current_W: Array  # (3,) [m/s]
-    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN where the plant does not measure it
+    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, at its origin; NaN if the plant does not measure it
     p_WG: Array  # (3,) [m] tip of the rigid tool; without an arm, the hull
     R_WG: Array  # (3, 3) tool axes
-    p_pad: Array  # (3,) [m] face of the pad, which its spring lets move along the tool axis
+    p_pad: Array  # (3,) [m] face of the pad, which moves along the tool axis on its spring
     contact_normal: float  # [N] sum of the normal forces on the pad, mean over the substeps
-    contact_least: float  # [N] the least of them in a substep
-    contact_most: float  # [N] the greatest
+    contact_least: float  # [N] smallest sum of a substep
+    contact_most: float  # [N] largest sum of a substep
     contact_force_W: Array  # (3,) [N] of the world on the pad, mean over the substeps
-    collision: bool  # some other part of the vehicle touched the world, if only for a substep
+    collision: bool  # another part of the vehicle touched the world in any substep
     vehicle: Vehicle
 
 
 class Plant:
-    """A vehicle and its world, advanced by commands one `timestep` [s] at a time: `substeps` steps of the physics."""
+    """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
 
     def __init__(
         self,
@@ -105,15 +105,22 @@ class Plant:
         soil: SoilForce | None = None,
         substeps: int = 1,
     ) -> None:
-        """Take a model of `sim.hydrodynamics.compile`, the current, and the hull's first pose (default: the model's).
+        """Set up the plant and install the process's passive callback.
 
-        `soil` acts on the body of the pad, and counts as contact. Every `reaction_ticks` steps the wrench of the arm on
-        the hull is measured (`sim.plant.reaction`); 0: never. With `substeps` the model is stepped so often under one
-        command and one current: stiff contact wants short steps, the loop around the plant does not.
+        Args:
+            model: Model compiled by `sim.hydrodynamics.compile`.
+            current: Current of the water.
+            X_WB: Initial hull pose (4, 4); default: the model's.
+            reaction_ticks: Measure the wrench of the arm on the hull (`sim.plant.reaction`) every so many steps; 0:
+                never.
+            soil: Force of the soil on the body of the pad; it counts as contact.
+            substeps: Physics steps per `timestep`, under one command and one current. Stiff contact needs short steps,
+                the loop around the plant does not.
 
-        Raises ConfigurationError for arguments that cannot be and if the model has no vehicle (`models.vehicle`),
-        HydrodynamicsError if its water cannot act as it should (what `sim.hydrodynamics.check` refuses, and contact
-        weights of the dry mass) or the wrench cannot be measured. Installs the process's passive callback.
+        Raises:
+            ConfigurationError: An argument is invalid, or the model has no vehicle (`models.vehicle`).
+            HydrodynamicsError: `sim.hydrodynamics.check` refuses the model, its contact weights are those of the dry
+                mass, or the wrench cannot be measured.
         """
         if not isinstance(model, mujoco.MjModel):
             raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
@@ -131,14 +138,14 @@ class Plant:
         self.data = mujoco.MjData(model)
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
-        self._least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] of a step that did not begin anew
-        # Written each step; a model without our coefficients has no place for it and needs none.
+        self._least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
+        # Written each step; a model without coefficients has no slot for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         self._current_slot = water[slot : slot + 3]
-        self._seen, self._told = water[LAYOUT.seen :][:1], water[LAYOUT.told :][:1]  # what the callback has met
-        self._mark = self.data.crb[0, :1] if wet else np.array([WET_MARK])  # says that the water is in this step
+        self._seen, self._told = water[LAYOUT.seen :][:1], water[LAYOUT.told :][:1]  # warnings of the callback
+        self._mark = self.data.crb[0, :1] if wet else np.array([WET_MARK])  # WET_MARK: this step includes the water
         self._observed = False
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
@@ -156,7 +163,7 @@ class Plant:
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
-        self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal and (3,) in W, as the kernel adds them
+        self._soil, self._from_soil = soil, np.zeros(4)  # [N] normal force, and force (3,) in W, for the kernel
         if soil is not None and self._pad_geom < 0:
             raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
@@ -164,10 +171,14 @@ class Plant:
         self.reset(current=current, X_WB=X_WB)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
-        """Start again at time 0 and at rest, arm at home, in `current`, as a new plant of the same model would.
+        """Restart at time 0 and at rest, arm at home, like a new plant of the same model. Call `observe` next.
 
-        `X_WB` (4, 4) is the hull's first pose (default: the model's). `observe` comes next. Raises ConfigurationError
-        for what is no Current or no pose.
+        Args:
+            current: Current of the water.
+            X_WB: Initial hull pose (4, 4); default: the model's.
+
+        Raises:
+            ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no pose.
         """
         if not isinstance(current, Current):
             raise ConfigurationError(f"current: expected a sim.water.current.Current, got {current!r}")
@@ -192,7 +203,7 @@ class Plant:
         self._from_soil[:] = 0.0
         if self._soil is not None:
             self._soil.reset()
-        self._flow()  # over what the last step left in the model
+        self._flow()  # overwrite the flow of the last step
         truth.time = float(data.time)
         self._observed = False
         truth.saturated = False
@@ -203,7 +214,7 @@ class Plant:
         self._contact()
 
     def _bind(self, pad_site: int) -> Truth:
-        """Truth whose arrays are views into MjData, made once: no lookups in the loop."""
+        """Truth whose arrays are views into MjData, made once to avoid lookups in the loop."""
         data, vehicle = self.data, self.vehicle
         truth = Truth()
         truth.vehicle = vehicle
@@ -233,15 +244,17 @@ class Plant:
         return truth
 
     def observe(self) -> Truth:
-        """Bring the kinematics up to now, and return the truth.
+        """Update the kinematics to the current time and return the truth.
 
-        Raises HydrodynamicsError if the motion blew up or is no longer in water, because the passive callback was
-        replaced; warns as `sim.hydrodynamics.check_motion` does.
+        Warns as `sim.hydrodynamics.check_motion` does.
+
+        Raises:
+            HydrodynamicsError: The simulation diverged, or the water no longer acts because the callback was replaced.
         """
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
         truth = self.truth
-        # MuJoCo met numbers that are none, and began anew; in the first step that need not show in the time.
+        # On NaN MuJoCo resets the simulation, which shows in the time; in the first step it need not.
         if time - truth.time < self._least_gain or truth.time == 0.0 or self._seen[0] != self._told[0]:
             hydrodynamics.check_motion(self.model, self.data)
         if self._mark[0] != WET_MARK:
@@ -251,10 +264,10 @@ class Plant:
         return truth
 
     def step(self, command: Command) -> None:
-        """Let the command act for one `timestep`; `observe` must have been called since the last one.
+        """Apply the command for one `timestep`; `observe` must have been called since the last step.
 
-        Raises ConfigurationError if it has not, and for torques or thruster commands of another shape or that are not
-        finite.
+        Raises:
+            ConfigurationError: `observe` was not called, or a command has the wrong shape or is not finite.
         """
         if not self._observed:
             raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
@@ -286,7 +299,7 @@ class Plant:
         self._flow()
 
     def _read_off(self, substep: int, substeps: int) -> None:
-        """Note what friction the gears had, which then follows Stribeck's curve, and what the vehicle touched."""
+        """Record gear friction, update its Stribeck bound, and accumulate contacts."""
         truth = self.truth
         gears_and_contacts(
             self._places,
@@ -304,13 +317,13 @@ class Plant:
         )
 
     def _contact(self) -> None:
-        """Say what was touched in the step that has ended."""
+        """Publish the contacts of the step that has ended."""
         truth = self.truth
         truth.contact_normal, _, _, _, collision, truth.contact_least, truth.contact_most = self._contacts.tolist()
         truth.collision = bool(collision)
 
     def _dig(self, soil: SoilForce) -> None:
-        """Let the soil act on the tool for the physics step that comes."""
+        """Apply the soil's force on the tool for the next physics step."""
         data, truth, axis = self.data, self.truth, self.truth.R_WG[:, 2]
         f_W = soil.step(truth.p_pad, axis)
         self._from_soil[NORMAL], self._from_soil[FORCE:] = -(f_W @ axis), f_W
@@ -319,7 +332,7 @@ class Plant:
         wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)
 
     def _flow(self) -> None:
-        """Let the water of the next step into the model, before `observe` computes what it does."""
+        """Write the flow of the next step into the model, before `observe` computes its forces."""
         velocity, acceleration = self._current.step()
         self._wind[:] = velocity
         self._current_slot[:] = acceleration
@@ -327,7 +340,7 @@ class Plant:
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
-    """(n,) where each joint's gear stands among MuJoCo's constraints of friction, -1 if it has none; or empty."""
+    """Row (n,) of each joint's gear among MuJoCo's friction constraints, -1 without friction; empty if none has any."""
     if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS:
         return np.zeros(0, dtype=np.int64)
     dry = np.asarray(model.dof_frictionloss) > 0.0
@@ -336,7 +349,7 @@ def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:
 
 
 def _view(array: Array, addresses: np.ndarray) -> Array:
-    """A slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
+    """Slice of `array` at `addresses`, which must be consecutive so that it stays a view."""
     if not len(addresses):
         return np.zeros(0)
     first = int(addresses[0])
@@ -346,13 +359,13 @@ def _view(array: Array, addresses: np.ndarray) -> Array:
 
 
 def _block(addresses: np.ndarray) -> slice | np.ndarray:
-    """Addresses as a slice where they follow each other, which is the faster to write through."""
+    """Addresses as a slice where they are consecutive, which is faster to write through."""
     if len(addresses) and np.array_equal(addresses, np.arange(addresses[0], addresses[0] + len(addresses))):
         return slice(int(addresses[0]), int(addresses[0]) + len(addresses))
     return addresses
 
 
 def _carried_geoms(model: mujoco.MjModel, hull: int) -> np.ndarray:
-    """(ngeom,) bool: the geom belongs to the vehicle."""
+    """Mask (ngeom,), True for geoms of the vehicle."""
     root = np.asarray(model.body_rootid)
     return root[np.asarray(model.geom_bodyid)] == root[hull]

@@ -1,16 +1,16 @@
-"""The wrench that a body, with all that hangs from it, puts on its parent: water, contacts and constraints included.
+"""Joint reaction wrench of a subtree on its parent, including water, contacts and constraints.
 
-MuJoCo's force and torque sensors miss whatever stands in `qfrc_passive`, so they miss the water. Newton's second law
-for the whole subtree gives what its joint transmits, whatever joint that is:
+MuJoCo's force and torque sensors miss everything in `qfrc_passive`, and so the water. Newton's second law for the
+whole subtree gives the wrench that its joint transmits, of any type of joint:
 
-    wrench on the parent = sum of (water + weight + contacts and other forces from outside - rate of momentum)
+    wrench on the parent = sum of (water + weight + contacts and other external forces - rate of momentum)
 
 `mj_rnePostConstraint` sums all but the water, thrusters on sites and gravity compensation, from the accelerations
-`data.qacc`. The water is summed here body by body in body axes (the equation at the top of `sim.hydrodynamics`, with
-the whole acceleration), independently of the passive callback.
+`data.qacc`. The water is summed here body by body in body axes, independently of the passive callback: the equation in
+`sim.hydrodynamics` with the total acceleration.
 
-Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint connects: they are
-part of what it transmits. A force that is to come from outside belongs in `xfrc_applied`.
+Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two bodies that the joint connects, and are
+part of what it transmits. An external force belongs in `xfrc_applied`.
 """
 
 import mujoco
@@ -23,20 +23,27 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import Array
 
-_STALE = 1e-9  # relative mismatch of the velocities above which `data` is not of one instant
+_STALE = 1e-9  # relative mismatch of velocities above which `data` mixes two instants
 _GRAVITY_OFF = int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
-_NOTHING = np.zeros(3)
+_NOTHING = np.zeros(3)  # no gravity [m/s^2], or no torque [N m]
 
 
 class ReactionWrench:
-    """Measures the wrench of one subtree on its parent; made once for a model, 10 to 20 us a measurement."""
+    """Measurement of the wrench of one subtree on its parent; set up once per model, 10 to 20 us per measurement."""
 
     def __init__(self, model: mujoco.MjModel, body: int | str, frame: int | str | None = None) -> None:
-        """Take the body whose subtree is meant, and the body whose frame the wrench is told in (default: the same).
+        """Set up the measurement.
 
-        Raises ConfigurationError for an unknown body or the world, HydrodynamicsError if the model has forces whose
-        share on the subtree is not known here: flexes, spatial tendons, actuators on slider-cranks, contacts or
-        between two sites, and gravity compensation by actuators.
+        Args:
+            model: Compiled model.
+            body: Root of the subtree.
+            frame: Body in whose frame the wrench is expressed; default: `body`.
+
+        Raises:
+            ConfigurationError: A body is unknown, or `body` is the world.
+            HydrodynamicsError: The model has forces whose share on the subtree is not known here. These are flexes,
+                spatial tendons, gravity compensation by actuators, and actuators on slider-cranks, on contacts or
+                between two sites.
         """
         self._model, self._body = model, _body(model, body)
         self._frame = self._body if frame is None else _body(model, frame)
@@ -62,13 +69,21 @@ class ReactionWrench:
         self._total = np.zeros(6)
 
     def wrench(self, data: mujoco.MjData, qvel: Array | None = None) -> Array:
-        """The wrench (6,) on the parent [N, N m], (force; torque) at the origin and in the axes of the frame's body.
+        """Wrench (6,) [N, N m] on the parent, (force; torque) at the origin and in the axes of the frame's body.
 
-        `data` is as `mj_forward` leaves it. After `mj_step` the velocities are one step ahead of everything else: give
-        those before the step as `qvel` (nv,). Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
+        Writes `data.cacc`, `cfrc_int` and `cfrc_ext`, as MuJoCo's sensors do.
 
-        Raises HydrodynamicsError if the velocities are not those that the forces were computed from, or if the model
-        carries hydrodynamics and the callback is not installed.
+        Args:
+            data: As `mj_forward` leaves it.
+            qvel: Joint velocities (nv,) at the time of the forces. Needed after `mj_step`, which advances the
+                velocities one step beyond all else.
+
+        Returns:
+            The wrench.
+
+        Raises:
+            HydrodynamicsError: The velocities are not those of the forces, or the model is wet and the callback is not
+                installed.
         """
         model = self._model
         if self._wet and not hydrodynamics.is_installed():
@@ -121,12 +136,26 @@ class ReactionWrench:
 
 
 def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: int | str | None = None) -> Array:
-    """`ReactionWrench(model, body, frame).wrench(data)`: for a single measurement."""
+    """Single measurement: `ReactionWrench(model, body, frame).wrench(data)`.
+
+    Args:
+        model: Compiled model.
+        data: As `mj_forward` leaves it.
+        body: Root of the subtree.
+        frame: Body in whose frame the wrench is expressed; default: `body`.
+
+    Returns:
+        Wrench (6,) [N, N m] on the parent.
+
+    Raises:
+        ConfigurationError: As `ReactionWrench` does.
+        HydrodynamicsError: As `ReactionWrench` does.
+    """
     return ReactionWrench(model, body, frame).wrench(data)
 
 
 class _Tables:
-    """The coefficients of the wet bodies as arrays for the kernel."""
+    """Coefficients of the wet bodies as arrays for the kernel."""
 
     def __init__(self, model: mujoco.MjModel, wet: list[int]) -> None:
         bodies = [water.unpack(model.body_user[i]) for i in wet]
@@ -146,7 +175,7 @@ class _Tables:
                     place = strip.start + 0.5 * (1.0 + node) * along
                     stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
         self.stations = np.array(stations).reshape(-1, 9)  # row of the body, place, axis, normal and tangential drag
-        # Live views: what moves the water may write them at every step.
+        # Live views: the plant writes the flow at every step.
         self.surge = model.body_user[0, LAYOUT.current_acceleration :][:3]
         self.shear = model.body_user[0, LAYOUT.current_shear :][:3]
         self.wind = model.opt.wind
@@ -165,7 +194,7 @@ def _body(model: mujoco.MjModel, body: int | str) -> int:
 
 
 def _refuse(model: mujoco.MjModel) -> None:
-    """Raise HydrodynamicsError, by name, for forces whose share on a subtree is not known here."""
+    """Raise HydrodynamicsError, naming them, for forces whose share on a subtree is not known here."""
     kinds, trn = model.actuator_trntype, mujoco.mjtTrn
     found = {
         "flexes": model.nflex > 0,
@@ -216,7 +245,7 @@ def _turned_back(R, a):
 
 @njit(cache=True)
 def _add(total, force, torque, lever):
-    """Add a wrench that acts `lever` from the reference point."""
+    """Add a wrench that acts at `lever` from the reference point."""
     moment = _cross(lever, force)
     for k in range(3):
         total[k] += force[k]
@@ -225,7 +254,7 @@ def _add(total, force, torque, lever):
 
 @njit(cache=True)
 def _in_frame(total, R, p, com):
-    """The wrench about `com` in world axes, told at `p` in the axes `R`."""
+    """Wrench about `com` in world axes, expressed at `p` in the axes `R`."""
     out, force = np.empty(6), _three(total, 0)
     out[:3] = _turned_back(R, force)
     lever = com[0] - p[0], com[1] - p[1], com[2] - p[2]
@@ -235,7 +264,7 @@ def _in_frame(total, R, p, com):
 
 @njit(cache=True)
 def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
-    """Largest difference between the twists in `cvel` and those that `qvel` gives, over the largest speed."""
+    """Largest difference between the twists in `cvel` and those from `qvel`, relative to the largest speed."""
     worst, largest = 0.0, 1e-3
     for i in range(first, end):
         for k in range(6):
@@ -250,7 +279,7 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
 
 @njit(cache=True)
 def _add_water(bodies, matrices, vectors, stations, surge, shear, wind, gravity, com, xpos, xmat, cvel, cacc, total):
-    """Add what the water does to every wet body, about `com`, world axes (force; torque)."""
+    """Add the water's wrench on every wet body, about `com`, world axes (force; torque)."""
     nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     station = 0
     for k in range(len(bodies)):
@@ -263,7 +292,7 @@ def _add_water(bodies, matrices, vectors, stations, surge, shear, wind, gravity,
         u = _turned_back(R, current)
         w_W, wdot_W = _three(cvel[i], 0), _three(cacc[i], 0)
         w, wdot = _turned_back(R, w_W), _turned_back(R, wdot_W)
-        # `cacc` is the spatial acceleration, less gravity: at the body's origin, in its axes, the rate of its twist.
+        # `cacc` is the spatial acceleration, less gravity; converted to the rate of the twist at the body origin.
         a = _sum(_three(cacc[i], 3), _sum(_cross(wdot_W, r), _scaled(-1.0, weightless)))
         a = _sum(_turned_back(R, a), _cross(w, u))
         v = _sum(_turned_back(R, _sum(_three(cvel[i], 3), _cross(w_W, r))), _scaled(-1.0, u))

@@ -1,7 +1,7 @@
-"""What the plant reads off MuJoCo after each step, in one compiled call: friction in the gears, and contacts.
+"""Gear friction and contacts read from MuJoCo's memory after each step, in one compiled call.
 
-MuJoCo's binding makes new arrays of all contacts at each look, which takes as long as the physics. Here they are read
-where they lie; the places come from `sim.water.mujoco_layout` and are compared with the binding once.
+MuJoCo's binding builds new arrays of all contacts at each access, which takes as long as the physics. The kernel reads
+them in place; the offsets come from `sim.water.mujoco_layout` and are compared with the binding once.
 """
 
 import ctypes
@@ -16,12 +16,12 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.water.mujoco_layout import offset, structure
 from sim.water.native_memory import f64, i32, pointer
 
-# Entries of `contacts`, what `gears_and_contacts` finds
+# Entries of `contacts`, the output of `gears_and_contacts`
 NORMAL, FORCE = 0, 1  # [N] on the pad; (3,) [N] of the world on the pad, W: means over the substeps
-COLLISION, LEAST, MOST = 4, 5, 6  # 1 where anything else touched; least and greatest normal force of a substep [N]
-CONTACTS = 7
+COLLISION, LEAST, MOST = 4, 5, 6  # 1 if another part touched; smallest and largest normal force of a substep [N]
+CONTACTS = 7  # number of entries
 
-# Entries of `places`, a row of integers
+# Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets; SIZE of a contact
 DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
 
 _PROBE = """
@@ -35,9 +35,18 @@ _PROBE = """
 
 
 def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarray:
-    """`places` for `data`, which must outlive them; `pad` is the geom of the pad, or -1.
+    """Addresses and offsets for `gears_and_contacts`.
 
-    Raises HydrodynamicsError where this MuJoCo keeps contacts otherwise than its introspection says.
+    Args:
+        data: Must outlive the result.
+        model: Model of `data`.
+        pad: Geom of the pad, or -1.
+
+    Returns:
+        `places` (14,) of integers.
+
+    Raises:
+        HydrodynamicsError: This MuJoCo stores contacts differently from its introspection.
     """
     places = np.array(_offsets(), dtype=np.int64)
     places[DATA], places[PAD] = data._address, pad
@@ -75,12 +84,23 @@ def _compare(names: tuple[str, ...]) -> None:
 def gears_and_contacts(
     places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, substep, substeps
 ):
-    """Friction of the substep that has ended and the bounds (nv,) of the next one; contacts (CONTACTS,) of all so far.
+    """Read friction and contacts of the substep that has ended; set the friction bounds of the next one.
 
-    `rows` (n,) is where each joint's gear stands among the constraints of friction (-1: it has none); `friction` (3, n)
-    sliding and sticking [N m] and Stribeck's speed [rad/s]; `own_geom` (ngeom,) bool says what belongs to the vehicle.
-    `added` (4,) [N] is to be added to this substep's normal force and force. The means are whole after the last of
-    `substeps`; `substep` 0 begins anew.
+    The means in `contacts` are complete after the last of `substeps`; `substep` 0 starts a new step.
+
+    Args:
+        places: From `places_of`.
+        rows: Row (n,) of each joint's gear among the friction constraints; -1: no friction.
+        dof: Degree of freedom (n,) of each joint.
+        friction: (3, n) sliding and sticking friction [N m], and Stribeck's speed [rad/s].
+        qd: Joint velocities (n,) [rad/s].
+        own_geom: Mask (ngeom,), True for geoms of the vehicle.
+        added: (4,) [N] normal force, and force in W, to be added to this substep's.
+        tau_friction: Output (n,) [N m], friction torque on each joint.
+        frictionloss: Output (nv,) [N m], friction bounds of the next substep.
+        contacts: Output (CONTACTS,), accumulated over the substeps.
+        substep: Index of the substep, from 0.
+        substeps: Number of substeps.
     """
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
@@ -109,7 +129,7 @@ def gears_and_contacts(
                 )
                 total[NORMAL] += force[0]
                 sign = 1.0 if two == places[PAD] else -1.0
-                for k in range(3):  # the frame's rows are the axes of the force
+                for k in range(3):  # the rows of the contact frame are the axes of the force
                     at = here + places[FRAME]
                     turned = f64(at, k) * force[0] + f64(at, 3 + k) * force[1] + f64(at, 6 + k) * force[2]
                     total[FORCE + k] += sign * turned
@@ -127,7 +147,7 @@ def gears_and_contacts(
 @numba.njit(cache=True)
 @keyed_by_imports
 def _contact_force(efc_force, friction, dim, pyramids, force):
-    """Normal and tangential forces (3,) [N] of one contact in its frame, from those of its constraints."""
+    """Normal and tangential forces (3,) [N] of one contact in its frame, from its constraint forces."""
     force[1] = force[2] = 0.0
     if dim == 1 or not pyramids:
         for k in range(min(dim, 3)):

@@ -1,9 +1,9 @@
-"""The soil's force on a tool in it: elastic at first, then yielding at what `models.site.soil` says of the depth.
+"""Soil reaction on a penetrating tool: elastic up to a quake, then plastic at the resistance of `models.site.soil`.
 
-As in pile driving (Smith 1960, Pile-driving analysis by the wave equation) the soil gives way elastically by a quake
-and then flows: the place where the tool would feel nothing, the anchor, is drawn after it. Along the tool the bounds
-are those of pushing and pulling, across it that of moving sideways; the three share nothing but the depth, and nothing
-depends on speed. A tool that leaves the soil has made a hole: it feels nothing until it comes down somewhere.
+As in pile driving [Smith 1960], the soil yields elastically up to a quake and then flows. The force-free position of
+the tool, the anchor, is then dragged along. Along the tool the resistances are those of pushing and pulling, across it
+that of sideways motion. The three depend on the depth only, not on each other or on speed. A tool that leaves the soil
+leaves a hole: there is no force until it enters the soil elsewhere.
 """
 
 import numba
@@ -13,17 +13,17 @@ from models.site.seabed import Seabed
 from models.site.soil import Soil, SoilTool, pull_resistance, push_resistance, side_resistance
 from sim.interfaces.spatial import Array
 
-_TABLE = 512  # depths at which the resistances are tabulated,
-_DEEPEST = 0.5  # [m] down to which
+_TABLE = 512  # number of depths at which the resistances are tabulated
+_DEEPEST = 0.5  # [m] largest tabulated depth
 
 
 class SoilForce:
-    """Force of the soil under `ground` on the tip of one tool; remembers where the tool has yielded to."""
+    """Force of the soil under `ground` on the tip of one tool; its state is the anchor of the plastic flow."""
 
     def __init__(self, ground: Seabed, soil: Soil, tool: SoilTool) -> None:
         d = np.linspace(0.0, _DEEPEST, _TABLE)
         self._bounds = np.stack([resist(soil, tool, d) for resist in _RESISTANCES])
-        self._bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets it at once
+        self._bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets resistance at depth zero
         self._quake, self._step = soil.quake, float(d[1])
         self._heights, self._corner = np.array(ground.heights), ground.center_W - [ground.half, ground.half, 0.0]
         self._cell = ground.step
@@ -31,13 +31,13 @@ class SoilForce:
         self._inside = np.zeros(1, dtype=np.bool_)
 
     def reset(self) -> None:
-        """Forget where the tool was."""
+        """Set the tool to be outside the soil."""
         self._inside[0] = False
 
     def step(self, p_W: Array, axis_W: Array) -> Array:
-        """Force (3,) [N] in W on the tip at `p_W` (3,) [m], the unit tool axis `axis_W` (3,) pointing out of the tool.
+        """Force (3,) [N] in W on the tip at `p_W` (3,) [m]; `axis_W` (3,) is the unit axis out of the tool.
 
-        Overwritten by the next call.
+        The returned array is overwritten by the next call.
         """
         _press(
             self._heights,
@@ -62,7 +62,7 @@ _RESISTANCES = (push_resistance, pull_resistance, side_resistance)
 def _press(heights, corner, cell, bounds, step, quake, p, axis, anchor, inside, force):
     force[:] = 0.0
     depth = _height(heights, corner, cell, p[0], p[1]) - p[2]
-    if not depth > 0.0:  # beside the grid too
+    if not depth > 0.0:  # also NaN, outside the grid
         inside[0] = False
         return
     if not inside[0]:
@@ -75,7 +75,7 @@ def _press(heights, corner, cell, bounds, step, quake, p, axis, anchor, inside, 
     along = 0.0
     for k in range(3):
         along += (p[k] - anchor[k]) * axis[k]
-    least = -quake * pull / push if push > 0.0 else 0.0  # one stiffness both ways
+    least = -quake * pull / push if push > 0.0 else 0.0  # same stiffness in both directions
     held = min(max(along, least), quake)
     across = 0.0
     for k in range(3):
@@ -90,7 +90,7 @@ def _press(heights, corner, cell, bounds, step, quake, p, axis, anchor, inside, 
 
 @numba.njit(cache=True)
 def _height(heights, corner, cell, x, y):
-    """As `models.site.seabed.Seabed.height`, at one place."""
+    """Height at one point, as `models.site.seabed.Seabed.height` computes it."""
     last = heights.shape[0] - 1
     u, v = (x - corner[0]) / cell, (y - corner[1]) / cell
     if not (0.0 <= u <= last and 0.0 <= v <= last):

@@ -1,4 +1,4 @@
-"""Thrusters of the plant: slew and lag of the propeller, static curve, saturation, thrust lost with inflow."""
+"""Thruster model of the plant: slew rate and lag of the propeller, static curve, saturation, inflow loss."""
 
 import numba
 import numpy as np
@@ -9,16 +9,16 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting
 
-SATURATED = 0.979  # of full thrust: who asks for this much has nothing left; allocations stop a little short of 1
+SATURATED = 0.979  # share of full thrust that counts as saturated; thrust allocation stops slightly below 1
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
 def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
-    """One exact step of the lag, then the thrust at the new speed; True if any command was at its limit.
+    """Advance the lag by one exact step and compute thrust; True if any command was at its limit.
 
-    Rows of `table` (9, m): what the lag leaves, slew in a step, inflow loss, lever of the advance speed (6). Rows of
-    `state` (3, m): command passed on, propeller speed, thrust.
+    Rows of `table` (9, m): decay of the lag, slew in a step, inflow loss, lever of the advance speed (6). Rows of
+    `state` (3, m): command after the slew limit, propeller speed, thrust.
     """
     decay, slew, inflow_loss, advance = table[0], table[1], table[2], table[3:]
     passed, speed, thrust = state[0], state[1], state[2]
@@ -38,7 +38,7 @@ def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
             wanted = passed[i] + np.sign(wanted - passed[i]) * slew[i]
         passed[i] = wanted
         speed[i] = wanted + (speed[i] - wanted) * decay[i]
-        inflow = 0.0  # water speed through the propeller along the thrust: its advance speed
+        inflow = 0.0  # [m/s] advance speed: water through the propeller along the thrust
         for k in range(6):
             inflow += advance[k, i] * nu_r_B[k]
         thrust[i] = thrust_at(curve[i], speed[i])
@@ -48,12 +48,18 @@ def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
 
 
 class Thrusters:
-    """State and step of all thrusters of one vehicle. Source: models.water.thrusters."""
+    """State and step of all thrusters of one vehicle; parameters from `models.water.thrusters`."""
 
     def __init__(self, table: Array, wrench: Array, timestep: float) -> None:
-        """Take thruster rows `table` (m, ...) of `models`, columns `wrench` (6, m) per newton, the step [s].
+        """Build the tables of the kernel.
 
-        Raises ConfigurationError if the two do not fit together or a row cannot be.
+        Args:
+            table: Thruster rows (m, ...) of `models.water.thrusters`.
+            wrench: Wrench on the hull per newton of thrust, columns (6, m).
+            timestep: [s]
+
+        Raises:
+            ConfigurationError: The shapes do not match, or a row is invalid.
         """
         if table.ndim != 2 or (len(table) and table.shape[1] < HEADER) or wrench.shape != (6, len(table)):
             raise ConfigurationError(f"thrusters: table {table.shape} and wrench {wrench.shape} do not fit together")
@@ -61,25 +67,34 @@ class Thrusters:
         columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
         lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
         decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
-        # Where the water goes: the propeller's own torque, which is in the wrench, is no lever of the thrust.
+        # Lever of the inflow: the wrench less the propeller's reaction torque, which is no lever of the thrust.
         advance = np.array(wrench)
         advance[3:] -= columns[:, TORQUE] * advance[:3]
         slew = np.where(slew > 0.0, slew * timestep, np.inf)
         self._table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
-        self._state = np.zeros((3, len(table)))  # the first: command that the drives pass on, after their slew limit
+        self._state = np.zeros((3, len(table)))  # first row: command after the drives' slew limit
         self.speed = self._state[1]  # normalised propeller speed
         self.thrust = self._state[2]  # [N]
 
     def reset(self) -> None:
-        """At rest."""
+        """Stop all propellers."""
         self._state[:] = 0.0
 
     def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
-        """Advance by one step of the plant; thrust [N] in `self.thrust`.
+        """Advance by one step of the plant; the thrust [N] is then in `self.thrust`.
 
-        `command` (m,) normalised speed; attitude (3, 3) and velocities of the hull (3,) [m/s, world axes] and [rad/s,
-        hull axes]; the current (3,) [m/s], world axes. Returns True if a command was at its limit (SATURATED).
-        Raises ConfigurationError for a command of another shape or with a number that is not finite.
+        Args:
+            command: Normalised speed (m,).
+            R_WB: Hull attitude (3, 3).
+            v_WB_W: Hull velocity (3,) [m/s], world axes.
+            w_WB_B: Hull angular velocity (3,) [rad/s], hull axes.
+            current_W: Current (3,) [m/s], world axes.
+
+        Returns:
+            True if a command was at its limit (SATURATED).
+
+        Raises:
+            ConfigurationError: The command has another shape or is not finite.
         """
         command = fitting(command, self.speed.shape, "thruster command")
         return _advance(self._curves, self._table, command, R_WB, v_WB_W, w_WB_B, current_W, self._state)

@@ -1,1 +1,1 @@
-"""Reports, pictures, terminal tables, and visual logs for Rerun."""
+"""Reports, figures, terminal tables, and visual logs for Rerun."""

@@ -1,4 +1,4 @@
-"""The pictures of an insertion's report: forces, the way of the tip, and the bore with the tip in it."""
+"""Figures of an insertion's report: forces, tip motion, and a section of the bore."""
 
 from collections.abc import Iterator
 
@@ -11,13 +11,22 @@ from sim.interfaces.spatial import inverse, transform_points
 from sim.loop.recording import Recording
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
-_THIN = 5  # of the physics steps one is drawn
+_THIN = 5  # one of so many steps is drawn
 
 
 def insertion_figures(
     recording: Recording, truth: TrueHole, bounds: InsertionBounds | None = None
 ) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of each picture; none if the tool never left its stand-off."""
+    """Draw the figures; none if the tool never left its stand-off.
+
+    Args:
+        recording: The run.
+        truth: True hole.
+        bounds: Bounds to draw; default: `InsertionBounds()`.
+
+    Yields:
+        Title, caption and figure.
+    """
     bounds = bounds or InsertionBounds()
     rows = np.flatnonzero(recording.within(*AT_THE_HOLE))[::_THIN]
     if not len(rows):

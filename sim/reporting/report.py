@@ -1,4 +1,4 @@
-"""`report.html`: what a run was worth and how it went, on one page that needs nothing else."""
+"""`report.html`: results, figures and provenance of one run on a self-contained page."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -23,9 +23,18 @@ def write_report(
     options: Mapping[str, Any],
     pictures: Iterable[tuple[str, str, Figure]] = (),
 ) -> None:
-    """Write the page to `file`. `options` are the scenario's own, shown as they are; `pictures` have title and caption.
+    """Write the page.
 
-    Raises ConfigurationError if the folder does not exist.
+    Args:
+        file: File to write.
+        recording: The run.
+        assessment: Its metrics and acceptance.
+        title: Title of the page.
+        options: Options of the scenario, listed unchanged.
+        pictures: Title, caption and figure of each picture.
+
+    Raises:
+        ConfigurationError: The folder does not exist.
     """
     path = Path(file)
     if not path.parent.is_dir():

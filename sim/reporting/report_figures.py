@@ -1,4 +1,4 @@
-"""The pictures of `report.html`, each a matplotlib figure made from a recording."""
+"""Figures of `report.html`, drawn from a recording."""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -13,19 +13,28 @@ from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, transform_points
 from sim.loop.recording import Recording
 
-# Okabe and Ito's palette: told apart by colour-blind readers and in print.
+# Palette [Okabe 2008]: distinguishable for colour-blind readers and in print.
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, FAINT = "#222222", "#888888"
 CYCLE = (BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, INK, FAINT)
-BINS = 900  # columns of pixels that a line can use; within each, its extremes are kept
+BINS = 900  # pixel columns of a line; in each its extremes are kept
 CONTACT = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT)
-WIDTH = 10.0  # [in]
+WIDTH = 10.0  # [in] width of a figure
 
 
 def path_figures(
     recording: Recording, truth: TrueObject, bounds: Bounds | None = None
 ) -> Iterator[tuple[str, str, Figure]]:
-    """Of work along a path on an object: title, caption and figure of every picture that the run lived to give."""
+    """Draw the figures of work along a path on an object; one that the run has no data for is left out.
+
+    Args:
+        recording: The run.
+        truth: True object and work.
+        bounds: Bounds to draw; default: `Bounds()`.
+
+    Yields:
+        Title, caption and figure.
+    """
     bounds = bounds or Bounds()
     settled = (
         f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
@@ -170,7 +179,7 @@ def _torque(recording: Recording) -> Figure | None:
 
 
 def _against_limits(recording: Recording, name: str, label: str, low: Array, high: Array) -> Figure:
-    """Lines over time on the left; on the right a bar per line from its least to its greatest value, in per cent."""
+    """Draw lines over time on the left; on the right the range of each line as bars, in per cent of its limits."""
     series = recording[name]
     figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     over_time, ranges = figure.subplots(1, 2, width_ratios=[5, 3])
@@ -237,7 +246,7 @@ def _thinned(clouds: Mapping[str, Array], X_TW: Array, most: int = 6000) -> dict
 
 
 def _line(axes: Axes, time: Array, value: Array, **style: object) -> None:
-    """A line through the least and the greatest value of each bin, so that no peak is lost and the file stays small."""
+    """Plot the minimum and maximum of each bin, which keeps every peak and a small file."""
     size = -(-len(time) // BINS)
     if size > 2:
         count = len(time) // size
@@ -250,7 +259,7 @@ def _line(axes: Axes, time: Array, value: Array, **style: object) -> None:
 
 
 def _states(recording: Recording, all_axes: tuple[Axes, ...], label: Axes | None) -> None:
-    """The work state as a band of ground; the names of all states along the upper edge of `label`."""
+    """Shade the work state; write the names of all states along the upper edge of `label`."""
     ends = [event.time for event in recording.events[1:]] + [recording.duration]
     low, high = all_axes[0].get_xlim()
     for event, end in zip(recording.events, ends, strict=True):

@@ -1,4 +1,4 @@
-"""The page that all reports share: a style, pictures inside it, and what made it. It needs nothing else to be read."""
+"""HTML layout common to all reports: style, embedded figures and provenance, in one self-contained file."""
 
 import base64
 import html
@@ -13,7 +13,7 @@ from sim.runs.provenance import commit, versions
 
 
 def page(title: str, body: str) -> str:
-    """A whole document around `body`, which is HTML."""
+    """Complete HTML document around `body`, which is HTML."""
     return (
         f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{text(title)}</title>"
         f'<meta name=viewport content="width=device-width"><style>{STYLE}</style></head>'
@@ -22,12 +22,21 @@ def page(title: str, body: str) -> str:
 
 
 def section(title: str, figure: Figure, caption: str) -> str:
-    """A picture under its title, with its caption."""
+    """HTML section of a figure.
+
+    Args:
+        title: Heading.
+        figure: The figure.
+        caption: Text below it.
+
+    Returns:
+        HTML.
+    """
     return f"<section><h2>{text(title)}</h2>{picture(figure, title)}<p class=caption>{text(caption)}</p></section>"
 
 
 def picture(figure: Figure, name: str) -> str:
-    """As an image of its own, since the ids of several drawings on one page would clash."""
+    """Figure as an embedded SVG image; inline SVGs would clash by their element ids."""
     drawing = io.BytesIO()
     figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
     data = base64.b64encode(drawing.getvalue()).decode("ascii")
@@ -35,7 +44,7 @@ def picture(figure: Figure, name: str) -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Rows of text; all columns but the first are figures."""
+    """HTML table of text cells; all columns but the first are right-aligned numbers."""
     head = "".join(f"<th{_class(i)}>{text(name)}</th>" for i, name in enumerate(columns))
     lines = (
         "<tr>" + "".join(f"<td{_class(i)}>{text(cell)}</td>" for i, cell in enumerate(row)) + "</tr>" for row in rows
@@ -44,14 +53,14 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def provenance(given: Mapping[str, Any]) -> str:
-    """A table of `given`, the versions that were at work and the machine."""
+    """HTML table of `given`, the package versions, the commit and the machine."""
     rows = {**given, **versions(), **commit(), "machine": f"{platform.system()} {platform.machine()}"}
     cells = "".join(f"<tr><td>{text(name)}</td><td>{text(value)}</td></tr>" for name, value in rows.items())
     return f"<table>{cells}</table>"
 
 
 def text(value: Any) -> str:
-    """`value` as it may stand in HTML."""
+    """`value` as text, escaped for HTML."""
     return html.escape(str(value))
 
 

@@ -1,8 +1,8 @@
-"""The visual log of a run, written while it runs: `run.rrd` for the Rerun viewer, timeline "sim_time".
+"""Visual log of a run, written during the run: `run.rrd` for the Rerun viewer, timeline "sim_time".
 
-Rows are gathered in memory and sent as columns a few times per second of wall time, so that the loop hardly notices
-and a killed run loses less than a second of work. Rerun is imported when a log is opened, not before. A log that cannot
-be written any more (the disk is full) is given up with one line on stderr; the run goes on without it.
+Rows are gathered in memory and sent as columns a few times per second of wall time. This costs the loop little, and a
+killed run loses less than a second of work. Rerun is imported only when a log is opened. If the log can no longer be
+written (the disk is full), it is abandoned with one line on stderr and the run continues.
 """
 
 import ctypes
@@ -27,13 +27,13 @@ from sim.loop.rollout import Moment, ticks_per_period
 from sim.reporting.rerun_program import compact, spawn_viewer
 from sim.reporting.rerun_scene import TIMELINE, blueprint, body_mesh, middle_of
 
-FLUSH_WALL_S = 0.4  # [s] of wall time that a killed run can lose, plus the time that writing takes
-FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must reach out of the wrist
-ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, for figures and report
-LIFT = 0.006  # [m] off the surface at which paths are drawn: lines have no thickness in depth, it would hide them
+FLUSH_WALL_S = 0.4  # [s] of wall time between flushes; a killed run loses this plus the time of writing
+FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
+ROOM = 4 << 20  # [bytes] cut off a log that filled the disk, so that metrics and report can be written
+LIFT = 0.006  # [m] offset of drawn paths from the surface, which would hide them
 CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
 
-# Okabe and Ito's colours: told apart by colour-blind readers, and on a dark ground.
+# Palette [Okabe 2008]: distinguishable for colour-blind readers, also on a dark background.
 BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW, GREY = (
     (0, 114, 178),
     (230, 159, 0),
@@ -55,7 +55,7 @@ _STATE_COLORS = dict(
 
 
 class RerunLog:
-    """Observer of `sim.loop.rollout` that writes an .rrd file; use as a context manager, or call `close`.
+    """Observer of `sim.loop.rollout` that writes an .rrd file; use it as a context manager, or call `close`.
 
     Poses are logged every `pose_period`, series every `period`.
     """
@@ -71,10 +71,20 @@ class RerunLog:
         pose_period: float = 0.04,
         view: bool = False,
     ) -> None:
-        """Open `file` and draw what `model`, the plant's, holds; with `view`, also show it in a Rerun viewer.
+        """Open the file and log the static scene.
 
-        `timestep` [s] is the plant's (default: the model's own). Raises ConfigurationError if the file's folder does
-        not exist, for a model without vehicle, and for periods that are no multiples of `timestep`.
+        Args:
+            file: File to write.
+            model: Model of the plant.
+            timestep: Step of the plant [s]; default: the model's.
+            title: Name of the recording in the viewer.
+            period: Of the series [s].
+            pose_period: Of the poses [s].
+            view: Also show the run in a Rerun viewer.
+
+        Raises:
+            ConfigurationError: The folder does not exist, the model has no vehicle, or a period is no multiple of
+                `timestep`.
         """
         import rerun as rr  # heavy, and not needed by a run without a log
 
@@ -84,8 +94,8 @@ class RerunLog:
         timestep = float(model.opt.timestep) if timestep is None else timestep
         self._rr = rr
         self._path = path
-        self._whole: list[int] = []  # [bytes] of the file, after each flush: to there it can be read
-        self.lost = ""  # why the log was given up, if it was
+        self._whole: list[int] = []  # [bytes] readable size of the file after each flush
+        self.lost = ""  # why the log was abandoned; empty: it was not
         self._vehicle = vehicle = Vehicle.of(model)
         self._pose_ticks = ticks_per_period(pose_period, timestep, "log's pose period")
         self._ticks = ticks_per_period(period, timestep, "log's period")
@@ -104,7 +114,7 @@ class RerunLog:
         self._bodies = np.array([body for body, _ in self._moving])
         self._n, self._m = len(vehicle.joint_names), len(vehicle.thruster_names)
         self._describe_series()
-        # One row of each: what `_send_series` and `_send_poses` take apart again.
+        # Rows, which `_send_series` and `_send_poses` split into columns.
         self._series: list[Array] = []
         self._poses: list[Array] = []
         self._cloud_colors: dict[str, tuple[int, int, int]] = {}
@@ -112,7 +122,7 @@ class RerunLog:
         self._state: WorkState | None = None
         self._target: Target | None = None
         self._sent_at = perf_counter()
-        self._time = 0.0  # [s] of what was last seen
+        self._time = 0.0  # [s] of the last step observed
         self._closed = False
         self.flush()
 
@@ -125,6 +135,7 @@ class RerunLog:
         self.close()
 
     def observe(self, moment: Moment) -> None:
+        """Log one step."""
         if self.lost:
             return
         truth = moment.truth
@@ -149,9 +160,17 @@ class RerunLog:
         color: Sequence[int] | None = None,
         radius: float = 0.002,
     ) -> None:
-        """Show points (N, 3) [m] in W, from `time` [s] on, under "world/clouds/<name>"; an empty cloud removes it.
+        """Show a point cloud under "world/clouds/<name>"; an empty cloud removes it.
 
-        Without a `color` (RGB, 0 to 255) each name gets one of its own.
+        Args:
+            name: Name of the cloud.
+            points_W: (N, 3) [m]
+            time: From which it is shown [s].
+            color: RGB, 0 to 255; default: one per name.
+            radius: Of the points [m].
+
+        Raises:
+            ConfigurationError: The shape is wrong.
         """
         rr = self._rr
         own = self._cloud_colors.setdefault(name, _LINES[len(self._cloud_colors) % len(_LINES)])
@@ -161,7 +180,14 @@ class RerunLog:
         self._log(f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time)
 
     def log_mesh(self, name: str, vertices_W: ArrayLike, triangles: ArrayLike, time: float = 0.0) -> None:
-        """Show a surface as it was found, vertices (V, 3) [m] in W and triangles (T, 3), under "world/found/<name>"."""
+        """Show a measured surface under "world/found/<name>".
+
+        Args:
+            name: Name of the surface.
+            vertices_W: (V, 3) [m]
+            triangles: (T, 3)
+            time: From which it is shown [s].
+        """
         vertices = np.asarray(vertices_W, dtype=np.float32) + np.array([0.0, 0.0, LIFT], dtype=np.float32)
         mesh = self._rr.Mesh3D(
             vertex_positions=vertices, triangle_indices=np.asarray(triangles, dtype=np.uint32), albedo_factor=SKY
@@ -169,7 +195,14 @@ class RerunLog:
         self._log(f"world/found/{name}", mesh, time)
 
     def log_arrows(self, name: str, origins_W: ArrayLike, vectors_W: ArrayLike, time: float = 0.0) -> None:
-        """Show arrows (N, 3) [m] from points (N, 3) [m], both in W, under "world/found/<name>"."""
+        """Show arrows under "world/found/<name>".
+
+        Args:
+            name: Name of the arrows.
+            origins_W: (N, 3) [m]
+            vectors_W: (N, 3) [m]
+            time: From which they are shown [s].
+        """
         color = self._cloud_colors.setdefault(name, _LINES[len(self._cloud_colors) % len(_LINES)])
         arrows = self._rr.Arrows3D(
             origins=np.asarray(origins_W), vectors=np.asarray(vectors_W), colors=color, radii=0.002
@@ -177,7 +210,7 @@ class RerunLog:
         self._log(f"world/found/{name}", arrows, time)
 
     def flush(self) -> None:
-        """Bring everything seen so far into the file; where that fails the log is given up."""
+        """Write all rows so far to the file; on failure the log is abandoned."""
         if self.lost:
             return
         try:
@@ -191,25 +224,25 @@ class RerunLog:
         self._sent_at = perf_counter()
 
     def close(self) -> None:
-        """Write the rest and close the file; more than once does no harm."""
+        """Write the remaining rows and close the file; idempotent."""
         if self._closed:
             return
         self._closed = True
         self.flush()
         if self.lost:
-            self._cut()  # once more: its writer may have had some left
+            self._cut()  # once more: the writer may have had rows left
         else:
             self._stream.disconnect()
             compact(self._path)
 
     def _give_up(self, reason: str) -> None:
-        """Say so, once; leave what is readable of the file, where the disk is full with ROOM beside it."""
+        """Abandon the log with one message; keep the readable part of the file, less ROOM if the disk is full."""
         full = shutil.disk_usage(self._path.parent).free < ROOM
         self.lost = "no space left" if full else reason
         self._series.clear()
         self._poses.clear()
         print(f"run log: lost from {self._time:.1f} s on, the run goes on ({self.lost}): {self._path}", file=sys.stderr)
-        # A stream whose writer is dead can wait for it for ever, when it is closed or taken down: it is left alone.
+        # Closing or destroying a stream whose writer is dead can block forever: keep it alive.
         self._rr.unregister_shutdown()
         for each in (self._stream, getattr(self._stream, "inner", None)):
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(each))
@@ -218,7 +251,7 @@ class RerunLog:
         self._cut()
 
     def _cut(self) -> None:
-        """Bring the file of a lost log back to the end of a flush."""
+        """Truncate the file of an abandoned log to its size after a flush."""
         if self._path.is_file():
             os.truncate(self._path, self._whole[-1])
 
@@ -335,7 +368,7 @@ class RerunLog:
         self._send_done(time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
 
     def _send_done(self, time: Array, working: np.ndarray, tip: Array) -> None:
-        """The pieces of the path worked since the last pose; the view shows all that came before its time."""
+        """Send the path pieces worked since the last pose; the view shows all up to its time."""
         rr = self._rr
         start = np.vstack([tip[:1] if self._tip is None else self._tip, tip[:-1]])
         self._tip = tip[-1:]
@@ -347,10 +380,10 @@ class RerunLog:
     def _send(self, entity: str, time: Array, columns: Any) -> None:
         self._stream.send_columns(entity, indexes=[self._rr.TimeColumn(TIMELINE, duration=time)], columns=columns)
 
-    # -- what stands still -----------------------------------------------------------------------------------------
+    # -- static content --------------------------------------------------------------------------------------------
 
     def _draw(self, model: mujoco.MjModel, data: mujoco.MjData) -> list[tuple[int, str]]:
-        """Log the shape of every body once; bodies of the vehicle, with their entities, whose poses change."""
+        """Log the shape of every body once; return the vehicle's bodies, whose poses change, with their entities."""
         rr, moving = self._rr, []
         for body in range(model.nbody):
             name = model.body(body).name or f"body{body}"

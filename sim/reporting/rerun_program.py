@@ -1,7 +1,7 @@
-"""Rerun's own program, as we start it: without usage data, which it sends to its makers unless told not to.
+"""Start of Rerun's viewer and command line without usage data, which they send to their makers by default.
 
-Writing a log sends nothing; the viewer and the command line do. Their own switch, `rerun analytics disable`, writes
-into the user's home; what we start is told by CI=1, under which they neither send nor write there.
+Writing a log sends nothing. Rerun's own switch, `rerun analytics disable`, writes into the user's home. Processes
+started here get CI=1 instead, under which they neither send usage data nor write there.
 """
 
 import os
@@ -11,25 +11,25 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-_SMALL = 1_000_000  # [bytes] a log that loads soon enough
-_PATIENCE = 20.0  # [s] for a log to be made compact
+_SMALL = 1_000_000  # [bytes] smaller logs load fast enough without compaction
+_PATIENCE = 20.0  # [s] longest time for compaction
 
 
 def spawn_viewer(rr: Any) -> None:
-    """Start the viewer, or find the one that runs; `rr` is the module `rerun`."""
+    """Start the viewer, or find the running one; `rr` is the module `rerun`."""
     with _quiet():
         rr.spawn(connect=False)
 
 
 def compact(file: Path) -> bool:
-    """Rewrite a closed log in fewer, larger pieces, which a viewer loads sooner; whether it was.
+    """Rewrite a closed log in fewer, larger chunks, which a viewer loads faster; True if it was rewritten.
 
-    1528 pieces of 8 MB become 52 of 6 MB, in about a second. Where that cannot be done the log stays as it is.
+    1528 chunks of 8 MB become 52 of 6 MB, in about a second. On failure the log stays as it is.
     """
     smaller = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
         with file.open("rb") as log:
-            if log.read(3) != b"RRF" or file.stat().st_size < _SMALL:  # of what is no log it would make an empty one
+            if log.read(3) != b"RRF" or file.stat().st_size < _SMALL:  # a file that is no log would come out empty
                 return False
         command = [str(_program()), "rrd", "optimize", str(file), "-o", str(smaller)]
         subprocess.run(command, capture_output=True, check=True, timeout=_PATIENCE, env=os.environ | {"CI": "1"})
@@ -42,7 +42,7 @@ def compact(file: Path) -> bool:
 
 
 def _program() -> Path:
-    """Without Python's wrapper around it, which loses the exit code. Raises ImportError where it is not installed."""
+    """Path of Rerun's binary without its Python wrapper, which loses the exit code. ImportError if not installed."""
     import rerun_cli
 
     folder = Path(rerun_cli.__file__ or "").parent
@@ -52,7 +52,7 @@ def _program() -> Path:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No usage data from processes that are started meanwhile."""
+    """Suppress usage data of processes started meanwhile."""
     before = os.environ.get("CI")
     os.environ["CI"] = "1"
     try:

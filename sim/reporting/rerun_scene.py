@@ -1,4 +1,4 @@
-"""What a visual log shows before anything moves: the shapes of a model's bodies, and how the viewer opens."""
+"""Static content of a visual log: shapes of a model's bodies, and the layout of the viewer."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ TIMELINE = "sim_time"
 
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
-    """Triangle corners (V, 3) [m], normals (V, 3) and colours (V, 4) of all that is seen of a body, or None."""
+    """Triangle corners (V, 3) [m], normals (V, 3), colours (V, 4) of a body's visible geoms; None without any."""
     corners, normals, colors = [], [], []
     first, count = int(model.body_geomadr[body]), int(model.body_geomnum[body])
     for geom in range(first, first + count):
@@ -36,7 +36,16 @@ def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarra
 
 
 def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> Array:
-    """Where to look (3,) [m] in W: between the vehicle and the objects or height fields that stand in the world."""
+    """Point to view: between the vehicle and the objects or height fields fixed in the world.
+
+    Args:
+        model: Compiled model.
+        data: With up-to-date kinematics.
+        vehicle: Vehicle of `model`.
+
+    Returns:
+        Point (3,) [m] in W.
+    """
     fixed = [b for b in range(1, model.nbody) if model.body_weldid[b] == 0]
     fields = np.asarray(model.geom_type) == mujoco.mjtGeom.mjGEOM_HFIELD
     stands = np.vstack([data.xpos[fixed], data.geom_xpos[fields]])
@@ -45,13 +54,13 @@ def middle_of(model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> A
 
 
 def _plane(size: Array) -> tuple[Array, np.ndarray]:
-    """A rectangle for a plane, no wider than 8 m, so that the view opens on what stands on it."""
+    """Rectangle for a plane geom, at most 8 m wide, so that the initial view shows the objects on it."""
     x, y = (min(half, 4.0) if half > 0.0 else 4.0 for half in size[:2])
     return np.array([[-x, -y, 0.0], [x, -y, 0.0], [x, y, 0.0], [-x, y, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def blueprint(middle: Array) -> Any:
-    """A large 3D view around `middle` (3,) [m], the series that tell how the work goes beside it, the states below."""
+    """Viewer layout: 3D view around `middle` (3,) [m], time series of the work beside it, states below."""
     import rerun as rr
     import rerun.blueprint as rrb
 

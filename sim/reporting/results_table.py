@@ -1,4 +1,4 @@
-"""The short table of results on the terminal."""
+"""Table of results for the terminal."""
 
 from rich.table import Table
 from rich.text import Text
@@ -20,7 +20,7 @@ def results_table(assessment: Assessment, title: str = "") -> Table:
 
 
 def figures_of(check: Requirement) -> tuple[str, str]:
-    """Value and bound of `check` in its unit, as text; a dash where there is none."""
+    """Value and bound of `check` in its unit, as text; a dash for a missing one."""
     return _number(check.value, check.scale), _number(check.bound, check.scale)
 
 

@@ -1,4 +1,4 @@
-"""The pictures of a report on work in the seabed: the vehicle over the ground, forces and depth, the way of the tip."""
+"""Figures of a report on work in the seabed: vehicle over the ground, forces and depth, tip motion."""
 
 from collections.abc import Iterator
 
@@ -11,12 +11,20 @@ from sim.interfaces.spatial import Array, pose, rotation_from_quat_wxyz, transfo
 from sim.loop.recording import Recording
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, VERMILION, WIDTH
 
-_THIN = 5  # of the physics steps one is drawn
-_BESIDE = 0.1  # [m] of the section, within which points of the scan are drawn
+_THIN = 5  # one of so many steps is drawn
+_BESIDE = 0.1  # [m] distance from the section plane within which points of the scan are drawn
 
 
 def seabed_figures(recording: Recording, truth: TrueGround) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of each picture; the last only if the tool came into the soil."""
+    """Draw the figures; those of the soil only if the tool entered it.
+
+    Args:
+        recording: The run.
+        truth: True ground and commanded work.
+
+    Yields:
+        Title, caption and figure.
+    """
     caption = (
         "Section along the hull's heading, as it is at work, else at the end: the true ground, the scan within "
         f"{_BESIDE:g} m of the section, the targets as found, hull and arm."
@@ -45,7 +53,7 @@ def _section(recording: Recording, truth: TrueGround) -> Figure:
     heading = R_WB[:2, 0] / np.linalg.norm(R_WB[:2, 0])
 
     def seen(points: Array) -> Array:
-        """Along the heading and up, (N, 2) [m] from the hull's place and from the middle of the terrain."""
+        """Coordinates (N, 2) [m] along the heading from the hull, and up from the middle of the terrain."""
         return np.column_stack([(points[:, :2] - p_WB[:2]) @ heading, points[:, 2] - truth.ground.center_W[2]])
 
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")

@@ -1,4 +1,4 @@
-"""What a result was made by: options, versions, commit, model; what two results must share to be comparable."""
+"""Provenance of a result: options, versions, commit and model, which two comparable results must share."""
 
 import hashlib
 import platform
@@ -15,16 +15,23 @@ import mujoco
 import numpy as np
 
 PACKAGES = ("uuv-arm", "mujoco", "numpy", "scipy", "numba", "llvmlite", "open3d-cpu", "open3d", "embreex", "rerun-sdk")
-HOME = Path(__file__).resolve().parents[2]  # of the rooms
+HOME = Path(__file__).resolve().parents[2]  # of the packages
 _CODE = ("models", "sim", "controllers", "perception", "calib", "scripts", "pyproject.toml", "uv.lock")
-_WHERE = ("out", "view", "workers", "anew")  # options that do not change what is done
+_WHERE = ("out", "view", "workers", "anew")  # options without effect on results
 
 
 def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None) -> dict[str, Any]:
-    """Scenario, options as given (a dataclass; without those that change no figure), versions, machine, commit.
+    """Provenance of a run; equal for every run of one command on one machine and code.
 
-    With `model`, its digest. "commit" and "dirty" are left out outside a git checkout of the project. It is the same
-    for every run of one command on one machine and code.
+    "commit" and "dirty" are left out outside a git checkout of the project.
+
+    Args:
+        scenario: Name of the scenario.
+        options: Its options, a dataclass; those without effect on results are left out.
+        model: Adds the model's digest.
+
+    Returns:
+        Scenario, options, versions, machine, commit and digest.
     """
     made: dict[str, Any] = {
         "scenario": scenario,
@@ -40,13 +47,13 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
 
 @cache
 def versions() -> dict[str, str]:
-    """Of Python, and of the packages that a result may depend on and that are there."""
+    """Versions of Python and of the installed packages that a result may depend on."""
     return {"python": platform.python_version(), **{p: found for p in PACKAGES if (found := _version(p)) is not None}}
 
 
 @cache
 def commit() -> dict[str, Any]:
-    """{"commit": hash, "dirty": whether the code differs from it} of the checkout; empty where there is none."""
+    """Commit of the checkout as {"commit": hash, "dirty": code differs from it}; empty outside a checkout."""
     if shutil.which("git") is None or not (HOME / ".git").exists():
         return {}
     head = _git("rev-parse", "HEAD")
@@ -57,7 +64,7 @@ def commit() -> dict[str, Any]:
 
 
 def model_digest(model: mujoco.MjModel) -> str:
-    """SHA-256 of the compiled model, as MuJoCo would save it; another one with another version of MuJoCo."""
+    """SHA-256 of the compiled model in MuJoCo's binary format; it depends on MuJoCo's version."""
     image = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, image)
     return hashlib.sha256(image.data).hexdigest()
@@ -81,7 +88,7 @@ def _version(package: str) -> str | None:
 
 
 def _plain(value: Any) -> Any:
-    """`value` as JSON has it."""
+    """`value` converted to JSON types."""
     if isinstance(value, Mapping):
         return {str(key): _plain(each) for key, each in value.items()}
     if isinstance(value, (set, frozenset)):

@@ -1,4 +1,4 @@
-"""The folder of a run: new, and of one run alone, so that what lies in it belongs together."""
+"""Output folders: each run gets a new one of its own, so that the files in it belong together."""
 
 import json
 import os
@@ -13,27 +13,36 @@ from pathlib import Path
 from sim.interfaces.errors import ConfigurationError
 from sim.runs.saving import write_whole
 
-RUNS = Path("runs")  # where the user stands
-BEGUN = "run.json"  # in a run's folder from the beginning: what was asked for, and when
+RUNS = Path("runs")  # in the working directory
+BEGUN = "run.json"  # in a run's folder from the start: command and time
 LATEST = "latest"
 
 
 @dataclass(frozen=True, slots=True)
 class _Claimed:
-    """A folder that this process began a run in."""
+    """Folder in which this process began a run."""
 
     folder: Path
-    made: bool  # by this process, too
-    latest: Path | None = None  # that leads to it
+    made: bool  # created by this process
+    latest: Path | None = None  # link that points to it
 
 
 _claimed: list[_Claimed] = []
 
 
 def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) -> Path:
-    """A folder for one run, made and claimed: `out`, or runs/<scenario>/<time>-<seed> with "latest" beside it.
+    """Create and claim a folder for one run.
 
-    Raises ConfigurationError for an `out` in which there is something already, and where no folder can be made.
+    Args:
+        scenario: Name of the scenario.
+        out: Folder to use; default: runs/<scenario>/<time>-<seed>, with "latest" beside it.
+        seed: Part of the default name.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ConfigurationError: `out` is not empty, or the folder cannot be created.
     """
     if out is not None:
         made = True
@@ -59,7 +68,7 @@ def new_folder(scenario: str, out: Path | None = None, seed: int | None = None) 
 
 
 def _next_to_others(home: Path, name: str) -> Path:
-    """A new folder `name` in `home`, or `name`.2 and so on where another run began in the same second."""
+    """Create the folder `name` in `home`, or `name`.2 and so on if another run began in the same second."""
     for again in count(1):
         folder = home / (name if again == 1 else f"{name}.{again}")
         try:
@@ -75,9 +84,9 @@ def _next_to_others(home: Path, name: str) -> Path:
 
 
 def give_back() -> None:
-    """Leave no trace of runs that this process began and wrote nothing of: refused at the door, or stopped before.
+    """Remove the folders of runs that this process began but wrote no results to.
 
-    A folder that it did not make stays, empty as it was.
+    A folder that it did not create stays, empty as before.
     """
     while _claimed:
         claimed = _claimed.pop()
@@ -93,11 +102,11 @@ def give_back() -> None:
                 if others := sorted(path.name for path in folder.parent.iterdir() if path.is_dir()):
                     point_to(latest, others[-1])
         except OSError:
-            continue  # it stays as it is
+            continue  # left as it is
 
 
 def point_to(latest: Path, name: str) -> None:
-    """Let `latest` lead to `name` beside it: by a link or, where there are none, as a file that holds the name."""
+    """Let `latest` point to `name` beside it: by a link or, without links, by a file that holds the name."""
     part = latest.with_name(f".{latest.name}.{os.getpid()}")
     try:
         part.unlink(missing_ok=True)
@@ -110,9 +119,10 @@ def point_to(latest: Path, name: str) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Hold `folder` against other processes, for as long as this one lives: a lock is gone with its process.
+    """Hold an exclusive lock on `folder` against other processes; it ends with this process at the latest.
 
-    Raises ConfigurationError if another holds it, and where there are no locks.
+    Raises:
+        ConfigurationError: Another process holds it, or the file system has no locks.
     """
     try:
         lock = (folder / ".lock").open("a+")
@@ -133,7 +143,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 
 def _locked(file: int) -> bool:
-    """Whether this process has the lock on an open file now. OSError where there are no locks."""
+    """Return True if this process now has the lock on an open file. Raises OSError where locks are not supported."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -153,7 +163,7 @@ def _locked(file: int) -> bool:
 
 
 def _claim(folder: Path, scenario: str) -> bool:
-    """Whether this process is the first to begin a run in `folder`. ConfigurationError where it cannot be written."""
+    """Return True if this process is the first to begin a run in `folder`; ConfigurationError if read-only."""
     begun = {"scenario": scenario, "begun": datetime.now(UTC).isoformat(timespec="seconds"), "command": sys.argv}
     try:
         with (folder / BEGUN).open("x", encoding="utf-8") as file:

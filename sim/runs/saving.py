@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all: results are written beside their place, synced, and renamed into it."""
+"""Atomic file writing: content goes to a temporary file in the same folder, is synced, then renamed."""
 
 import json
 import os
@@ -9,9 +9,10 @@ from sim.interfaces.errors import ConfigurationError
 
 
 def write_whole(file: str | Path, content: str | bytes) -> None:
-    """Write `content`, text in UTF-8, to `file`: whoever looks sees the old file or the new one, never a part.
+    """Write `content`, text in UTF-8, to `file` atomically: a reader sees the old file or the new one, never a part.
 
-    Raises ConfigurationError where that cannot be (no such folder, no right, no space).
+    Raises:
+        ConfigurationError: The file cannot be written (no such folder, no right, no space).
     """
     path = Path(file)
     part = path.with_name(f".{path.name}.{os.getpid()}")
@@ -29,5 +30,9 @@ def write_whole(file: str | Path, content: str | bytes) -> None:
 
 
 def write_json(file: str | Path, content: Any) -> None:
-    """Write `content` to `file` as `write_whole` does. ValueError for what JSON has no word for, such as NaN."""
+    """Write `content` to `file` as `write_whole` does.
+
+    Raises:
+        ValueError: `content` has values that JSON lacks, such as NaN.
+    """
     write_whole(file, json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -1,4 +1,4 @@
-"""What every scenario does around its own work: finds out that the rooms are ours, and ends in one line and a code.
+"""Common start and end of every scenario script: options, import check, signals, one-line errors and exit codes.
 
 Exit codes: 0 done; 1 done, outside its bounds; 2 bad input; 70 an error of the program; 130 and 143 ended by Ctrl-C and
 by SIGTERM.
@@ -26,7 +26,7 @@ from sim.runs.run_folder import give_back, new_folder
 ROOMS = ("models", "sim", "perception", "controllers", "calib")
 BAD_INPUT = 2  # exit code
 INTERNAL = 70  # exit code of an error of the program: EX_SOFTWARE of BSD's sysexits
-TRACEBACK = "--traceback"  # option of every script: show the whole of such an error; or UUV_TRACEBACK=1
+TRACEBACK = "--traceback"  # option of every script: print the traceback of such an error; or UUV_TRACEBACK=1
 _HOME = Path(__file__).resolve().parents[2]
 
 Options = TypeVar("Options")
@@ -34,7 +34,7 @@ Options = TypeVar("Options")
 
 @dataclass(kw_only=True)
 class ScenarioOptions:
-    """What every scenario can be asked."""
+    """Options of every scenario."""
 
     seed: int = 0
     """Seed of everything random: where the object lies, the noise of the sensors, the gusts."""
@@ -52,12 +52,16 @@ class ScenarioOptions:
     """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
 
     def folder(self, scenario: str) -> Path:
-        """The new folder for results. Raises ConfigurationError for one that is in use, or cannot be made."""
+        """New folder for results.
+
+        Raises:
+            ConfigurationError: It is in use, or cannot be created.
+        """
         return new_folder(scenario, self.out, self.seed)
 
 
 class Interrupted(KeyboardInterrupt):
-    """The process was asked to end, by SIGINT or SIGTERM; `signal` says by which."""
+    """Request to end the process, by SIGINT or SIGTERM; `signal` holds which."""
 
     def __init__(self, number: int = signal.SIGINT) -> None:
         super().__init__(number)
@@ -65,13 +69,13 @@ class Interrupted(KeyboardInterrupt):
 
     @property
     def code(self) -> int:
-        """Exit code, as of a shell."""
+        """Exit code by the convention of shells."""
         return 128 + self.signal
 
 
 @contextlib.contextmanager
 def signals(act: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Let `act` meet SIGINT and SIGTERM; those that were ignored (nohup) still are. Of the main thread only."""
+    """Handle SIGINT and SIGTERM by `act`; signals that were ignored (nohup) stay ignored. Main thread only."""
     before: dict[int, Any] = {}
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -84,12 +88,12 @@ def signals(act: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
 
 
 def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
-    """What a signal does to a script: it ends, and says so."""
+    """Signal handler of scripts: raises Interrupted."""
     raise Interrupted(number)
 
 
 def check() -> None:
-    """Exit with one line if a module of a room's name, from elsewhere, comes before ours on the path."""
+    """Exit with one line if a module from elsewhere shadows one of the project's packages on the path."""
     for room in ROOMS:
         found = find_spec(room)
         origin = Path(found.origin or "") if found else Path()
@@ -98,9 +102,9 @@ def check() -> None:
 
 
 def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
-    """`args` (default: the command line) as a `kind` by tyro; a mistake in them ends in one line and exit code 2.
+    """Parse `args` (default: the command line) into a `kind` with tyro; a mistake ends in one line and exit code 2.
 
-    TRACEBACK is for `run_scenario`.
+    TRACEBACK is removed first: `run_scenario` evaluates it.
     """
     import tyro  # here, so that `sim` runs without it
 
@@ -112,7 +116,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
     except SystemExit as stop:
         if stop.code != BAD_INPUT:
             raise  # --help
-        # tyro draws a box, in colour on a terminal: title, what is wrong, a rule, help.
+        # tyro draws a box, in colour on a terminal: title, message, a horizontal rule, help.
         rows = (row.strip(" │|") for row in re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()[1:])
         parts = re.split(r"^[─-]{8,}$", "\n".join(rows), flags=re.MULTILINE)
         mistake = next((part for part in parts if part.strip()), "bad options")
@@ -127,9 +131,10 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
 
 
 def run_scenario(main: Callable[[], int | None]) -> NoReturn:
-    """Run `main` and exit with the code that it returns; with one line and a code on whatever ends it.
+    """Run `main` and exit with its return code; an error ends in one line and an exit code.
 
-    UuvError: 2. Any other error: 70, with its place; 2 where a user's own module raised it. SIGINT 130, SIGTERM 143.
+    UuvError: 2. Any other error: 70, with its place; 2 if it was raised in a user's own module. SIGINT 130, SIGTERM
+    143.
     """
     check()
     try:
@@ -152,7 +157,7 @@ def run_scenario(main: Callable[[], int | None]) -> NoReturn:
 
 
 def _blame(error: Exception) -> tuple[str, int]:
-    """Where an error that nobody foresaw was raised, and the exit code: of a user's own module, else of the program."""
+    """Message and exit code of an unexpected error: raised in a user's own module, else in the program."""
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
     places = list(_places(error.__traceback__))
     ours = [place for place in places if any(place[2].is_relative_to(_HOME / room) for room in (*ROOMS, "scripts"))]
@@ -167,14 +172,14 @@ def _blame(error: Exception) -> tuple[str, int]:
 
 
 def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]]:
-    """Frame, line and file of all that an error went through, the outermost first; what has no file is left out."""
+    """Frame, line and file of each level of a traceback, outermost first; levels without a file are skipped."""
     for frame, line in traceback.walk_tb(trace):
         if not frame.f_code.co_filename.startswith("<"):
             yield frame, line, Path(frame.f_code.co_filename).resolve()
 
 
 def _installed(file: Path) -> bool:
-    """Whether `file` is of Python itself, or of an installed package."""
+    """Return True if `file` belongs to Python itself or to an installed package."""
     own = [Path(path).resolve() for name in ("stdlib", "platstdlib") if (path := sysconfig.get_path(name))]
     return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(map(file.is_relative_to, own))
 

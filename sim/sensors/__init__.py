@@ -1,1 +1,1 @@
-"""Simulated sensors: truth in, noisy and late messages out."""
+"""Simulated sensors: from the true state to noisy, delayed measurements."""

@@ -1,4 +1,4 @@
-"""A stereo depth camera by ray casting: every geom that a viewer shows, and the errors that stereo makes.
+"""Stereo depth camera by ray casting, with stereo errors and an optional flat port.
 
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
@@ -17,20 +17,20 @@ from sim.sensors.refraction import FlatPort, PortCalibration, in_water, read_dep
 from sim.sensors.stereo_noise import StereoNoise, add_noise
 from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, site_on_body
 
-NEAR = 0.02  # [m], nothing closer than this to the camera's plane is drawn
+NEAR = 0.02  # [m] no surface closer than this to the camera's plane is seen
 NOISE = StereoNoise()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthCameraState:
-    """Where the camera's noise has come to; a frame depends on nothing else, so a run can be replayed."""
+    """State of the camera's noise; a frame depends on it and the truth only, so a run can be replayed."""
 
     seed: int
     frame: int
 
 
 class DepthCamera:
-    """A depth camera fixed to a body of a compiled model; delivers one frame each time it is asked (`period` 0)."""
+    """Depth camera fixed to a body of a compiled model; delivers one frame per request (`period` 0)."""
 
     period = 0.0  # [s], on request
 
@@ -51,16 +51,31 @@ class DepthCamera:
         port: FlatPort | None = None,
         calibration: PortCalibration | None = None,
     ) -> None:
-        """Mount the camera on body `hull` of `model` at `X_BC` (4, 4), OpenCV axes.
+        """Mount the camera on a body.
 
-        `width`, `height` and `focal` are in px, the principal point is the middle of the picture; `range_limits` and
-        `delay` are in m and s; `noise` None gives exact depth; bodies named in `exclude` and geoms outside `groups`
-        are not seen, nor are transparent ones (alpha 0), flexes and skins.
+        Transparent geoms (alpha 0), flexes and skins are invisible.
 
-        Without `port` the camera is a pinhole that is known exactly. Behind a `port` (`sim.sensors.refraction`),
-        `focal` is that of the lens, and frames are rectified by `calibration`, the best in water by default: their `K`
-        and the place that they claim for the camera are those of the calibration, right or wrong.
-        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without a ray caster.
+        Without `port` the camera is an exactly known pinhole. Behind a `port` (`sim.sensors.refraction`), frames are
+        rectified by `calibration`. Their `K` and camera pose are then those of the calibration, right or wrong.
+
+        Args:
+            model: Compiled model.
+            hull: Name of the body.
+            X_BC: Pose of the camera in the body (4, 4), OpenCV axes.
+            width: [px]
+            height: [px]
+            focal: [px] of the lens; the principal point is the centre of the image.
+            range_limits: Closest and farthest depth [m].
+            noise: Error model; None: exact depth.
+            delay: [s]
+            exclude: Names of invisible bodies.
+            groups: Visible geom groups.
+            port: Flat port before the lens.
+            calibration: Camera model for rectification; default with a port: the best in water.
+
+        Raises:
+            ConfigurationError: A body is unknown, or a number is invalid.
+            MissingLibraryError: There is no ray caster.
         """
         whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
         if not (whole and 0.0 < focal < np.inf):
@@ -97,13 +112,34 @@ class DepthCamera:
 
     @classmethod
     def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "DepthCamera":
-        """A camera at `site`, looking along its z axis with x to the right; options as in the constructor."""
+        """Camera at a site, looking along its z axis with x to the right.
+
+        Args:
+            model: Compiled model.
+            site: Name of the site.
+            **options: As in the constructor.
+
+        Returns:
+            The camera.
+        """
         body, X_BC = site_on_body(model, site, "depth camera")
         return cls(model, body, X_BC, **options)
 
     @classmethod
     def at_camera(cls, model: mujoco.MjModel, camera: str, **options: Any) -> "DepthCamera":
-        """A camera where MuJoCo's `camera` is (which looks along its -z axis, y up); options as in the constructor."""
+        """Camera at a MuJoCo camera, which looks along its -z axis, y up.
+
+        Args:
+            model: Compiled model.
+            camera: Name of the MuJoCo camera.
+            **options: As in the constructor.
+
+        Returns:
+            The depth camera.
+
+        Raises:
+            ConfigurationError: There is no such camera.
+        """
         index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
         if index < 0:
             raise ConfigurationError(
@@ -122,7 +158,7 @@ class DepthCamera:
         return DepthCameraState(seed=int(rng.integers(2**63)), frame=0)
 
     def step(self, state: DepthCameraState, truth: BodyPoses) -> tuple[DepthCameraState, DepthImage]:
-        """One frame of the world as `truth` has it; the same state and truth always give the same frame."""
+        """One frame of the world at `truth`; the same state and truth always give the same frame."""
         depth, cosine = self.render(truth.xpos, truth.xmat)
         if self._noise is not None:
             depth = add_noise(
@@ -135,11 +171,14 @@ class DepthCamera:
         return DepthCameraState(seed=state.seed, frame=state.frame + 1), image
 
     def render(self, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Depth (height, width) [m], inf where nothing is hit, and cosine of the incidence there.
+        """Noise-free depth image; with a port, the depth that the calibration computes from exact disparities.
 
-        Depth is exact without a port; with one, it is what the calibration makes of exact disparities.
+        Args:
+            xpos: Body origins (nbody, 3) [m] in W.
+            xmat: Rotations of the bodies to W (nbody, 9).
 
-        `xpos` (nbody, 3) [m] and `xmat` (nbody, 9) are the bodies' world poses.
+        Returns:
+            Depth (height, width) [m], inf without a hit, and cosine of the angle of incidence.
         """
         R_W = np.asarray(xmat, dtype=np.float64).reshape(-1, 3, 3)
         X_WC = pose(R_W[self._hull], xpos[self._hull]) @ self._X_BC

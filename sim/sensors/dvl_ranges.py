@@ -1,4 +1,4 @@
-"""The slant ranges of a Doppler log: how far the ground is along each of its beams, by ray casting."""
+"""Slant ranges of a Doppler velocity log to the ground along each beam, by ray casting."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -12,19 +12,19 @@ from sim.interfaces.messages import DvlRangesMeasurement
 from sim.interfaces.spatial import Array, checked, pose, readonly
 from sim.sensors.visible_world import BodyPoses, Rays, VisibleWorld, body_id
 
-NEAR = 0.02  # [m]
+NEAR = 0.02  # [m] closest distance at which a ray can hit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DvlBeams:
-    """A Janus array: beams evenly around the vertical, the first ahead to port, and their errors."""
+    """Janus array: beams evenly around the vertical, the first ahead to port, and their errors."""
 
     count: int = 4
-    slant: float = float(np.radians(30.0))  # [rad] of each beam from the vertical; of most arrays 20 to 30 deg
+    slant: float = float(np.radians(30.0))  # [rad] of each beam from the vertical; 20 to 30 deg for most arrays
     noise: float = 0.01  # white, share of the range: an order of magnitude
-    dropouts: float = 0.02  # share of the pings that a beam hears nothing
+    dropouts: float = 0.02  # share of the pings without an echo, per beam
     limits: tuple[float, float] = (0.3, 50.0)  # [m]
-    dead: tuple[int, ...] = ()  # beams, from 1, that never hear anything
+    dead: tuple[int, ...] = ()  # failed beams, counted from 1
 
     def __post_init__(self) -> None:
         if not (self.count >= 1 and 0.0 <= self.slant < 0.5 * np.pi):
@@ -50,11 +50,11 @@ class DvlBeams:
 
 @dataclass(frozen=True, slots=True)
 class DvlRanges:
-    """Sensor of the ranges; that of the velocity is `sim.sensors.proprioception.Dvl`."""
+    """Sensor of the slant ranges; that of the velocity is `sim.sensors.proprioception.Dvl`."""
 
     world: VisibleWorld
     body: int
-    p_BD: Array  # (3,) [m] the array on the hull
+    p_BD: Array  # (3,) [m] position of the array in the hull
     beams: DvlBeams
     period: float = 0.1  # [s]
     delay: float = 0.0  # [s]
@@ -68,17 +68,30 @@ class DvlRanges:
         beams: DvlBeams | None = None,
         exclude: Collection[str] = (),
     ) -> "DvlRanges":
-        """Mount the array on `body` of `model` at `p_BD` (3,) [m]; it does not see the bodies in `exclude`.
+        """Mount the array on a body.
 
-        Raises ConfigurationError for an unknown body.
+        Args:
+            model: Compiled model.
+            body: Name of the body.
+            p_BD: Position of the array in the body (3,) [m].
+            beams: Array and errors; default: `DvlBeams()`.
+            exclude: Names of bodies that are invisible to it.
+
+        Returns:
+            The sensor.
+
+        Raises:
+            ConfigurationError: A body is unknown.
         """
         world = VisibleWorld(model, exclude={body_id(model, name, "Doppler log") for name in exclude})
         return cls(world, body_id(model, body, "Doppler log"), checked(p_BD, (3,), "p_BD"), beams or DvlBeams())
 
     def init(self, rng: np.random.Generator) -> np.random.Generator:
+        """Initial state: the random stream."""
         return rng
 
     def step(self, state: np.random.Generator, truth: BodyPoses) -> tuple[np.random.Generator, DvlRangesMeasurement]:
+        """Measure the slant ranges."""
         beams, axes = self.beams, self.beams.axes()
         xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
         X_WD = pose(R_W[self.body], xpos[self.body]) @ pose(p=self.p_BD)

@@ -1,4 +1,4 @@
-"""Sensors of the plant, each with its rate, delay, noise, bias and quantisation beside it. Truth in, messages out."""
+"""Navigation and joint sensors: each with its rate, delay, noise, bias and quantisation."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
@@ -23,9 +23,9 @@ from sim.interfaces.messages import (
 from sim.interfaces.spatial import GRAVITY, Array, checked, number
 from sim.plant.plant import Truth
 
-SEA_LEVEL = 101325.0  # [Pa] the standard atmosphere
-_MOST_JOINTS = 64  # of an arm
-_BLOCK = 8192  # normal numbers drawn at a time: one by one they cost more than the sensor
+SEA_LEVEL = 101325.0  # [Pa] standard atmosphere
+_MOST_JOINTS = 64  # largest number of joints of an arm
+_BLOCK = 8192  # normal numbers drawn at a time: drawn singly they cost more than the sensor
 
 
 @dataclass(slots=True, eq=False)
@@ -36,10 +36,10 @@ class SensorState:
     bias: Array
     drawn: Array = field(default_factory=lambda: np.zeros(0))
     used: int = 0
-    stated: Any = None  # its noise as the maker states it, which travels with every measurement
+    stated: Any = None  # noise by the data sheet, attached to every measurement
 
     def normal(self, count: int) -> Array:
-        """The next `count` standard normal numbers of the stream."""
+        """Next `count` standard normal numbers of the stream."""
         if self.used + count > len(self.drawn):
             self.drawn, self.used = self.rng.standard_normal(max(_BLOCK, count)), 0
         self.used += count
@@ -47,7 +47,7 @@ class SensorState:
 
 
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
-    """ConfigurationError unless every number of `sensor` is finite and >= 0, and those named `above` are not zero."""
+    """Raise ConfigurationError unless all numbers of `sensor` are finite and >= 0, and those named in `above` > 0."""
     for item in fields(sensor):
         if item.type is not float:
             continue
@@ -60,17 +60,17 @@ def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
 
 
 def _constant(rng: np.random.Generator, count: int) -> Array:
-    """Standard normal numbers of a stream beside that of the noise, which is the same whether they are used or not."""
+    """Standard normal numbers of a stream separate from the noise, so that drawing them does not change the noise."""
     return rng.spawn(1)[0].standard_normal(count)
 
 
 def _white(noise: float, resolution: float) -> float:
-    """Standard deviation of white noise and rounding together."""
+    """Standard deviation of white noise and rounding combined."""
     return float(np.hypot(noise, resolution / np.sqrt(12.0)))
 
 
 def _quantised(value: Array, resolution: float) -> Array:
-    """`value` in whole steps of `resolution`; as it is where that is zero."""
+    """Round `value` to multiples of `resolution`; unchanged if that is zero."""
     return np.round(value / resolution) * resolution if resolution > 0.0 else value
 
 
@@ -87,8 +87,8 @@ class Encoders:
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
-    resolution: float = 2.0 * np.pi / 2**19  # [rad] 19 bits a turn
-    bias: float = 0.0  # [rad] of each zero, constant over a run, standard deviation
+    resolution: float = 2.0 * np.pi / 2**19  # [rad] 19 bits per turn
+    bias: float = 0.0  # [rad] of the zero position, constant over a run, standard deviation
     rate_noise: float = 2e-4  # [rad/s] white, per sample
     rate_resolution: float = 0.0  # [rad/s]; 0 for none
 
@@ -96,9 +96,11 @@ class Encoders:
         _check(self, ("period", "resolution"))
 
     def init(self, rng: np.random.Generator) -> SensorState:
+        """Draw the biases of this run."""
         return SensorState(rng, self.bias * _constant(rng, _MOST_JOINTS))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, EncoderMeasurement]:
+        """Measure joint angles and velocities."""
         q, qd = _encode(
             truth.q,
             truth.qd,
@@ -123,7 +125,7 @@ def _encode(q, qd, bias, noise, resolution, rate_noise, rate_resolution):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointTorqueSensors:
-    """One-component torque sensors on the gear outputs (paper 002)."""
+    """One-component torque sensors on the gear outputs [Konoplin 2022]."""
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
@@ -135,9 +137,11 @@ class JointTorqueSensors:
         _check(self)
 
     def init(self, rng: np.random.Generator) -> SensorState:
+        """Draw the biases of this run."""
         return SensorState(rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
+        """Measure the torques at the gear outputs."""
         tau = _transmitted(
             truth.tau_drive,
             truth.tau_friction,
@@ -156,7 +160,7 @@ class JointTorqueSensors:
 @numba.njit(cache=True)
 @keyed_by_imports
 def _transmitted(tau_drive, tau_friction, armature, qdd, damping, qd, noise, share, bias, resolution):
-    """What passes through the gear outputs (the drive's, less rotor inertia and gear friction), with its errors."""
+    """Torque at the gear outputs, with sensor errors: drive torque less rotor inertia, gear friction and damping."""
     tau = np.empty_like(tau_drive)
     for j in range(len(tau)):
         true = tau_drive[j] + tau_friction[j] - armature[j] * qdd[j] - damping[j] * qd[j]
@@ -166,7 +170,7 @@ def _transmitted(tau_drive, tau_friction, armature, qdd, damping, qd, noise, sha
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imu:
-    """Accelerations, rates and attitude at the hull's origin: a navigation unit with fibre-optic gyros."""
+    """Inertial unit with fibre-optic gyros: specific force, angular velocity and attitude at the hull's origin."""
 
     period: float = 0.002  # [s]
     delay: float = 0.0  # [s]
@@ -183,6 +187,7 @@ class Imu:
         _check(self)
 
     def init(self, rng: np.random.Generator) -> SensorState:
+        """Draw the biases of this run."""
         bias = rng.standard_normal(6)
         rate = self.rate_bias * _constant(rng, 3)
         errors = np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate])
@@ -197,6 +202,7 @@ class Imu:
         return SensorState(rng, errors, stated=stated)
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
+        """Measure specific force, angular velocity and attitude."""
         force_B, w_B, R = _inertial(
             truth.R_WB,
             truth.acceleration,
@@ -226,7 +232,7 @@ def _inertial(
     acceleration_resolution,
     rate_resolution,
 ):
-    """Specific force, rates and attitude with their errors; the attitude's error turns about hull axes."""
+    """Specific force, angular velocity and attitude with their errors; the attitude error is about hull axes."""
     force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         force = bias[i] + acceleration_noise * noise[i]
@@ -235,7 +241,7 @@ def _inertial(
         force_B[i] = _in_steps(force, acceleration_resolution)
         w[i] = _in_steps(w_B[i] + bias[6 + i] + rate_noise * noise[3 + i], rate_resolution)
         phi[i] = bias[3 + i] + attitude_noise * noise[6 + i]
-    # Second order in the error, which is below a milliradian: 1e-10 from a rotation, far below the noise.
+    # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below the noise.
     R = np.empty((3, 3))
     for j in range(3):
         k, m = (j + 1) % 3, (j + 2) % 3
@@ -248,7 +254,7 @@ def _inertial(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dvl:
-    """Doppler log: velocity over ground in hull axes."""
+    """Doppler velocity log (DVL): velocity over ground in hull axes."""
 
     period: float = 0.1  # [s]
     delay: float = 0.0  # [s]
@@ -260,28 +266,30 @@ class Dvl:
         _check(self)
 
     def init(self, rng: np.random.Generator) -> SensorState:
+        """Draw the bias of this run."""
         stated = DvlNoise(white=_white(self.noise, self.resolution), bias=self.bias)
         return SensorState(rng, self.bias * _constant(rng, 3), stated=stated)
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, DvlMeasurement]:
+        """Measure the velocity over ground."""
         v = truth.R_WB.T @ truth.v_WB_W + state.bias + self.noise * state.normal(3)
         return state, DvlMeasurement(time=truth.time, v_WB_B=_quantised(v, self.resolution), noise=state.stated)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressureDepth:
-    """Absolute pressure at a point of the hull, and the depth that the instrument makes of it."""
+    """Pressure gauge: absolute pressure at a point of the hull, and the depth computed from it."""
 
     period: float = 0.05  # [s]
     delay: float = 0.0  # [s]
     noise: float = 20.0  # [Pa] white, per sample: 2 mm of water
     bias: float = 100.0  # [Pa] constant over a run, standard deviation: 1 cm
     resolution: float = 20.0  # [Pa]; 0 for none
-    p_BS: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] the instrument in the hull
-    water_density: float = 1025.0  # [kg/m^3] of the water
-    surface: float = SEA_LEVEL  # [Pa] at depth zero, z = 0 of the world
-    assumed_density: float = 1025.0  # [kg/m^3] what the instrument takes the water for
-    assumed_surface: float = SEA_LEVEL  # [Pa] what it was zeroed at
+    p_BS: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m] position of the gauge in the hull
+    water_density: float = 1025.0  # [kg/m^3] true density
+    surface: float = SEA_LEVEL  # [Pa] true pressure at depth zero, z = 0 of the world
+    assumed_density: float = 1025.0  # [kg/m^3] density that the gauge assumes
+    assumed_surface: float = SEA_LEVEL  # [Pa] pressure at which the gauge was zeroed
     gravity: float = GRAVITY  # [m/s^2]
 
     def __post_init__(self) -> None:
@@ -289,9 +297,11 @@ class PressureDepth:
         checked(self.p_BS, (3,), "PressureDepth p_BS")
 
     def init(self, rng: np.random.Generator) -> SensorState:
+        """Draw the bias of this run."""
         return SensorState(rng, self.bias * _constant(rng, 1))
 
     def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, PressureMeasurement]:
+        """Measure pressure and depth."""
         depth = -float(truth.p_WB[2] + truth.R_WB[2] @ self.p_BS)
         water = self.water_density * self.gravity * max(depth, 0.0)  # above the surface there is air
         pressure = self.surface + water + state.bias + self.noise * state.normal(1)
@@ -302,33 +312,35 @@ class PressureDepth:
 
 @dataclass(slots=True, eq=False)
 class WanderState:
-    """Memory of a sensor whose error wanders."""
+    """State of a sensor whose error is a Gauss-Markov process."""
 
     noise: SensorState
     walk: np.random.Generator
-    error: Array  # (3,) [m] now
+    error: Array  # (3,) [m] present value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisionDrift:
-    """Position of the hull against the scene from the cameras: slow, late and noisy, with an error that wanders."""
+    """Position of the hull relative to the scene from the cameras: delayed, with white and Gauss-Markov errors."""
 
     period: float = 0.1  # [s]
     delay: float = 0.1  # [s]
     noise: float = 2e-3  # [m] white, per sample
-    bias: float = 0.0  # [m] standard deviation of an error that wanders (Gauss-Markov)
-    bias_time: float = 60.0  # [s] over which it forgets itself
+    bias: float = 0.0  # [m] standard deviation of the slow error (first-order Gauss-Markov)
+    bias_time: float = 60.0  # [s] its correlation time
     resolution: float = 0.0  # [m]; 0 for none
 
     def __post_init__(self) -> None:
         _check(self, ("period", "bias_time"))
 
     def init(self, rng: np.random.Generator) -> WanderState:
+        """Draw the initial slow error."""
         walk = rng.spawn(1)[0]
         stated = VisionNoise(white=_white(self.noise, self.resolution), wander=self.bias, wander_time=self.bias_time)
         return WanderState(SensorState(rng, np.zeros(0), stated=stated), walk, self.bias * walk.standard_normal(3))
 
     def step(self, state: WanderState, truth: Truth) -> tuple[WanderState, VisionMeasurement]:
+        """Measure the position of the hull and advance the slow error."""
         p = truth.p_WB + state.error + self.noise * state.noise.normal(3)
         if self.bias > 0.0:
             kept = np.exp(-self.period / self.bias_time)

@@ -1,9 +1,9 @@
-"""A stereo pair behind a flat port: Snell's law for each pixel, and what a calibration makes of the picture.
+"""Stereo pair behind a flat port: Snell's law for each pixel, and the pinhole calibration of the refracted image.
 
 Both cameras look through the same flat port, whose normal is their optical axis. A ray that leaves the lens at the
-tangent s goes on in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2) (Snell: sin a = n sin w), and it crosses
-the port off the axis. So the camera has no single centre in water, and a pinhole can only fit (Treibitz et al. 2012,
-"Flat refractive geometry"; Shortis 2015, "Calibration techniques for accurate measurements by underwater cameras").
+tangent s continues in water at the tangent s_w = s / sqrt(n^2 (1 + s^2) - s^2), from Snell's law sin a = n sin w. It
+crosses the port off the axis. In water the camera therefore has no single centre of projection, and a pinhole model is
+only a fit [Treibitz 2012] [Shortis 2015].
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from scipy import optimize
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-_STEPS = 20  # of Newton's method, at most; it takes 3 to 5
+_STEPS = 20  # largest number of Newton steps; 3 to 5 are needed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlatPort:
-    """A flat window between air and water, square to the optical axis."""
+    """Flat window between air and water, perpendicular to the optical axis."""
 
-    distance: float = 0.02  # [m] of air from the lens to the port
+    distance: float = 0.02  # [m] air gap from the lens to the port
     thickness: float = 0.01  # [m]
     n_water: float = 1.333
     n_glass: float = 1.49  # acrylic
@@ -38,9 +38,13 @@ class FlatPort:
                 raise ConfigurationError(f"flat port: {name} must lie in [1, 3), got {getattr(self, name)}")
 
     def rays(self, tangents: ArrayLike) -> tuple[Array, Array]:
-        """Where rays leave the port and how they go on in water, (..., 3) each [m], with unit z.
+        """Trace rays through the port.
 
-        `tangents` (..., 2): x/z and y/z of the rays in the air behind it, from the lens at the origin.
+        Args:
+            tangents: x/z and y/z (..., 2) of the rays in air, from the lens at the origin.
+
+        Returns:
+            Points (..., 3) [m] where the rays leave the port, and their directions (..., 3) in water, with z = 1.
         """
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
@@ -53,7 +57,18 @@ class FlatPort:
         return start, np.concatenate([water, one], axis=-1)
 
     def tangent(self, radius: ArrayLike, z: ArrayLike) -> Array:
-        """Tangents in the air of the rays that come from points at `radius` [m] off the axis, at depth `z` [m]."""
+        """Tangent in air of the ray from a point in water.
+
+        Args:
+            radius: Distance of the points from the axis [m].
+            z: Depth of the points along the axis [m].
+
+        Returns:
+            Tangents, of the common shape of `radius` and `z`.
+
+        Raises:
+            ConfigurationError: A point is not beyond the port.
+        """
         rho, depth = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64))
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
@@ -66,41 +81,50 @@ class FlatPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortCalibration:
-    """What the stereo software takes each camera to be: a pinhole with radial distortion.
+    """Camera model of the stereo software: a pinhole with radial distortion.
 
-    r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the middle of the raw picture, t the tangent of the ray
-    that the pixel stands for.
+    r = f t (1 + k1 t^2 + k2 t^4): r [px] is the distance from the centre of the raw image, t the tangent of the ray
+    assigned to the pixel.
     """
 
     focal: float  # [px]
     k1: float = 0.0
     k2: float = 0.0
-    center: float = 0.0  # [m] by which the pinhole lies ahead of the lens (behind it where negative)
+    center: float = 0.0  # [m] position of the pinhole ahead of the lens (behind it if negative)
 
     def __post_init__(self) -> None:
         if not (0.0 < self.focal < np.inf and np.isfinite([self.k1, self.k2, self.center]).all()):
             raise ConfigurationError(f"calibration: focal must be positive and all numbers finite, got {self}")
 
     def raw(self, tangents: ArrayLike, focal: float) -> Array:
-        """Tangents (..., 2) in the air behind the port of rectified ones; `focal` [px] is that of the lens."""
+        """Tangents (..., 2) in the air behind the port for rectified ones; `focal` [px] is that of the lens."""
         t = np.asarray(tangents, dtype=np.float64)
         square = (t**2).sum(axis=-1, keepdims=True)
         return t * (self.focal / focal) * (1.0 + square * (self.k1 + square * self.k2))
 
 
 def in_air(focal: float) -> PortCalibration:
-    """The maker's calibration of a lens of `focal` [px]: right in air."""
+    """Calibration by the maker of a lens of `focal` [px], correct in air."""
     return PortCalibration(focal=focal)
 
 
 def in_water(
     port: FlatPort, focal: float, corner: float, ranges: Sequence[float] = (0.5, 1.0, 2.0), move_center: bool = True
 ) -> PortCalibration:
-    """The pinhole with distortion that fits best what is seen through `port` on boards at `ranges` [m].
+    """Pinhole with distortion that best fits calibration boards seen through `port`; least squares in pixels.
 
-    `focal` [px] of the lens, `corner` [px] from the middle of the picture to its corner. Boards are held anywhere, so
-    the pinhole's place on the axis is found too, unless `move_center` is false: then the lens is taken for it.
-    Least squares of pixels. Raises ConfigurationError for boards that are not in the water, or no picture.
+    Args:
+        port: The flat port.
+        focal: Of the lens [px].
+        corner: Distance from the centre of the image to its corner [px].
+        ranges: Of the boards [m]; they may be anywhere in the image.
+        move_center: Also fit the position of the pinhole on the axis; else it is at the lens.
+
+    Returns:
+        The calibration.
+
+    Raises:
+        ConfigurationError: A board is not in the water, or a number is not positive.
     """
     if not (focal > 0.0 and corner > 0.0 and len(ranges)):
         raise ConfigurationError(f"calibration: focal, corner and ranges must be positive, got {focal}, {corner}")
@@ -111,7 +135,7 @@ def in_water(
 
     def fit(center: float) -> tuple[Array, float]:
         t = radius / (z - center)
-        # As many pixels lie at a radius as it is long.
+        # The number of pixels at a radius is proportional to it.
         weight = np.sqrt(radius / z).ravel()
         A = np.stack([t, t**3, t**5], axis=-1).reshape(-1, 3) * weight[:, None]
         solution = np.linalg.lstsq(A, weight * seen.ravel(), rcond=None)[0]
@@ -129,11 +153,21 @@ def in_water(
 def read_depth(
     points: np.ndarray, tangent_x: Array, port: FlatPort, calibration: PortCalibration, focal: float, baseline: float
 ) -> np.ndarray:
-    """Depth (H, W) [m] that stereo reads for points (H, W, 3) [m] seen by the left camera; inf where they are.
+    """Depth (H, W) [m] that stereo reads for the points seen by the left camera; inf where the points are at infinity.
 
-    The right camera, `baseline` [m] to the right, sees each point through the port as well; both pictures are
-    rectified by `calibration`, and depth is baseline / (difference of the rectified x tangents). `tangent_x` (W,):
-    rectified x tangents of the columns. `focal` [px] of the lenses.
+    The right camera, `baseline` to the right, also sees each point through the port. Both images are rectified by
+    `calibration`, and depth is baseline / (difference of the rectified x tangents).
+
+    Args:
+        points: Points (H, W, 3) [m] in the left camera's frame.
+        tangent_x: Rectified x tangents (W,) of the columns.
+        port: The flat port.
+        calibration: Camera model of both cameras.
+        focal: Of the lenses [px].
+        baseline: [m]
+
+    Returns:
+        Depth (H, W) [m], float32.
     """
     return _read(
         np.ascontiguousarray(points, dtype=np.float64),
@@ -152,7 +186,7 @@ def _tangent(rho: float, z: float, distance: float, thickness: float, n_glass: f
     if rho == 0.0:
         return 0.0
     depth = z - distance - thickness
-    # The sum bends down, and the start, by its slope at the axis, lies below the root: no step goes too far.
+    # The sum is concave, and the start, from its slope at the axis, lies below the root: Newton does not overshoot.
     s = rho / (distance + thickness / n_glass + depth / n_water)
     for _ in range(_STEPS):
         square = s * s

@@ -1,12 +1,12 @@
-"""A multibeam 3D sonar by ray casting: beams of some width, and the errors that echoes make.
+"""Multibeam 3D sonar by ray casting, with finite beam width and echo errors.
 
-It stands on any body of any compiled model (primitives, meshes, height fields; also what is only for show):
+It can be mounted on any body of any compiled model (primitives, meshes, height fields, visual-only geoms):
 
     sonar = Sonar(model, "world", X_WS)                      # S has OpenCV axes: x right, y down, z ahead
-    points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN where no echo came back
-    points_S = sonar.ping(data, rng, X_WS=elsewhere)         # the same sonar, held somewhere else
+    points_S = sonar.ping(data, np.random.default_rng(0))    # (H, W, 3) [m], NaN without an echo
+    points_S = sonar.ping(data, rng, X_WS=elsewhere)         # the same sonar at another pose
 
-and is a `sim.interfaces.protocols.Sensor` for the step loop, whose messages are `SonarScan`.
+It is also a `sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
 """
 
 from collections.abc import Collection
@@ -22,22 +22,22 @@ from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, checked_pose, pose, readonly
 from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, site_on_body
 
-NEAR = 0.02  # [m], nothing closer than this to the sonar is seen
+NEAR = 0.02  # [m] no surface closer than this to the sonar is seen
 
-# Within a beam, rays are cast along its axis and on a ring, which is at this share of the half width.
-_RING = 0.8
-_ON_RING = 6
+# Within a beam, rays are cast along its axis and on a ring around it.
+_RING = 0.8  # radius of the ring, as a share of the beam's half width
+_ON_RING = 6  # number of rays on the ring
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarBeams:
-    """Beams evenly spaced in azimuth (columns, about y) and elevation (rows)."""
+    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows)."""
 
     rows: int = 72
     columns: int = 96
     elevation: float = np.deg2rad(45.0)  # [rad] between the first and the last row
     azimuth: float = np.deg2rad(60.0)  # [rad] between the first and the last column
-    width: float = np.deg2rad(1.2)  # [rad] of a beam, where its power has fallen to one half; footprint 21 mm at 1 m
+    width: float = np.deg2rad(1.2)  # [rad] of a beam at half power; footprint 21 mm at 1 m
 
     def __post_init__(self) -> None:
         if not all(isinstance(count, int | np.integer) and count >= 1 for count in (self.rows, self.columns)):
@@ -65,13 +65,13 @@ class SonarBeams:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarNoise:
-    """Errors of the echoes. No maker states them in public: orders of magnitude, from range cell and beam width."""
+    """Error model of the echoes: orders of magnitude from range cell and beam width, as no maker publishes them."""
 
     range_share: float = 0.003  # standard deviation of the range, as a share of it
-    range_cell: float = 0.01  # [m] to which ranges are rounded; 0: not at all
+    range_cell: float = 0.01  # [m] to which ranges are rounded; 0: no rounding
     pointing: float = 0.25  # standard deviation of a beam's direction about each axis, as a share of its width
-    outliers: float = 0.03  # share of the beams that report a range of anywhere within the limits
-    max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; no echo comes back beyond it
+    outliers: float = 0.03  # share of the beams that report a random range within the limits
+    max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; no echo beyond it
 
     def __post_init__(self) -> None:
         for name in ("range_share", "range_cell", "pointing"):
@@ -88,17 +88,17 @@ BEAMS, NOISE = SonarBeams(), SonarNoise()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarState:
-    """Where the sonar's noise has come to; a ping depends on nothing else, so a run can be replayed."""
+    """State of the sonar's noise; a ping depends on it and the truth only, so a run can be replayed."""
 
     seed: int
     ping: int
 
 
 class Sonar:
-    """A 3D sonar fixed to a body of a compiled model; delivers one ping each time it is asked (`period` 0).
+    """3D sonar fixed to a body of a compiled model; delivers one ping per request (`period` 0).
 
-    An echo is placed on the axis of its beam, at the range of the nearest thing in the beam (`echo` "first"), or of
-    the strongest echo in it: that of most area across the beam, within one range cell (`echo` "strongest").
+    An echo is placed on the axis of its beam. With `echo` "first" its range is that of the nearest surface in the beam.
+    With "strongest" it is that of the largest area across the beam within one range cell.
     """
 
     period = 0.0  # [s], on request
@@ -117,12 +117,25 @@ class Sonar:
         exclude: Collection[str] = (),
         groups: Collection[int] = VISIBLE_GROUPS,
     ) -> None:
-        """Mount the sonar on `body` of `model` ("world": on none) at `X_BS` (4, 4), OpenCV axes.
+        """Mount the sonar on a body.
 
-        `range_limits` and `delay` are in m and s; `noise` None leaves the footprint alone; bodies named in `exclude`
-        and geoms outside `groups` are not seen, nor are transparent ones (alpha 0), flexes and skins. Height fields
-        are read now, and not again.
-        Raises ConfigurationError for unknown bodies or impossible numbers, MissingLibraryError without a ray caster.
+        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
+
+        Args:
+            model: Compiled model.
+            body: Name of the body; "world": fixed in W.
+            X_BS: Pose of the sonar in the body (4, 4), OpenCV axes.
+            beams: Grid of beams.
+            noise: Error model; None: the effect of the beam width alone.
+            echo: "first" or "strongest".
+            range_limits: Closest and farthest range [m].
+            delay: [s]
+            exclude: Names of invisible bodies.
+            groups: Visible geom groups.
+
+        Raises:
+            ConfigurationError: A body is unknown, or a number is invalid.
+            MissingLibraryError: There is no ray caster.
         """
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1] < np.inf):
             raise ConfigurationError(f"sonar: range_limits must be 0 < near < far, got {range_limits}")
@@ -136,17 +149,26 @@ class Sonar:
         self._beams, self._noise, self._echo, self._range = beams, noise, echo, range_limits
         self._world = VisibleWorld(model, exclude={body_id(model, name, "sonar") for name in exclude}, groups=groups)
         self._axes = beams.axes()
-        # Two axes across each beam, for the rays around its own.
+        # Two axes across each beam, for the rays on the ring.
         right = np.stack([self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1)
         self._right = right / np.linalg.norm(right, axis=-1, keepdims=True)
         self._down = np.cross(self._axes, self._right)
-        # Shares of the beam's power that fall on the middle and on each part of the ring, two ways.
+        # Two-way share of the beam's power on its axis and on each ray of the ring.
         ring = 0.5 ** (2.0 * _RING**2)
         self._weight = np.array([1.0] + [ring] * _ON_RING) / (1.0 + _ON_RING * ring)
 
     @classmethod
     def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "Sonar":
-        """A sonar at `site`, looking along its z axis with x to the right; options as in the constructor."""
+        """Sonar at a site, looking along its z axis with x to the right.
+
+        Args:
+            model: Compiled model.
+            site: Name of the site.
+            **options: As in the constructor.
+
+        Returns:
+            The sonar.
+        """
         body, X_BS = site_on_body(model, site, "sonar")
         return cls(model, body, X_BS, **options)
 
@@ -160,16 +182,24 @@ class Sonar:
         return SonarState(seed=int(rng.integers(2**63)), ping=0)
 
     def step(self, state: SonarState, truth: BodyPoses) -> tuple[SonarState, SonarScan]:
-        """One ping at the world as `truth` has it; the same state and truth always give the same echoes."""
+        """One ping of the world at `truth`; the same state and truth always give the same echoes."""
         points = self.ping(truth, np.random.default_rng([state.seed, state.ping]))
         scan = SonarScan(time=float(truth.time), points=points, X_BS=self._X_BS)
         return SonarState(seed=state.seed, ping=state.ping + 1), scan
 
     def ping(self, truth: BodyPoses, rng: np.random.Generator, X_WS: Array | None = None) -> Array:
-        """Echoes (H, W, 3) [m] in S, NaN where none came back, of the world as `truth` has it.
+        """Echoes of one ping.
 
-        `truth` is anything with `xpos` and `xmat`, as an MjData after `mj_kinematics`. `X_WS` (4, 4): where the sonar
-        is, if not on its body.
+        Args:
+            truth: Anything with `xpos` and `xmat`, such as an MjData after `mj_kinematics`.
+            rng: Source of the errors.
+            X_WS: Pose of the sonar (4, 4); default: that of its mount.
+
+        Returns:
+            Points (H, W, 3) [m] in S, NaN without an echo.
+
+        Raises:
+            ConfigurationError: The bodies have no poses yet, or `X_WS` is no pose.
         """
         xpos, R_W = np.asarray(truth.xpos), np.asarray(truth.xmat).reshape(-1, 3, 3)
         if not R_W[0].any():
@@ -192,7 +222,7 @@ class Sonar:
         return readonly(self._axes * r[..., None])
 
     def _directions(self, rng: np.random.Generator) -> np.ndarray:
-        """Unit directions (H, W, K, 3) of the rays: of each beam its axis first, then the ring."""
+        """Unit directions (H, W, K, 3) of the rays: for each beam its axis first, then the ring."""
         width = self._beams.width
         shape = self._axes.shape[:2]
         off = np.zeros((*shape, 2))
@@ -221,10 +251,10 @@ class Sonar:
 
 @numba.njit(cache=True)
 def _strongest(distance: np.ndarray, cosine: np.ndarray, weight: np.ndarray, cell: float) -> np.ndarray:
-    """Range (H, W) [m] of the strongest echo: the rays that return within one range cell are added up.
+    """Range (H, W) [m] of the strongest echo: rays that return within one range cell are added up.
 
-    A ray's power goes with its share of the beam and with the cosine of incidence: by Lambert's law an area scatters
-    back with the square of it, and the area in the beam grows as it falls. The range is the mean of the echo's rays.
+    A ray's power is its share of the beam times the cosine of incidence. By Lambert's law an area scatters back with
+    the square of the cosine, and the area in the beam grows with its inverse. The range is the mean of the echo's rays.
     """
     rows, columns, rays = distance.shape
     result = np.full((rows, columns), np.inf)

@@ -1,4 +1,4 @@
-"""The errors of stereo vision, made in disparity."""
+"""Stereo errors, modelled in disparity."""
 
 from dataclasses import dataclass
 
@@ -12,21 +12,21 @@ EDGE = 0.025  # relative jump of disparity between neighbours that counts as a d
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoNoise:
-    """Errors of a stereo camera, made in disparity: sigma_z = z^2 disparity_sigma / (f baseline).
+    """Error model of a stereo camera in disparity: sigma_z = z^2 disparity_sigma / (f baseline).
 
-    In turbid water the contrast that is left at range r is C = exp(-attenuation r) (Duntley 1963, "Light in the sea");
-    the error of a match grows as 1 / C, and there is none where the texture, whose strength differs from place to place
-    (Rayleigh, mean square 1), times C is below `least_contrast`: at a share of 1 - exp(-(least_contrast / C)^2).
+    In turbid water the contrast at range r is C = exp(-attenuation r) [Duntley 1963], and the error of a match grows as
+    1 / C. Texture strength varies over the image (Rayleigh, mean square 1). There is no match where strength times C is
+    below `least_contrast`, which happens at a share of 1 - exp(-(least_contrast / C)^2) of the pixels.
     """
 
     disparity_sigma: float = 0.25  # [px]
     baseline: float = 0.12  # [m]
-    correlation: float = 5.0  # [px] at which the correlation of the error has fallen to 1/e
+    correlation: float = 5.0  # [px] distance at which the correlation of the error has fallen to 1/e
     disparity_step: float = 1.0 / 16.0  # [px] quantum of the matcher; 0: none
     flying: float = 0.5  # probability that a pair of pixels across a depth edge makes a flying pixel
-    max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; nothing comes back beyond it
-    attenuation: float = 0.0  # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour (Petzold 1972)
-    least_contrast: float = 0.05  # that is matched, as a share of what the mean texture has in clear water
+    max_incidence: float = np.deg2rad(75.0)  # [rad] from the surface normal; no measurement beyond it
+    attenuation: float = 0.0  # [1/m] of a beam of light: 0.15 clear ocean, 0.4 coast, 2.2 harbour [Petzold 1972]
+    least_contrast: float = 0.05  # smallest that is matched, relative to the mean texture in clear water
 
     def __post_init__(self) -> None:
         for name in ("disparity_sigma", "correlation", "disparity_step", "attenuation", "least_contrast"):
@@ -43,10 +43,20 @@ class StereoNoise:
 def add_noise(
     depth: np.ndarray, cosine: np.ndarray, focal: float, noise: StereoNoise, rng: np.random.Generator
 ) -> np.ndarray:
-    """Depth (height, width) [m] as stereo with focal length `focal` [px] would measure it; inf where nothing came back.
+    """Depth (height, width) [m] that a stereo camera would measure; inf without a measurement.
 
-    `depth` is exact, `cosine` that of the incidence. Order as in a matcher: mixed pixels at edges, correlated
-    disparity error, quantisation, drop-out at grazing incidence.
+    Steps in the order of a matcher: mixed pixels at edges, correlated disparity error, quantisation, drop-out at
+    grazing incidence.
+
+    Args:
+        depth: Exact depth (height, width) [m], inf without a surface.
+        cosine: Cosine of the angle of incidence (height, width).
+        focal: [px]
+        noise: Error model.
+        rng: Source of the errors.
+
+    Returns:
+        Depth (height, width) [m].
     """
     with np.errstate(divide="ignore"):
         disparity = np.float32(focal * noise.baseline) / depth
@@ -71,7 +81,7 @@ def add_noise(
 
 
 def _smooth_noise(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """Normal numbers of variance 1, correlated over `correlation` [px]; a torus, so that the rim is like the middle."""
+    """Normal numbers of variance 1, correlated over `correlation` [px]; periodic, so the border is no exception."""
     noise = rng.standard_normal(shape, dtype=np.float32)
     if correlation == 0.0:
         return noise
@@ -92,7 +102,7 @@ def _ray_lengths(shape: tuple[int, ...], focal: float) -> np.ndarray:
 
 
 def _mix_edges(disparity: np.ndarray, probability: float, rng: np.random.Generator) -> None:
-    """Turn some pixels at depth edges into a blend of both sides, in place."""
+    """Blend some pixels at depth edges from both sides, in place."""
     width = disparity.shape[1]
     flat = disparity.ravel()
     for step, ahead, behind in ((1, disparity[:, 1:], disparity[:, :-1]), (width, disparity[1:], disparity[:-1])):

@@ -1,4 +1,4 @@
-"""Geoms of a compiled model as triangles, fine enough to measure on."""
+"""Triangulation of the geoms of a compiled model, fine enough for measurements."""
 
 import mujoco
 import numpy as np
@@ -6,7 +6,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-SAGITTA = 2e-4  # [m], largest distance of a tessellated curved primitive from the true one
+SAGITTA = 2e-4  # [m] largest distance of a tessellated curved primitive from the true surface
 
 _BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
 _BOX_FACES = np.array(
@@ -15,9 +15,17 @@ _BOX_FACES = np.array(
 
 
 def tessellate(model: mujoco.MjModel, geom: int) -> tuple[Array, np.ndarray]:
-    """Vertices (V, 3) [m] in the geom's own frame, and triangles (T, 3), of any geom but a plane.
+    """Triangles of any geom except a plane; curved primitives are within SAGITTA of the true surface.
 
-    Curved primitives are within SAGITTA of the true surface. Raises ConfigurationError for an unknown type.
+    Args:
+        model: Compiled model.
+        geom: Index of the geom.
+
+    Returns:
+        Vertices (V, 3) [m] in the geom's frame, and triangles (T, 3).
+
+    Raises:
+        ConfigurationError: The type has no surface.
     """
     kinds = mujoco.mjtGeom
     kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
@@ -63,7 +71,10 @@ def _half_circle(radius: float, scale: float) -> tuple[Array, Array]:
 
 
 def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
-    """Surface of the profile (z, radius), both (P,) [m], turned about z; fine enough for a circle of `scale` [m]."""
+    """Surface of revolution about z of the profile (z, radius), both (P,) [m].
+
+    The number of sides suits a circle of radius `scale` [m].
+    """
     sides = _sides(scale)
     angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
     rings = np.stack(
@@ -77,11 +88,11 @@ def _lathe(z: Array, radius: Array, scale: float) -> tuple[Array, np.ndarray]:
     vertices, faces = rings.reshape(-1, 3), np.vstack([first, second])
     corner = vertices[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    return vertices, faces[area > 0.0]  # at the poles one of each pair has no area
+    return vertices, faces[area > 0.0]  # at the poles one triangle of each pair has no area
 
 
 def _height_field(model: mujoco.MjModel, field: int) -> tuple[Array, np.ndarray]:
-    """The upper surface of a height field, cut into the same triangles as MuJoCo's."""
+    """Upper surface of a height field, triangulated as in MuJoCo."""
     rows, columns = int(model.hfield_nrow[field]), int(model.hfield_ncol[field])
     start = int(model.hfield_adr[field])
     half_x, half_y, top, _ = model.hfield_size[field]

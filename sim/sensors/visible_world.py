@@ -1,8 +1,8 @@
-"""What a sensor can see of a compiled model, and the casting of its rays: every geom that a viewer shows.
+"""Ray casting on a compiled model: every geom that a viewer shows is visible to the sensors.
 
-Embree casts the rays because no screen or GL may be assumed, `mj_multiRay` takes 20 times as long and misses
-visual-only geoms. Most rays of most sensors meet nothing of a given scene, so rays go in tiles and geometry in
-clusters, and only tiles whose cone meets a cluster are cast.
+Embree casts the rays: no display or GL may be assumed, and `mj_multiRay` takes 20 times as long and misses visual-only
+geoms. Most rays miss most of a scene. So rays are grouped in tiles and triangles in clusters, and a tile is cast only
+if its cone meets a cluster.
 """
 
 from collections.abc import Collection
@@ -19,39 +19,54 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_quat_wxyz
 from sim.sensors.tessellation import tessellate
 
-VISIBLE_GROUPS = (0, 1, 2)  # what MuJoCo's own renderer shows; models keep collision shapes in 3 and above
+VISIBLE_GROUPS = (0, 1, 2)  # geom groups that MuJoCo's renderer shows; models keep collision shapes in 3 and above
 
 _TILE = 16  # rays along the side of a tile
-_CLUSTERS = 400  # of static triangles, at most; more cost as much as they save
-_CLUSTER = 16  # triangles in one, at least
+_CLUSTERS = 400  # largest number of clusters of a mesh; more cost as much as they save
+_CLUSTER = 16  # smallest number of triangles in a cluster
 
 
 class BodyPoses(Protocol):
-    """What a sensor looks at: `sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
+    """World poses of all bodies: `sim.plant.plant.Truth`, or an MjData after `mj_kinematics`."""
 
     @property
-    def time(self) -> float: ...  # [s]
+    def time(self) -> float:
+        """Time [s]."""
+        ...
 
     @property
-    def xpos(self) -> Array: ...  # (nbody, 3) [m] in W
+    def xpos(self) -> Array:
+        """Body origins (nbody, 3) [m] in W."""
+        ...
 
     @property
-    def xmat(self) -> Array: ...  # (nbody, 9) rotations to W, row-major
+    def xmat(self) -> Array:
+        """Rotations to W (nbody, 9), row-major."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rays:
-    """Rays of a sensor in its frame S, and the cones that hold its tiles of them. Made by `of`."""
+    """Rays of a sensor in its frame S, and the bounding cones of its tiles; created by `of`."""
 
-    directions: np.ndarray  # (H, W, ..., 3) float32, of any length: distances are counted in it
-    origins: np.ndarray  # the same shape, or (1, 3) of all [m]
-    near: float  # nothing is hit at less than this distance
-    tile: np.ndarray  # (N,) of each ray
-    cone: np.ndarray  # (T, 8): origin, its radius, axis, half angle
+    directions: np.ndarray  # (H, W, ..., 3) float32, of any length, which is the unit of the distances
+    origins: np.ndarray  # [m] the same shape, or (1, 3) for all
+    near: float  # no hit at less than this distance
+    tile: np.ndarray  # (N,) tile of each ray
+    cone: np.ndarray  # (T, 8): centre of the origins, their radius, axis, half angle
 
     @classmethod
     def of(cls, directions: np.ndarray, near: float, origins: np.ndarray | None = None) -> "Rays":
-        """Rays along `directions` (H, W, ..., 3) from `origins` of the same shape [m] (default: of S), `near` on."""
+        """Rays of a sensor, grouped in tiles.
+
+        Args:
+            directions: (H, W, ..., 3) in S, of any length.
+            near: Closest distance of a hit, in lengths of the direction.
+            origins: [m] of the same shape; default: the origin of S.
+
+        Returns:
+            The rays.
+        """
         way = np.ascontiguousarray(directions, dtype=np.float32)
         start = np.zeros((1, 3), np.float32) if origins is None else np.ascontiguousarray(origins, dtype=np.float32)
         height, width = way.shape[:2]
@@ -62,15 +77,22 @@ class Rays:
 
 
 class VisibleWorld:
-    """The surfaces of a model, for rays: static ones in one scene, those of each moving body in one of its own."""
+    """Visible surfaces of a model for ray casting: static ones in one scene, each moving body in a scene of its own."""
 
     def __init__(
         self, model: mujoco.MjModel, *, exclude: Collection[int] = (), groups: Collection[int] = VISIBLE_GROUPS
     ) -> None:
-        """All that is seen of `model`: not bodies in `exclude`, geoms outside `groups` or transparent ones (alpha 0),
-        nor flexes and skins. Height fields are read now, and not again.
+        """Build the ray-casting scenes.
 
-        Raises MissingLibraryError without a ray caster.
+        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
+
+        Args:
+            model: Compiled model.
+            exclude: Indices of invisible bodies.
+            groups: Visible geom groups.
+
+        Raises:
+            MissingLibraryError: There is no ray caster.
         """
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
@@ -84,11 +106,11 @@ class VisibleWorld:
             X_BG = pose(rotation_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
             X_WB = pose(data.xmat[body].reshape(3, 3), data.xpos[body])
             if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
-                # Kept in closed form: as triangles it would have to end somewhere.
+                # Kept in closed form: triangles could not be infinite.
                 self._planes.append((X_WB @ X_BG, model.geom_size[geom].copy()))
                 continue
             vertices, faces = tessellate(model, geom)
-            # Bodies without joints are part of the world, unless a mocap root carries them about.
+            # Bodies without joints are part of the world, unless a mocap root moves them.
             fixed = model.body_weldid[body] == 0 and model.body_mocapid[model.body_rootid[body]] < 0
             X = X_WB @ X_BG if fixed else X_BG
             part = (vertices @ X[:3, :3].T + X[:3, 3], faces)
@@ -99,17 +121,24 @@ class VisibleWorld:
         self._static, self._static_clusters, self._middle_W = None, np.zeros((0, 4)), np.zeros(3)
         if static:
             vertices, faces = joined(static)
-            # Embree counts in single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
+            # Embree uses single precision, which far from W's origin is too coarse: 0.1 mm at 3 km of depth.
             self._middle_W = vertices.mean(axis=0)
             self._static = RayScene(vertices - self._middle_W, faces)
             self._static_clusters = _clusters(vertices, faces)
         self._moving = [_MovingBody.of(body, *joined(parts)) for body, parts in moving.items()]
 
     def cast(self, X_WS: Array, rays: Rays, xpos: Array, xmat: Array) -> tuple[np.ndarray, np.ndarray]:
-        """Distance to the first surface along each ray, in lengths of its direction, and cosine of the incidence there.
+        """Cast all rays.
 
-        `X_WS` (4, 4) pose of the sensor, `xpos` (nbody, 3) [m] and `xmat` (nbody, 9) world poses of the bodies. Both
-        results have the rays' shape and float32; inf and 1 where nothing is hit.
+        Args:
+            X_WS: Pose of the sensor (4, 4).
+            rays: Rays in S.
+            xpos: Body origins (nbody, 3) [m] in W.
+            xmat: Rotations of the bodies to W (nbody, 9).
+
+        Returns:
+            Distance to the first surface in lengths of the ray's direction, and cosine of the angle of incidence there.
+            Both have the rays' shape and float32; inf and 1 without a hit.
         """
         way, start = rays.directions.reshape(-1, 3), rays.origins.reshape(-1, 3)
         distance = np.full(len(way), np.inf, dtype=np.float32)
@@ -130,7 +159,7 @@ class VisibleWorld:
     def _cast_moving(
         self, X_WS: Array, rays: Rays, xpos: Array, R_W: Array, distance: np.ndarray, cosine: np.ndarray
     ) -> None:
-        """Draw the moving bodies over `distance` and `cosine` (N,), each in its own frame B."""
+        """Cast on the moving bodies, each in its own frame B, and merge into `distance` and `cosine` (N,)."""
         for part in self._moving:
             X_BS = inverse(pose(R_W[part.body], xpos[part.body])) @ X_WS
             centers = (part.clusters[:, :3] - X_BS[:3, 3]) @ X_BS[:3, :3]
@@ -141,7 +170,7 @@ class VisibleWorld:
     def _cast_chosen(
         scene: RayScene, X_FS: Array, rays: Rays, tiles: np.ndarray, distance: np.ndarray, cosine: np.ndarray
     ) -> None:
-        """Draw `scene`, whose frame is F, over `distance` and `cosine` (N,) by the rays of the chosen tiles (T,)."""
+        """Cast the rays of the chosen tiles (T,) on `scene` (frame F); merge into `distance`, `cosine` (N,)."""
         chosen = np.flatnonzero(tiles[rays.tile])
         if not len(chosen):
             return
@@ -166,7 +195,19 @@ class _MovingBody:
 
 
 def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
-    """Number of the body `name`; ConfigurationError in the name of `sensor` if there is none."""
+    """Index of the body `name`; `sensor` begins the error message.
+
+    Args:
+        model: Compiled model.
+        name: Name of the body.
+        sensor: Name of the sensor that asks.
+
+    Returns:
+        The index.
+
+    Raises:
+        ConfigurationError: There is no such body.
+    """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
         raise ConfigurationError(f"{sensor}: no body {name!r}; there are {names(model, 'body', model.nbody)}")
@@ -174,7 +215,19 @@ def body_id(model: mujoco.MjModel, name: str, sensor: str) -> int:
 
 
 def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Array]:
-    """Body that carries `site`, and the site's pose (4, 4) in it; ConfigurationError if there is no such site."""
+    """Body that carries `site`, and the site's pose in it.
+
+    Args:
+        model: Compiled model.
+        site: Name of the site.
+        sensor: Name of the sensor that asks; begins the error message.
+
+    Returns:
+        Name of the body, and X_BS (4, 4).
+
+    Raises:
+        ConfigurationError: There is no such site.
+    """
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, site)
     if index < 0:
         raise ConfigurationError(f"{sensor}: no site {site!r}; there are {names(model, 'site', model.nsite)}")
@@ -183,7 +236,16 @@ def site_on_body(model: mujoco.MjModel, site: str, sensor: str) -> tuple[str, Ar
 
 
 def names(model: mujoco.MjModel, kind: str, count: int) -> list[str]:
-    """Names of the first `count` things of a `kind` of model element."""
+    """Names of the first elements of a kind.
+
+    Args:
+        model: Compiled model.
+        kind: Accessor of MjModel, such as "body".
+        count: Number of elements.
+
+    Returns:
+        The names.
+    """
     return [getattr(model, kind)(index).name for index in range(count)]
 
 
@@ -197,7 +259,7 @@ def _cluster_size(faces: np.ndarray) -> int:
 
 
 def _clusters(vertices: Array, faces: np.ndarray) -> Array:
-    """Spheres (C, 4), centre and radius [m], around runs of neighbouring triangles, in the order of the triangles."""
+    """Bounding spheres (C, 4), centre and radius [m], of runs of triangles that follow each other."""
     first = np.arange(0, len(faces), _cluster_size(faces))
     corners = vertices[faces]
     low = np.minimum.reduceat(corners.min(axis=1), first)
@@ -212,11 +274,11 @@ def _spheres(centers: Array, radii: Array) -> np.ndarray:
 
 
 def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> np.ndarray:
-    """The cones (T, 8) around the rays (N, 3) of each tile, and the sphere that holds their origins."""
+    """Bounding cones (T, 8) of the rays (N, 3) of each tile, with the sphere that holds their origins."""
     unit = way / np.linalg.norm(way, axis=1, keepdims=True)
     axis = np.column_stack([np.bincount(tile, unit[:, i], count) for i in range(3)])
     axis /= np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), 1e-9)
-    # By the chord: the cosine of a narrow cone has lost its angle in single precision.
+    # By the chord: in single precision the cosine of a narrow cone does not resolve its angle.
     chord = np.zeros(count)
     np.maximum.at(chord, tile, np.linalg.norm(unit - axis[tile], axis=1))
     origin, spread = np.repeat(start[:1].astype(np.float64), count, axis=0), np.zeros(count)
@@ -230,7 +292,7 @@ def _cones(way: np.ndarray, start: np.ndarray, tile: np.ndarray, count: int) -> 
 
 @numba.njit(cache=True)
 def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
-    """Which cones (T,) meet any of the spheres."""
+    """Mask (T,) of the cones that meet any of the spheres."""
     tiles = np.zeros(len(cones), dtype=np.bool_)
     for i in range(len(cones)):
         cos_half, sin_half = np.cos(cones[i, 7]), np.sin(cones[i, 7])
@@ -240,7 +302,7 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
             along = x * cones[i, 4] + y * cones[i, 5] + z * cones[i, 6]
             square = x * x + y * y + z * z
             beside = np.sqrt(max(square - along * along, 0.0))
-            # The nearest point of the cone is its tip, or else on its mantle, whose distance is the first sum.
+            # The nearest point of the cone is its apex, or else on its mantle, at the distance of the first sum.
             if (
                 square <= reach * reach
                 or cones[i, 7] >= 0.5 * np.pi
@@ -253,7 +315,7 @@ def _meetings(cones: np.ndarray, spheres: np.ndarray) -> np.ndarray:
 
 @numba.njit(cache=True)
 def _gathered(way: np.ndarray, start: np.ndarray, chosen: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Origins, moved `near` along, and directions of the chosen rays, (M, 3) each."""
+    """Origins, shifted by `near` along the ray, and directions of the chosen rays, (M, 3) each."""
     origins = np.empty((len(chosen), 3), dtype=np.float32)
     directions = np.empty((len(chosen), 3), dtype=np.float32)
     common = len(start) == 1
@@ -297,7 +359,7 @@ def _draw_plane(
     distance: np.ndarray,
     cosine: np.ndarray,
 ) -> None:
-    """Draw a plane geom, which like MuJoCo's has no back; half lengths `size` of 0 are infinite."""
+    """Intersect the rays with a one-sided plane geom, as in MuJoCo; half lengths `size` of 0 are infinite."""
     common = len(start) == 1
     for ray in range(len(way)):
         x, y, z = way[ray, 0], way[ray, 1], way[ray, 2]

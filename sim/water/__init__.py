@@ -1,1 +1,1 @@
-"""Hydrodynamics inside MuJoCo's step: the passive callback, reaction wrenches, the current."""
+"""Hydrodynamics inside MuJoCo's step: the passive callback, access to MuJoCo's memory, and the current."""

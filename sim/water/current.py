@@ -1,4 +1,4 @@
-"""A current in time: a steady part plus gusts that have a finite acceleration."""
+"""Time-varying current: a steady part plus gusts of finite acceleration."""
 
 from collections.abc import Callable
 
@@ -10,15 +10,15 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, number, readonly
 
 _BLOCK = 4096  # steps generated at a time
-_STEADY = readonly(np.zeros(3))  # [m/s^2]
-_LONGEST = 1e12  # steps of a time constant: beyond, the pole of its filter is lost in rounding
+_STEADY = readonly(np.zeros(3))  # [m/s^2] acceleration of a steady current
+_LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 
 
 class Current:
-    """Velocity and acceleration of the water, uniform in space, at the physics rate.
+    """Velocity and acceleration of the water, uniform in space, one sample per step of the plant.
 
-    Gusts are white noise through two equal first-order filters, so that their acceleration, which the
-    pressure-gradient force needs, is finite. `gust` is their standard deviation per axis.
+    Gusts are white noise through two equal first-order filters: their acceleration, which the pressure-gradient force
+    needs, is then finite. `gust` is their standard deviation per axis.
     """
 
     def __init__(
@@ -31,12 +31,20 @@ class Current:
         rng: np.random.Generator | None = None,
         profile: Callable[[float], tuple[float, float]] | None = None,
     ) -> None:
-        """Take the steady current (3,) [m/s], gust [m/s], the gusts' time constant [s], the plant's step [s].
+        """Set up the steady current and its gusts.
 
-        `profile` gives, `t` [s] after the start, the share of all this that flows, and how fast the share grows [1/s].
+        Args:
+            mean_W: Steady current (3,) [m/s].
+            gust: Standard deviation of the gusts per axis [m/s].
+            time_constant: Of the gusts [s].
+            timestep: Step of the plant [s].
+            rng: Random generator; needed for gusts only.
+            profile: Function of the time t [s] since the start. It returns a factor on the whole current and the
+                factor's rate of change [1/s].
 
-        Raises ConfigurationError for what is no finite number or of the wrong sign, a time constant of too few or too
-        many steps, or gusts without a generator.
+        Raises:
+            ConfigurationError: A number is not finite or has the wrong sign, the time constant has too few or too many
+                steps, or gusts lack a generator.
         """
         self._mean = checked(mean_W, (3,), "current [m/s]")
         gust, dt = number(gust, "gust [m/s]"), number(timestep, "timestep of the current [s]")
@@ -57,22 +65,22 @@ class Current:
         self._blows = gust > 0.0
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._numerator, self._denominator = [b], [1.0, -a]
-        # Stationary: with unit white noise through gain b and pole a twice, the deviations are those of an AR(1), then
-        # of its sum (Lyapunov's equation of the two states); scaled so that the second is the gust.
+        # Stationary start: standard deviations of both filter states for unit white noise (gain b and pole a, twice),
+        # from Lyapunov's equation; scaled so that the second state has the gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
-        self._velocity = self._acceleration = np.zeros((0, 3))  # of the steps generated ahead; read-only
+        self._velocity = self._acceleration = np.zeros((0, 3))  # generated ahead; read-only
         self._at = 0
         self._filters = np.zeros((2, 1, 3))
         if self._blows:
             assert rng is not None
             now, other = rng.standard_normal((2, 3))
-            self._gust = gust * now  # of the last step generated
+            self._gust = gust * now  # [m/s] at the last step generated
             self._filters[:, 0] = a * first * (now + a * other), a * self._gust
 
     @property
     def timestep(self) -> float | None:
-        """The plant's step [s] for which it is made; None for a steady current, which fits any."""
+        """Step of the plant [s] that it was made for; None for a steady current, which suits any step."""
         return self._dt if self._blows or self._profile is not None else None
 
     def _refill(self) -> None:
@@ -96,7 +104,7 @@ class Current:
         return share * velocity, share * acceleration + growth * velocity
 
     def _flow(self) -> tuple[Array, Array]:
-        """The same, as it is without a profile."""
+        """Velocity and acceleration before the profile is applied."""
         if not self._blows:
             return self._mean, _STEADY
         if self._at == len(self._velocity):

@@ -1,8 +1,8 @@
-"""Where MuJoCo keeps the fields of `mjModel` and `mjData`: from its own introspection, checked on live objects.
+"""Memory layout of `mjModel` and `mjData`, taken from MuJoCo's introspection and verified on live objects.
 
-A native callback gets two bare pointers. Their layout changes with every MuJoCo release, so no offset is written here:
-the structs are rebuilt from `mujoco.introspect.structs`, and `verify` compares every pointer of a compiled model with
-the array that MuJoCo's own Python binding shows at the same place.
+A native callback gets two raw pointers. Their layout changes with every MuJoCo release, so no offset is written here:
+the structs are rebuilt from `mujoco.introspect.structs`. `verify` compares every pointer of a compiled model with the
+array that MuJoCo's own Python binding shows for that field.
 """
 
 import ctypes
@@ -33,7 +33,7 @@ _SCALARS = {
     "unsigned char": ctypes.c_ubyte,
 }
 
-# A model with something of most kinds, so that few arrays are empty.
+# Model with most kinds of element, so that few arrays are empty.
 _PROBE = """
 <mujoco>
   <size nuserdata="3" nuser_body="2" nuser_jnt="1"/>
@@ -55,14 +55,15 @@ _PROBE = """
 def structure(name: str) -> type[ctypes.Structure]:
     """The C struct `name` of the running MuJoCo, as a ctypes.Structure.
 
-    Raises HydrodynamicsError if the introspection names a type that is not known here.
+    Raises:
+        HydrodynamicsError: The introspection names a type that is not known here.
     """
     fields = [(field.name, _ctype(field.type)) for field in _fields(structs.STRUCTS[name])]
     return type(name, (ctypes.Structure,), {"_fields_": fields})
 
 
 def offset(struct: str, path: str) -> int:
-    """Offset [bytes] of a field, `path` dotted for nested structs (`opt.gravity`)."""
+    """Offset [bytes] of a field of `struct`; `path` is dotted for nested structs (`opt.gravity`)."""
     here: Any = structure(struct)
     total = 0
     for name in path.split("."):
@@ -72,7 +73,11 @@ def offset(struct: str, path: str) -> int:
 
 
 def library() -> ctypes.CDLL:
-    """MuJoCo's own C library, the one that the Python package has loaded."""
+    """MuJoCo's C library, as loaded by the Python package.
+
+    Raises:
+        HydrodynamicsError: No library file was found.
+    """
     folder = Path(str(mujoco.__file__)).parent
     patterns = ("libmujoco.so.*", "libmujoco.*.dylib", "mujoco.dll")
     found = [path for pattern in patterns for path in folder.glob(pattern)]
@@ -82,9 +87,10 @@ def library() -> ctypes.CDLL:
 
 
 def verify(model_fields: Collection[str], data_fields: Collection[str]) -> None:
-    """Compare the structs with live objects: all that can be compared, and at least the fields named.
+    """Compare the rebuilt structs with live objects: every comparable field, and at least the fields named.
 
-    Raises HydrodynamicsError with MuJoCo's version where they differ.
+    Raises:
+        HydrodynamicsError: A field differs, or a named one cannot be compared. The message has MuJoCo's version.
     """
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
@@ -109,7 +115,7 @@ def _differences(name: str, live: mujoco.MjModel | mujoco.MjData, needed: Collec
         if isinstance(field.type, ast_nodes.PointerType) and isinstance(shown, np.ndarray) and shown.size:
             address = getattr(struct, field.name)
             if address is None and field.name not in needed:
-                continue  # MuJoCo has not allocated it; the binding shows zeros of its own
+                continue  # not allocated by MuJoCo; the binding shows zeros of its own
             compared.add(field.name)
             if address != shown.ctypes.data:
                 differing.append(f"{name}.{field.name}")

@@ -1,4 +1,4 @@
-"""Reading at bare addresses in compiled code, where MuJoCo's structs are met without their Python binding."""
+"""Loads from raw addresses in compiled code, where MuJoCo's structs are reached without their Python binding."""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -9,7 +9,16 @@ from numba.extending import intrinsic
 
 
 def loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int], Any]:
-    """An intrinsic f(address, index): the `kind` that lies `index` times `scale` bytes after `address`."""
+    """Intrinsic f(address, index) that loads a value from `index` times `scale` bytes after `address`.
+
+    Args:
+        result: Numba type of the value.
+        kind: LLVM type of the value.
+        scale: [bytes] per index.
+
+    Returns:
+        The intrinsic, callable in compiled code only.
+    """
 
     def load(_typing: Any, _address: Any, _index: Any) -> Any:
         def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:

@@ -1,13 +1,14 @@
-"""The native passive callback: added mass into `d.M`, drag, buoyancy and velocity terms into `d.qfrc_passive`.
+"""Native passive callback: added mass into `d.M`; drag, buoyancy and velocity terms into `d.qfrc_passive`.
 
-Compiled by numba to a bare C function that MuJoCo calls without the GIL. It keeps no state but a note in the model of
-what it has warned of (`LAYOUT.seen`), allocates only on MuJoCo's own stack, and is linear in the number of bodies:
-per-body 6x6 inertias and wrenches are taken to world axes at the tree's centre of mass (the reference point of `cdof`
-and `cvel`), four bodies at a time, summed up to the parents, and projected on each joint's axis, as MuJoCo's own
-composite-rigid-body pass does for the dry inertia.
+Numba compiles it to a bare C function that MuJoCo calls without the GIL. Its only state is a note in the model of the
+warnings given (`LAYOUT.seen`). It allocates on MuJoCo's own stack and is linear in the number of bodies.
 
-Every offset is a closure variable of `build`: numba keys its cache by their values, so a cached kernel never meets a
-MuJoCo, or a table of coefficients, with another layout (nor code of other files than these).
+It follows MuJoCo's composite-rigid-body pass for the dry inertia. Per-body 6x6 inertias and wrenches are taken to
+world axes at the tree's centre of mass, the reference point of `cdof` and `cvel`, four bodies at a time. They are then
+summed up to the parents and projected on each joint's axis.
+
+Every offset is a closure variable of `build`, and numba keys its cache by their values. A cached kernel therefore
+never runs with another layout of MuJoCo or of the coefficients, nor with changed code in the files that it imports.
 """
 
 import math
@@ -30,7 +31,7 @@ from sim.water.native_memory import i32 as _i32
 from sim.water.native_memory import pointer as _pointer
 from sim.water.simd4 import all_four, at_least, four_of, load_four, put_four, transposed_four
 
-# What the callback reads or writes; the layout of at least these is compared with live objects.
+# Fields that the callback reads or writes; their layout must be verified on live objects.
 # fmt: off
 MODEL_FIELDS = (
     "nv", "nbody", "nuser_body", "body_parentid", "body_rootid", "body_treeid", "body_dofnum", "body_dofadr",
@@ -42,11 +43,11 @@ DATA_FIELDS = (
 )
 # fmt: on
 
-# `d.crb` of the world body is zero and MuJoCo zeroes it again whenever it rebuilds `d.M`, so this mark there means that
-# `d.M` holds the added mass already (mj_forwardSkip and finite differences call mj_passive again without rebuilding).
-WET_MARK = 6.20261121e8
+# MuJoCo zeroes `d.crb` of the world body whenever it rebuilds `d.M`; this mark there says that the added mass is in.
+# mj_forwardSkip and finite differences call mj_passive again without rebuilding, and would add it twice.
+WET_MARK = 6.20261121e8  # in d.crb[0, 0], which is zero otherwise; arbitrary
 
-# Symbols of libmujoco, which `sim.hydrodynamics.install` gives to LLVM under these names.
+# Symbols of libmujoco, which `sim.hydrodynamics.install` registers with LLVM under these names.
 SYMBOLS = ("mj_markStack", "mj_freeStack", "mj_stackAllocNum", "mj_warning", "mju_warning")
 _mark_stack = types.ExternalFunction("mj_markStack", types.void(types.intp))
 _free_stack = types.ExternalFunction("mj_freeStack", types.void(types.intp))
@@ -55,7 +56,7 @@ _count_warning = types.ExternalFunction("mj_warning", types.void(types.intp, typ
 _print_warning = types.ExternalFunction("mju_warning", types.void(types.intp))
 
 SINGULAR = 1e-15  # pivot below which mj_factorM warns (mjMINVAL)
-NEVER = 1e300  # a limit that nothing reaches
+NEVER = 1e300  # stands for no limit of speed [(m/s)^2] or height [m]
 
 FAST_TEXT = "sim.hydrodynamics: a body moves through the water faster than its drag was judged for at this timestep"
 HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyant: there is no free surface"
@@ -63,8 +64,8 @@ HIGH_TEXT = "sim.hydrodynamics: a body has risen above z = 0 and is still buoyan
 P = ParamSpec("P")
 T = TypeVar("T")
 
-# Plain tuples stay in registers, where numba's arrays would go through memory. An address is an integer. A number is
-# one float, or four lanes: the same function then serves one body or four.
+# Plain tuples stay in registers; numba's arrays would go through memory. An address is an integer. A number is one
+# float, or four lanes: the same function then serves one body or four.
 Number = Any
 Vector = tuple[Number, Number, Number]
 Matrix = tuple[Vector, Vector, Vector]
@@ -73,12 +74,12 @@ Blocks = tuple[Matrix, Matrix, Matrix]  # B (linear-linear), C (linear-angular),
 
 
 def _inline(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile into the callers. A multiply and an add may be fused: exact to rounding, and never reordered."""
+    """Compile into the callers; a multiply and an add may be fused, but sums are not reordered."""
     return njit(function, forceinline=True, error_model="numpy", fastmath={"contract"})
 
 
 def _storer() -> Callable[[int, int, float], None]:
-    """An intrinsic f(address, index, value): stores the float64 `value` 8 `index` bytes after `address`."""
+    """Intrinsic f(address, index, value) that stores float64 `value` at 8 * `index` bytes after `address`."""
 
     def store(_typing: Any, _address: Any, _index: Any, _value: Any) -> Any:
         def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
@@ -95,7 +96,7 @@ _put = _storer()
 
 
 def _text(text: str) -> Callable[[], int]:
-    """An intrinsic f(): the address of `text` as a C string, which lies in the compiled code."""
+    """Intrinsic f() that returns the address of `text` as a C string within the compiled code."""
 
     def address(_typing: Any) -> Any:
         def codegen(context: Any, builder: Any, _signature: Any, _args: Any) -> ir.Value:
@@ -189,7 +190,7 @@ def _rows(address: int, index: int) -> Matrix:
 
 @_inline
 def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Number, Number]:
-    """Four numbers from `shift` on, of each of the four rows that begin at the indices `at`, row by lane."""
+    """Load four numbers at offset `shift` from each of the four rows at `at`; transposed, so that lane k is row k."""
     return transposed_four(
         load_four(address, at[0] + shift),
         load_four(address, at[1] + shift),
@@ -200,7 +201,7 @@ def _gathered(address: int, at: Indices, shift: int) -> tuple[Number, Number, Nu
 
 @_inline
 def _scattered(address: int, at: Indices, shift: int, x: tuple[Number, Number, Number, Number]) -> None:
-    """The inverse of `_gathered`."""
+    """Inverse of `_gathered`: store four numbers at offset `shift` of each row."""
     rows = transposed_four(x[0], x[1], x[2], x[3])
     put_four(address, at[0] + shift, rows[0])
     put_four(address, at[1] + shift, rows[1])
@@ -210,7 +211,7 @@ def _scattered(address: int, at: Indices, shift: int, x: tuple[Number, Number, N
 
 @_inline
 def _lanes3(address: int, at: Indices, shift: int) -> Vector:
-    """Also reads the number before, which must be there."""
+    """Load three numbers per row; also reads the number before them, which must exist."""
     x = _gathered(address, at, shift - 1)
     return x[1], x[2], x[3]
 
@@ -229,7 +230,7 @@ def _lanes9(address: int, at: Indices, shift: int) -> Matrix:
 
 @_inline
 def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
-    """The blocks of the packed upper triangles at `at`."""
+    """Blocks of the symmetric 6x6 matrices that are packed as upper triangles at `at`."""
     p, q, r = _gathered(user, rows, at), _gathered(user, rows, at + 4), _gathered(user, rows, at + 8)
     s, t, u = _gathered(user, rows, at + 12), _gathered(user, rows, at + 16), _gathered(user, rows, at + 17)
     B = _symmetric(p[0], p[1], p[2], q[2], q[3], r[3])
@@ -239,7 +240,7 @@ def _body_blocks(user: int, rows: Indices, at: int) -> Blocks:
 
 @_inline
 def _scratch_blocks(scratch: int, at: int) -> Blocks:
-    """The blocks as `_put_body` leaves them."""
+    """Blocks in the scratch layout of `_put_body`."""
     B, J = _load6(scratch, at), _load6(scratch, at + 15)
     return (
         _symmetric(B[0][0], B[0][1], B[0][2], B[1][0], B[1][1], B[1][2]),
@@ -250,7 +251,7 @@ def _scratch_blocks(scratch: int, at: int) -> Blocks:
 
 @_inline
 def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: Vector) -> None:
-    """The first numbers of a body's scratch: B (6), C (9), J (6), force (3), torque (3), and a zero."""
+    """Store a body's scratch: B (6), C (9), J (6), force (3), torque (3), and a zero."""
     B, C, J = blocks
     _scattered(scratch, at, 0, (B[0][0], B[0][1], B[0][2], B[1][1]))
     _scattered(scratch, at, 4, (B[1][2], B[2][2], C[0][0], C[0][1]))
@@ -263,7 +264,7 @@ def _put_body(scratch: int, at: Indices, blocks: Blocks, force: Vector, torque: 
 
 @_inline
 def _at_reference(B: Matrix, C: Matrix, J: Matrix, r: Vector) -> Blocks:
-    """The blocks about the point `-r` away from the one they are given about: T^T A T with T = [[I, -r x], [0, I]]."""
+    """Blocks shifted to the point at `-r` from the present one: T^T A T with T = [[I, -r x], [0, I]]."""
     C1 = _plus(C[0], _cross(r, B[0])), _plus(C[1], _cross(r, B[1])), _plus(C[2], _cross(r, B[2]))
     columns, old = _transposed(C1), _transposed(C)
     left = _transposed((_cross(r, columns[0]), _cross(r, columns[1]), _cross(r, columns[2])))
@@ -309,10 +310,10 @@ def _stations(user: int, strip: int) -> int:
 def _strip_drag(
     user: int, strips: Indices, v: Vector, w: Vector, nodes: Array, weights: Array
 ) -> tuple[Vector, Vector]:
-    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros is no segment.
+    """Drag (force, torque) of one segment of each body, in body axes; a row of zeros means no segment.
 
-    At the fraction s of a segment the flow across is a + s b, with b = w x (end - start), and the flow along it is
-    the same everywhere. So the stations leave three sums of |a + s b|, weighted by 1, s and s^2.
+    At the fraction s of a segment the flow across it is a + s b, with b = w x (end - start). The flow along it is the
+    same everywhere. The stations therefore reduce to three sums of |a + s b|, weighted by 1, s and s^2.
     """
     start = _lanes3(user, strips, 0)
     along = _minus(_lanes3(user, strips, 3), start)
@@ -341,7 +342,7 @@ def _strip_drag(
 
 @_inline
 def _subtract(row: int, other: int, factor: float, count: int) -> None:
-    """The first `count` numbers at `row` less `factor` times those at `other`."""
+    """Subtract `factor` times the first `count` numbers at `other` from those at `row`."""
     four = all_four(factor)
     full = count - count % 4
     for k in range(0, full, 4):
@@ -352,12 +353,12 @@ def _subtract(row: int, other: int, factor: float, count: int) -> None:
 
 @_inline
 def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, colind: int) -> int:
-    """M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them (Featherstone 2008, table 6.3).
+    """Factor M = L^T D L into `LD` and 1 / D into `inverse`, as mj_factorM leaves them [Featherstone 2008, table 6.3].
 
     Returns the last degree of freedom at which M is not positive definite, or -1.
 
-    A row holds a joint's ancestors in order, so that an ancestor's row has the pattern of its beginning: plain dense
-    subtraction, four numbers at a time. It is on long chains that this counts.
+    A row holds a joint's ancestors in order, so an ancestor's row has the pattern of its beginning. Plain dense
+    subtraction, four numbers at a time, then does; it pays on long chains.
     """
     last = _i32(rowadr, nv - 1) + _i32(rownnz, nv - 1)
     for k in range(0, last - 3, 4):
@@ -373,7 +374,7 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
         if _f64(here, count - 1) < SINGULAR:
             singular = j
         if count > 1 and _i32(columns, count - 2) == j - 1:
-            # Two rows of a chain at once: an ancestor's row is read and written once for both.
+            # Two rows of a chain at once: each ancestor's row is read and written once for both.
             above = LD + 8 * _i32(rowadr, j - 1)
             _subtract(above, here, _f64(here, count - 2) * scale, count - 1)
             _put(here, count - 2, _f64(here, count - 2) * scale)
@@ -406,16 +407,16 @@ def _factor(M: int, LD: int, inverse: int, nv: int, rownnz: int, rowadr: int, co
 
 @_inline
 def _is_new(user: int, seen_at: int, what: int) -> bool:
-    """Whether the world's row `user` does not have `what` among what was met; it has it from now on."""
+    """Return True if the warning bit `what` was not yet set in the world's row `user`; set it."""
     seen = int(_f64(user, seen_at))
     _put(user, seen_at, float(seen | what))
     return seen & what == 0
 
 
 def build() -> Any:
-    """The compiled callback, a numba CFunc `void(mjModel*, mjData*)`, for the running MuJoCo and `LAYOUT`.
+    """Compile the callback for the running MuJoCo and `LAYOUT`: a numba CFunc `void(mjModel*, mjData*)`.
 
-    `SYMBOLS` must be known to LLVM before.
+    `SYMBOLS` must be registered with LLVM before.
     """
     model = SimpleNamespace(**{name: offset("mjModel", name) for name in MODEL_FIELDS})
     data = SimpleNamespace(**{name: offset("mjData", name) for name in DATA_FIELDS})
@@ -439,14 +440,14 @@ def build() -> Any:
     rate_at, ceiling_at, seen_at = LAYOUT.drag_rate, LAYOUT.ceiling, LAYOUT.seen
     singular_kind = int(mujoco.mjtWarning.mjWARN_INERTIA)
 
-    # Gauss-Legendre on [0, 1], one rule a row, by its number of stations; what a row does not use weighs nothing.
+    # Gauss-Legendre rules on [0, 1]; row n has n stations, the other entries have weight zero.
     nodes, weights = np.zeros((2, MAX_STATIONS + 1, MAX_STATIONS))
     for n in range(1, MAX_STATIONS + 1):
         x, weight = np.polynomial.legendre.leggauss(n)
         nodes[n, :n], weights[n, :n] = 0.5 + 0.5 * x, 0.5 * weight
 
-    # Scratch of each body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0 (angular 3,
-    # linear 3), and 1 if it or a descendant carries coefficients. After all bodies, the numbers of those that carry.
+    # Scratch per body: added mass (21), force (3), torque (3), a zero, acceleration with qacc = 0 (angular 3,
+    # linear 3), and 1 if it or a descendant carries coefficients. Behind all bodies: indices of those that carry.
     wrench, summed, acceleration, loaded, stride = 21, 28, 28, 34, 36
 
     elsewhere = int(imports_stamp(globals()), 16)
@@ -454,7 +455,7 @@ def build() -> Any:
     @cfunc(types.void(types.intp, types.intp), cache=True, error_model="numpy", fastmath={"contract"})
     def passive(m: int, d: int) -> None:
         nuser, user = _pointer(m, nuser_at), _pointer(m, user_at)
-        if nuser < size or elsewhere < 0:  # the last is never so: it is for the cache
+        if nuser < size or elsewhere < 0:  # the second is never true: it puts `elsewhere` into the cache key
             return
         nbody = _pointer(m, nbody_at)
         parent, root, tree = _pointer(m, parent_at), _pointer(m, root_at), _pointer(m, tree_at)
@@ -466,10 +467,10 @@ def build() -> Any:
 
         wind, surge, shear, density = _load3(m + wind_at, 0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
         fastest, ceiling, ours = NEVER, NEVER, _f64(user, 0) == stamp
-        if ours:  # MJCF does not keep the row of the world
+        if ours:  # a model from MJCF lacks the world's row
             surge, shear, density = _load3(user, surge_at), _load3(user, shear_at), _f64(user, density_at)
             ceiling = _f64(user, ceiling_at)
-            if _f64(user, rate_at + 1) > 0.0:  # the speed at which drag's rate would be that of the steps
+            if _f64(user, rate_at + 1) > 0.0:  # speed at which the drag rate equals 1 / timestep
                 limit = max((1.0 / _f64(m + timestep_at, 0) - _f64(user, rate_at)) / _f64(user, rate_at + 1), 0.0)
                 fastest = limit * limit
         gravity = _load3(m + gravity_at, 0)
@@ -501,7 +502,7 @@ def build() -> Any:
         if count == 0:
             _free_stack(d)
             return
-        for k in range(count, count + 3):  # fill the last four with one of them: it is only computed again
+        for k in range(count, count + 3):  # pad the last four with copies of the last body, computed to no effect
             _put(carrying, k, _f64(carrying, count - 1))
 
         too_fast, too_high = all_four(0.0), all_four(0.0)
@@ -518,7 +519,7 @@ def build() -> Any:
             B, C, J = _body_blocks(user, row, mass_at)
             B, C, J = _at_reference(_turned_symmetric(R, B), _turned(R, C), _turned_symmetric(R, J), r)
 
-            # All about the tree's centre of mass, world axes: twist, relative twist, momentum of the water.
+            # About the tree's centre of mass, in world axes: twist, relative twist, momentum of the water.
             w, v = _lanes6(cvel, (6 * i, 6 * i1, 6 * i2, 6 * i3), 0)
             a_w, a_v = _lanes6(scratch, here, acceleration)
             current = _plus(wind, _scaled(p[2], shear))

@@ -1,9 +1,8 @@
-"""Four numbers in one register for numba: the same arithmetic on four bodies at a time.
+"""SIMD type of four float64 lanes for numba: the same arithmetic on four bodies at a time.
 
-`FOUR` is LLVM's <4 x double>: AVX takes it in one register, SSE2 and NEON in two. It knows +, -, *, /, `abs` and
-`math.sqrt`, also with a float64 on one side, so a function written for floats compiles for it unchanged. A lane is
-computed by itself, so a result does not depend on the other three. A multiply and an add may be fused, as in the
-scalar code beside it.
+`FOUR` is LLVM's <4 x double>: AVX takes it in one register, SSE2 and NEON in two. It supports +, -, *, /, `abs` and
+`math.sqrt`, also with a float64 on one side, so a function written for floats compiles for it unchanged. Lanes are
+independent: a result does not depend on the other three. A multiply and an add may be fused, as in the scalar code.
 """
 
 import math
@@ -15,7 +14,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
-_typed: Any = intrinsic  # the functions below have one parameter less than Python sees
+_typed: Any = intrinsic  # callers of the functions below do not pass their first parameter
 
 _VECTOR = ir.VectorType(ir.DoubleType(), 4)
 _FLAGS = ("contract",)
@@ -36,7 +35,7 @@ class _FourModel(models.PrimitiveModel):
 
 
 def _binary(function: Any, operation: str) -> None:
-    """Teach numba `function` on two Fours, and on a float64 and a Four."""
+    """Register `function` with numba for two Fours, and for a float64 and a Four."""
 
     def typing(_context: Any) -> Any:
         def typer(a: Any, b: Any) -> Any:
@@ -89,14 +88,23 @@ _unary(math.sqrt, "llvm.sqrt")
 
 
 def _place(builder: Any, address: Any, index: Any) -> Any:
-    """The four numbers that begin `index` numbers after `address`."""
+    """Pointer to the four numbers that begin `index` numbers after `address`."""
     eight = ir.Constant(index.type, 8)
     return builder.inttoptr(builder.add(address, builder.mul(index, eight)), _VECTOR.as_pointer())
 
 
 @_typed
 def load_four(typingctx, address, index):
-    """The four float64 that lie from 8 `index` bytes after `address` on."""
+    """Load the four float64 that begin 8 * `index` bytes after `address`.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        address: Raw address.
+        index: Offset, in float64.
+
+    Returns:
+        Four lanes.
+    """
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         return builder.load(_place(builder, *args), align=8)
@@ -106,7 +114,14 @@ def load_four(typingctx, address, index):
 
 @_typed
 def put_four(typingctx, address, index, value):
-    """Store the four lanes of `value` from 8 `index` bytes after `address` on."""
+    """Store the four lanes of `value`, beginning 8 * `index` bytes after `address`.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        address: Raw address.
+        index: Offset, in float64.
+        value: The four lanes.
+    """
 
     def codegen(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         builder.store(args[2], _place(builder, args[0], args[1]), align=8)
@@ -117,7 +132,18 @@ def put_four(typingctx, address, index, value):
 
 @_typed
 def transposed_four(typingctx, a, b, c, d):
-    """Lane i of the k-th argument as lane k of the i-th result."""
+    """Transpose a 4 x 4 block: lane i of the k-th argument becomes lane k of the i-th result.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        a: First row, four lanes.
+        b: Second row.
+        c: Third row.
+        d: Fourth row.
+
+    Returns:
+        The four columns, four lanes each.
+    """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         a, b, c, d = args
@@ -143,7 +169,18 @@ def all_four(typingctx, number):
 
 @_typed
 def four_of(typingctx, a, b, c, d):
-    """Four float64 as lanes."""
+    """Pack four float64 into lanes.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        a: Lane 0.
+        b: Lane 1.
+        c: Lane 2.
+        d: Lane 3.
+
+    Returns:
+        The four lanes.
+    """
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         vector = ir.Constant(_VECTOR, ir.Undefined)
@@ -156,7 +193,16 @@ def four_of(typingctx, a, b, c, d):
 
 @_typed
 def at_least(typingctx, value, floor):
-    """Lane by lane `floor` where `value` is below it; what is not a number stays so."""
+    """Maximum of `value` and `floor` lane by lane; NaN stays NaN.
+
+    Args:
+        typingctx: Numba's typing context; callers do not pass it.
+        value: Four lanes.
+        floor: One float64 for all lanes.
+
+    Returns:
+        Four lanes.
+    """
 
     def codegen(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
         floor = _splat(builder, args[1])

@@ -23,19 +23,19 @@ SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
 MAX_STRIPS: Final = 2  # segments with strip drag per body
 MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
-LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body, far from overflow
+LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body
 LONGEST: Final = 1e5  # [m] largest extent of a shape
 SHORTEST: Final = 1e-6  # [m] smallest extent of a shape
 THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest extent
-UNEVEN: Final = 1e-3  # asymmetry of an added mass, relative to its largest number, accepted as rounding in print
+UNEVEN: Final = 1e-3  # share of the largest number by which an added mass may be asymmetric, as rounding
 CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
 _STRIP_SIZE: Final = 9  # numbers per strip: start (3), end (3), normal, tangential, number of stations
 _UPPER: Final = np.triu_indices(6)
 
-# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that changes
-# with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is below 1:
-# MuJoCo writes MJCF with six digits and, from 4.0 on, rounds off numbers that are small beside the others.
+# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that
+# changes with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is
+# below 1: MuJoCo writes MJCF with six digits and, from 4.0 on, rounds off numbers that are small beside the others.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
@@ -486,7 +486,7 @@ def box(
     volume = float(np.prod(edges))
     area = volume / edges
     side = np.sqrt(area)  # [m] side of the square of equal frontal area
-    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), and constant for long ones.
+    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if long.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
@@ -573,7 +573,10 @@ def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array
 
 
 def _ellipsoid_factors(axes: Array) -> Array:
-    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art. 114 (8), 115 (5)]."""
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art. 114, 115].
+
+    Equations (8) of article 114 and (5) of article 115.
+    """
     squares = axes**2
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
@@ -681,7 +684,7 @@ def _semidefinite(matrix: Array, name: str) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6), or the nearest semidefinite matrix where only rounding to six digits made it indefinite."""
+    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it indefinite."""
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric

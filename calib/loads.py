@@ -113,7 +113,7 @@ class BoundLoads:
             places: indices of these touches among all that were bound.
 
         Returns:
-            Function of the table, for the fit.
+            Function of the table, for the estimation.
         """
         payload = self.payload[places]
         net = np.where(payload > 0.0, payload - self.displaced, 0.0)

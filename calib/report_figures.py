@@ -21,13 +21,16 @@ _PLANES = ((0, 1), (0, 2))
 def figures(
     calibration: Calibration, series: Sequence[Array], point_names: Sequence[str], clouds: Mapping[str, Cloud]
 ) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure of each picture, in order of reading.
+    """Generate title, caption and figure of each picture, in order of reading.
 
     Args:
         calibration: result to show.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
         clouds: point clouds of `calib.verification.compare`; their figures are left out where it is empty.
+
+    Returns:
+        Iterator over (title, caption, figure).
     """
     yield (
         "Distances between the touches of a point",

@@ -46,6 +46,9 @@ def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> Mode
         azimuth: [rad] of its middle, from the top (+z_T).
         x: [m] of the plane, along x_T.
 
+    Returns:
+        The path in T.
+
     Raises:
         ConfigurationError: an arc outside (0, pi], or a plane on or beyond a rim.
     """

@@ -30,6 +30,9 @@ def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -
         azimuth: [rad] about z_T, from x_T.
         height: [m] of its middle, along z_T.
 
+    Returns:
+        The path in T.
+
     Raises:
         ConfigurationError: the path meets the flange or an end.
     """
@@ -46,6 +49,9 @@ def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -
         arc: [rad] angle of the path.
         azimuth: [rad] of its middle, about z_T from x_T.
         height: [m] along z_T.
+
+    Returns:
+        The path in T.
 
     Raises:
         ConfigurationError: an arc outside (0, 2 pi], or a path at the flange or an end.
@@ -64,6 +70,9 @@ def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.
         rise: [m] from start to end; negative goes down.
         azimuth: [rad] of its middle, about z_T from x_T.
         height: [m] of its middle, along z_T.
+
+    Returns:
+        The path in T.
 
     Raises:
         ConfigurationError: an arc that is not positive and finite, or a path that meets the flange or an end.

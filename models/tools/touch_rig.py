@@ -16,8 +16,8 @@ BALL = 0.017  # [m] radius of the pin's ball
 SEAT = 0.040  # [m] radius of each of a nest's balls
 # The three contact normals are orthogonal, so all directions are held equally. A ball is caught from 23 mm aside, the
 # middle between two of the three balls, which just clear each other.
-_SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)
-_DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)
+_SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)  # [m] of a nest's balls from its axis
+_DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)  # [m] of a nest's balls below its point
 PIN = "pad"  # geom name by which the plant separates tool contact from collisions
 
 

@@ -47,7 +47,7 @@ def _drag() -> Array:
     """Quadratic damping (6,) of the hull for motion along one axis."""
     sway, heave = 0.5 * DENSITY * 0.5 * 0.6, 0.5 * DENSITY * 0.6 * 1.0  # [kg/m^2] drag per length: 0.5 rho C_d h
     third = 2.0 * (LENGTH / 2.0) ** 4 / 4.0  # [m^4] integral of |x|^3 over the length
-    surge = 0.00385 * _R2  # Cd0 of Healey and Lienard
+    surge = 0.00385 * _R2  # Cd0 of [Healey 1993]
     return np.array([surge, sway * LENGTH, heave * LENGTH, 0.0, heave * third, sway * third])
 
 

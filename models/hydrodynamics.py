@@ -466,7 +466,7 @@ def box(
 ) -> BodyHydrodynamics:
     """Estimated hydrodynamics of a rectangular prism with edges along the body axes.
 
-    Added mass along each axis is from [DNV 2010, table D-2]: the square prism of the same frontal area, tending to a
+    Added mass along each axis is from [DNV C205, table D-2]: the square prism of the same frontal area, tending to a
     square plate as the length goes to 0. In rotation it is that of the inscribed ellipsoid, scaled by the volumes. Drag
     acts on the frontal areas (cube, [Hoerner 1965, p. 3-17]). In rotation the same coefficient applies to the local
     speed of each face. Drag acts at the body origin.

@@ -1,6 +1,6 @@
 """BlueROV2 Heavy (Blue Robotics) by two published parameter sets, whose drag differs up to tenfold.
 
-[Benzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
+[VonBenzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
 (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third (AndreasKing-Goks/0_THESIS) prints more digits of
 the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
 
@@ -25,7 +25,7 @@ from models.vehicles import reach_alpha_5
 from models.vehicles.published_hulls import PublishedHull
 from models.water import thrusters
 
-LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] manufacturer's specification table of the BlueROV2 Heavy Retrofit
+LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] [BlueRobotics Heavy]
 _FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set
 _GRAVITY = 9.81  # [m/s^2] for Wu's buoyancy, which is printed in N
 
@@ -66,7 +66,7 @@ WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
 
 
 def benzon_2022() -> mujoco.MjSpec:
-    """The vehicle by [Benzon 2022]."""
+    """The vehicle by [VonBenzon 2022]."""
     return _vehicle("bluerov2_heavy_benzon2022", BENZON_2022, BENZON_THRUSTERS)
 
 
@@ -76,7 +76,7 @@ def wu_2018() -> mujoco.MjSpec:
 
 
 def with_alpha_5() -> mujoco.MjSpec:
-    """The vehicle by [Benzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
+    """The vehicle by [VonBenzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
 
     The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm"). The combination is not
     published; ballast compensates the arm's weight.

@@ -1,12 +1,12 @@
-"""Touch data -> kinematic and elastic parameters of an arm, with what they are worth.
+"""Calibration of a serial arm from touch data: kinematic and elastic parameters with their uncertainty.
 
-Names are imported when first used, so that `import calib` needs neither numba nor SciPy.
+Names are imported on first use, so that `import calib` loads neither numba nor SciPy.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import sim.interfaces  # noqa: F401  decides where compiled loops are kept
+import sim.interfaces  # noqa: F401  sets where numba keeps its compiled kernels
 
 if TYPE_CHECKING:
     from calib.arm import Arm

@@ -1,10 +1,12 @@
-"""Maximum a posteriori fit of an arm to touches: Levenberg-Marquardt on centroid residuals in unit-scaled columns.
+"""Maximum a posteriori estimate of an arm's parameters from touches, by Levenberg-Marquardt.
 
-sum over pairs |x_j - x_s|^2 = m sum |x_j - c|^2 (paper 000, eq. 7, series of m touches about their mean c), so the
-m (m - 1) / 2 dependent pairs of a series are replaced by m centred points, with the degrees of freedom told rightly.
-The paper's criterion alone has its minimum at an arm shrunk to a point; the prior holds that and every other direction
-that touching does not see. Where no prior is stated, its deviations and the noise are those that make the data most
-probable (evidence: MacKay 1992, "Bayesian interpolation", Neural Computation 4, eq. 2.25-2.27).
+A series is all touches of one unknown point. The criterion sums squared distances over all pairs of a series [Yukhimets
+2023, eq. 7]. For m touches x_j about their mean c the sum equals m sum |x_j - c|^2. The m (m - 1) / 2 dependent pairs
+are therefore replaced by m centred points, which keeps the degrees of freedom right.
+
+That criterion alone has its minimum at an arm shrunk to a point. The prior fixes the scale and every other direction
+that touching does not observe. Where no prior is stated, its deviations and the noise are those that maximise the
+evidence of the data [MacKay 1992, eq. 2.25-2.27]. Columns are scaled to unit size by the prior's deviations.
 """
 
 from collections.abc import Callable
@@ -20,58 +22,67 @@ from calib.kernels import ROW, THETA, D
 from calib.parameters import Parameters
 from sim.interfaces.spatial import Array
 
-FIRST_NOISE = 1e-4  # [m] a good hand: where the estimate starts, and stays where too few touches are left to tell
-LEAST_FREEDOM = 5.0  # degrees of freedom from which the noise is estimated
-NOISE_FLOOR = 1e-6  # [m] no encoder sees less, and a noise of zero would leave the prior no say
-_SETTLED = 1e-5  # a step shorter than this share of the posterior deviations ends the iteration
-_PSEUDO = 2.0  # parameters' worth of belief in the default deviation when the data choose it
-_ROUNDS = 12  # of the evidence
-_CAUCHY = 2.4  # [deviations] where a touch counts half
-_CAUCHY_ROUNDS = 3
-_MEDIAN = 1.5382  # of the length of a vector of three unit normals
-_REJECTIONS = 10
-Load = Callable[[Array], Array]  # table (n, 5) -> load (M, n) on each joint [N m]
+FIRST_NOISE = 1e-4  # [m] initial noise of a touch, kept where too few touches are left to estimate it
+LEAST_FREEDOM = 5.0  # degrees of freedom needed to estimate the noise
+NOISE_FLOOR = 1e-6  # [m] least noise, below encoder resolution; at zero the prior would have no weight
+_SETTLED = 1e-5  # step length, as a share of the posterior deviations, that ends the iteration
+_PSEUDO = 2.0  # pseudo-observations: weight of the default deviation where the data choose it
+_ROUNDS = 12  # maximal iterations of the evidence: noise and prior deviations
+_CAUCHY = 2.4  # [deviations] residual length at which a touch has weight 1/2
+_CAUCHY_ROUNDS = 3  # reweighted estimates with the Cauchy loss
+_MEDIAN = 1.5382  # median length of a vector of three unit normals
+_REJECTIONS = 10  # maximal rounds of outlier rejection
+Load = Callable[[Array], Array]  # table (n, 5) -> joint loads (M, n) [N m]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Data:
-    """Touches of all series, stacked, and distances known between their points."""
+    """Touches of all series, stacked, and known distances between their points."""
 
     q: Array  # (M, n) [rad] or [m]
     starts: np.ndarray  # (S,) first row of each series
     distances: tuple[tuple[int, int, float, float], ...] = ()  # (series, series, length [m], deviation [m])
     load: Load | None = None
-    weights: Array = field(default_factory=lambda: np.empty(0))  # (M,) of each touch, 0 leaves it out
+    weights: Array = field(default_factory=lambda: np.empty(0))  # (M,) of each touch; 0 excludes it
 
     @property
     def series(self) -> np.ndarray:
-        """(M,) the series of each touch."""
+        """Series index (M,) of each touch."""
         return np.searchsorted(self.starts, np.arange(len(self.q)), side="right") - 1
 
     @property
     def degrees(self) -> float:
-        """Degrees of freedom of the centred touches that count."""
+        """Degrees of freedom of the centred touches with weight > 0."""
         counted = np.add.reduceat((self.weights > 0.0).astype(np.float64), self.starts)
         return 3.0 * float(np.maximum(counted - 1.0, 0.0).sum())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """A solution: full vector, its rows and what they say."""
+    """Solution of the estimation: full parameter vector, residuals, covariance and convergence."""
 
     full: Array  # (5 n + 3 + n,) table, tool point, compliances
-    residuals: Array  # (M, 3) [m] tips about their series' mean
-    noise: float  # [m] deviation of a touch, each axis
-    deviations: Array  # (P,) of the prior
+    residuals: Array  # (M, 3) [m] tips minus the mean of their series
+    noise: float  # [m] standard deviation of a touch along each axis
+    deviations: Array  # (P,) standard deviations of the prior
     covariance: Array  # (P, P)
-    effective: float  # number of parameters that the data determine (gamma)
-    cost: float  # [m^2] eq. (7) over the touches that count
-    history: tuple[float, ...]  # [m^2] eq. (7) before the first step and after each
+    effective: float  # effective number of parameters that the data determine (gamma)
+    cost: float  # [m^2] pair criterion over the touches with weight > 0
+    history: tuple[float, ...]  # [m^2] pair criterion before the first step and after each
     converged: bool
 
 
 def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
-    """Tips (M, 3) [m] and derivatives (M, 5 n + 3 + n, 3) by the full vector."""
+    """Tip positions (M, 3) [m] and their derivatives (M, 5 n + 3 + n, 3) by the full vector.
+
+    Args:
+        arm: kinematics; its table is replaced by that in `full`.
+        full: (5 n + 3 + n,) table, tool point, compliances.
+        data: touches and, where joints are elastic, their joint loads.
+
+    Returns:
+        Tip positions in the base, and derivatives by table, tool point and compliances.
+    """
     n, size = arm.n, ROW * arm.n
     table, tcp, compliance = full[:size].reshape(n, ROW), full[size : size + 3], full[size + 3 :]
     arm = arm.with_table(table)
@@ -85,39 +96,65 @@ def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
 
 
 def linearised(arm: Arm, full: Array, data: Data, parameters: Parameters) -> tuple[Array, Array, Array, Array, Array]:
-    """`kernels.centred_rows` of the touches at `full`: residuals, weighted ones, rows, means, their derivatives [m]."""
+    """Linearised touches at `full`, centred in each series (`kernels.centred_rows`).
+
+    Args:
+        arm: kinematics.
+        full: (5 n + 3 + n,) full vector.
+        data: touches.
+        parameters: free parameters, P of them.
+
+    Returns:
+        Residuals (M, 3) [m], weighted residuals (3 M,), weighted derivatives (3 M, P), means (S, 3) [m], and
+        derivatives of the means (S, P, 3).
+    """
     p, J = tips_of(arm, full, data)
     return kernels.centred_rows(p, J, data.weights, data.starts, parameters.index)
 
 
 def centred(values: Array, data: Data) -> Array:
-    """`values` (M, 3) less their weighted mean in each series."""
+    """Subtract from `values` (M, 3) their weighted mean in each series."""
     return values - means(values, data)[data.series]
 
 
 def means(values: Array, data: Data) -> Array:
-    """Weighted mean (S, 3) of each series."""
+    """Weighted mean (S, 3) of `values` (M, 3) in each series."""
     total = np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
     return np.add.reduceat(data.weights[:, None] * values, data.starts) / total[:, None]
 
 
 def pair_cost(residuals: Array, data: Data) -> float:
-    """J of eq. (7) [m^2]: squared distances over all pairs of each series, touches of weight 0 left out."""
+    """Pair criterion [m^2]: squared distances over all pairs of each series [Yukhimets 2023, eq. 7].
+
+    Touches of weight 0 are excluded.
+    """
     counts = (data.weights > 0.0).astype(np.float64)
     square = np.add.reduceat(counts * np.einsum("mi,mi->m", residuals, residuals), data.starts)
     return float(np.add.reduceat(counts, data.starts) @ square)
 
 
 def _distances(data: Data, noise: float) -> list[tuple[int, int, float, float]]:
-    """The known distances, each with the deviation that it has from the mean tips: a mean of m touches is itself off by
-    noise / sqrt(m). Where distances share a point, that they share its error is left out."""
+    """Known distances between series points, each with its total deviation [m].
+
+    The mean of m touches itself deviates by noise / sqrt(m), which is added. The correlation of distances that share a
+    point is neglected.
+    """
     share = noise**2 / np.maximum(np.add.reduceat(data.weights, data.starts), 1e-300)
     return [(i, j, length, float(np.sqrt(sd**2 + share[i] + share[j]))) for i, j, length, sd in data.distances]
 
 
 def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, Array]:
-    """Known distances between points `c` (S, 3) [m] with derivatives `C` (S, P, 3): errors (D,), their derivatives
-    (D, P), both in shares of the distances' deviations."""
+    """Residuals and derivatives of the known distances, each in units of its standard deviation.
+
+    Args:
+        c: (S, 3) [m] mean tip of each series.
+        C: (S, P, 3) derivatives of `c` by the free parameters.
+        data: touches with D known distances.
+        noise: [m] standard deviation of a touch.
+
+    Returns:
+        Errors (D,) and their derivatives (D, P).
+    """
     errors, rows = [], []
     for i, j, length, deviation in _distances(data, noise):
         gap = c[i] - c[j]
@@ -128,7 +165,7 @@ def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, 
 
 
 class Problem:
-    """The fit of `parameters` of `arm` to `data`, about the full vector `mean`."""
+    """Estimation problem: free `parameters` of `arm` from `data`, the prior centred at the full vector `mean`."""
 
     def __init__(self, arm: Arm, data: Data, parameters: Parameters, mean: Array) -> None:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
@@ -138,11 +175,11 @@ class Problem:
         self._length = self.scale(mean)[0]  # [m]
 
     def scale(self, full: Array) -> tuple[float, Array]:
-        """Size of the arm against that of `mean`, and its derivative (P,).
+        """Size of the arm relative to that at `mean`, and its derivative (P,).
 
-        The criterion rewards a smaller arm, for all its spreads shrink with it. Seen as a likelihood of joint values,
-        the tip's density carries the volume of dp/dq, which shrinks as fast: residuals are therefore counted in shares
-        of the arm, and touching stays silent about size.
+        The criterion rewards a smaller arm, because all spreads shrink with it. Read as a likelihood of joint values,
+        the density of the tip carries the volume of dp/dq, which shrinks equally fast. Residuals are therefore divided
+        by the relative size, so that touching carries no information about size.
         """
         table, tcp = self._split(full)[:2]
         length, gradient = kernels.arm_size(table, self.arm.X_n_flange, tcp)
@@ -154,11 +191,15 @@ class Problem:
         return full[:size].reshape(-1, ROW), full[size : size + 3], full[size + 3 :]
 
     def equations(self, full: Array, noise: float) -> tuple[Array, Array, Array]:
-        """Residuals (M, 3) [m]; J^T J (P, P) and J^T r (P,) of all scaled residuals, the prior's apart."""
+        """Normal equations of the scaled residuals at `full`, without the prior.
+
+        Returns:
+            Residuals (M, 3) [m]; J^T J (P, P); J^T r (P,).
+        """
         data = self.data
         residuals, r, rows, c, C = linearised(self.arm, full, data, self.parameters)
         size, gradient = self.scale(full)
-        # Of r / (noise size): the rows gain -r (grad size / size)^T.
+        # Derivative of r / (noise size): the rows gain -r (grad size / size)^T.
         toward, square, lean = rows.T @ r, float(r @ r), gradient / size
         over = 1.0 / (noise * size) ** 2
         crossed = np.outer(toward, lean)
@@ -170,7 +211,16 @@ class Problem:
         return residuals, H, g
 
     def value(self, full: Array, noise: float, deviations: Array) -> tuple[float, Array]:
-        """Twice the negative log posterior, constants left out, and the residuals (M, 3) [m]."""
+        """Objective: twice the negative log posterior without its constants.
+
+        Args:
+            full: (5 n + 3 + n,) full vector.
+            noise: [m] standard deviation of a touch.
+            deviations: (P,) standard deviations of the prior.
+
+        Returns:
+            The objective, and the residuals (M, 3) [m].
+        """
         data = self.data
         table, tcp, compliance = self._split(full)
         q = data.q if data.load is None else data.q + compliance * data.load(table)
@@ -186,7 +236,18 @@ class Problem:
     def descend(
         self, full: Array, noise: float, deviations: Array, iterations: int, history: list[float]
     ) -> tuple[Array, bool]:
-        """Levenberg-Marquardt (eq. 17, mu raised on failure) in columns scaled by the prior; appends to `history`."""
+        """Minimise the objective by Levenberg-Marquardt [Yukhimets 2023, eq. 17]; mu rises on failure.
+
+        Args:
+            full: (5 n + 3 + n,) start.
+            noise: [m] standard deviation of a touch.
+            deviations: (P,) standard deviations of the prior, which scale the columns.
+            iterations: largest number of steps.
+            history: [m^2] pair criterion, extended in place by every accepted step.
+
+        Returns:
+            The full vector, and True if it converged.
+        """
         mu, (value, residuals) = 1e-6, self.value(full, noise, deviations)
         if not history:
             history.append(pair_cost(residuals, self.data))
@@ -203,7 +264,7 @@ class Problem:
                 if new <= value:
                     full, mu = trial, max(mu / 10.0, 1e-9)
                     break
-                # At the floor of rounding no step can fall any more.
+                # Within rounding error no step lowers the value further.
                 if length < _SETTLED**2 or mu > 1e8:
                     return full, True
                 mu *= 10.0
@@ -214,7 +275,18 @@ class Problem:
         return full, False
 
     def summary(self, full: Array, noise: float, deviations: Array, history: list[float], converged: bool) -> Fit:
-        """The solution `full` with its covariance at the given noise and prior."""
+        """Assemble the `Fit` at `full`, with its covariance for the given noise and prior.
+
+        Args:
+            full: (5 n + 3 + n,) solution.
+            noise: [m] standard deviation of a touch.
+            deviations: (P,) standard deviations of the prior.
+            history: [m^2] pair criterion before the first step and after each.
+            converged: whether the iteration converged.
+
+        Returns:
+            The solution with residuals, covariance (P, P) and effective number of parameters.
+        """
         residuals, H, _ = self.equations(full, noise)
         H = H * np.outer(deviations, deviations) + np.eye(len(deviations))
         inverse = np.linalg.inv(H)
@@ -232,13 +304,13 @@ class Problem:
 
 
 def _noise_of(fit: Fit, data: Data) -> float:
-    """Deviation of a touch from what is left, corrected for the parameters that the data determined [m]."""
+    """Standard deviation of a touch [m] from the residuals, corrected for the effective number of parameters."""
     square = float(data.weights @ np.einsum("mi,mi->m", fit.residuals, fit.residuals))
     return max(np.sqrt(square / max(data.degrees - fit.effective, 1.0)), NOISE_FLOOR)
 
 
 def _pooled(parameters: Parameters) -> list[np.ndarray]:
-    """Places of the parameters that share a deviation chosen by the data; the tool point's is not chosen."""
+    """Indices of the parameters that share one deviation chosen by the data; the tool point keeps its own."""
     groups = np.array(parameters.groups)
     return [np.flatnonzero(groups == group) for group in dict.fromkeys(parameters.groups) if group != "tcp"]
 
@@ -252,9 +324,18 @@ def solve(
     start: Array | None = None,
     iterations: int = 100,
 ) -> Fit:
-    """Fit with the prior's `deviations` (P,), or with those that make the data most probable (`adapt`).
+    """Estimate the parameters with a stated prior, or with one adapted to the data by evidence.
 
-    `noise` [m] is stated or, where None, estimated. `iterations` bounds the Levenberg-Marquardt steps altogether.
+    Args:
+        problem: arm, data, free parameters and prior mean.
+        deviations: (P,) standard deviations of the prior; the start where `adapt` is set.
+        noise: [m] standard deviation of a touch; None estimates it.
+        adapt: choose the deviations that maximise the evidence of the data.
+        start: (5 n + 3 + n,) start of the iteration; None starts at the prior mean.
+        iterations: largest number of Levenberg-Marquardt steps altogether.
+
+    Returns:
+        The solution.
     """
     full = (problem.mean if start is None else start).copy()
     given = deviations
@@ -266,7 +347,7 @@ def solve(
         full, converged = problem.descend(full, sigma, deviations, iterations - len(history) + 1, history)
         return problem.summary(full, sigma, deviations, history, converged)
     pools = _pooled(problem.parameters) if adapt else []
-    # A fit that passes through everything would be believed to the last digit.
+    # With few degrees of freedom the residuals vanish, and an estimated noise would be far too small.
     estimate = noise is None and problem.data.degrees - fit.effective >= LEAST_FREEDOM
     for _ in range(_ROUNDS):
         before = np.append(deviations, sigma)
@@ -287,11 +368,20 @@ def solve(
 
 
 def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any) -> tuple[Fit, Data]:
-    """`solve`, with touches that do not belong left out: the fit, and the data with weight 0 where so.
+    """Estimate the parameters as `solve` does, with outlying touches excluded.
 
-    A touch is left out where its distance from its series' point is less likely than `level` over the number of touches
-    (Bonferroni): clean data lose one in a `level` of all fits. Once one is found, a Cauchy loss first pulls the fit off
-    whatever else hides behind it.
+    A touch is excluded where its distance from its series' point is less likely than `level` over the number of touches
+    (Bonferroni). Clean data lose a touch in a share `level` of all runs. Once one is found, a Cauchy loss first reduces
+    the influence of further outliers that it masks.
+
+    Args:
+        problem: arm, data, free parameters and prior mean; its data get the final weights.
+        deviations: (P,) standard deviations of the prior.
+        level: probability of excluding any touch of clean data.
+        **options: as of `solve`; `noise` is required.
+
+    Returns:
+        The solution, and the data with weight 0 for each excluded touch.
     """
     fit = solve(problem, deviations, **options)
     counted = problem.data.weights > 0.0
@@ -316,7 +406,7 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
 
 
 def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
-    """Deviation of a touch from the median distance, so that a few strange ones do not matter [m]."""
+    """Standard deviation of a touch [m] from the median distance, which a few outliers do not affect."""
     kept = counted & (data.weights > 0.0)
     median = float(np.median(np.linalg.norm(fit.residuals[kept], axis=1)))
     lost = max(1.0 - (3.0 * len(data.starts) + fit.effective) / (3.0 * kept.sum()), 0.1)
@@ -324,6 +414,6 @@ def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:
 
 
 def _strange(fit: Fit, data: Data, counted: np.ndarray, limit: float, noise: float | None) -> np.ndarray:
-    """(M,) touches too far from their series' mean."""
+    """Mask (M,) of the touches too far from the mean of their series."""
     sigma = max(noise or 0.0, _robust_noise(fit, data, counted))
     return counted & (np.einsum("mi,mi->m", fit.residuals, fit.residuals) > limit * sigma**2)

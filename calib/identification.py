@@ -1,8 +1,10 @@
-"""Kinematic parameters of an arm from touches of unknown points in many orientations (paper 000, held from collapse).
+"""Kinematic calibration of an arm from touches of unknown points in many orientations, after [Yukhimets 2023].
 
-calibration = identify(series, nominal_dh)
-calibration.dh, calibration.tcp, calibration.tips(q)
-print(calibration.rank)                       # what touching told, what it cannot, and why
+A prior keeps the estimate from collapsing to an arm of size zero.
+
+    calibration = identify(series, nominal_dh)
+    calibration.dh, calibration.tcp, calibration.tips(q)
+    print(calibration.rank)  # which directions of the parameters are observable, and why the others are not
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,17 +40,17 @@ from sim.interfaces.spatial import (
 Method = Literal["map", "paper"]
 Distance = tuple[int, int, float] | tuple[int, int, float, float]
 
-_SURE_DISTANCE = 5e-5  # [m] deviation of a known distance where none is stated
-_BETA_LEVEL = 0.05  # betas that chance explains this well are dropped
-_FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad] and share of the arm's length that no workshop gets wrong
-_MOST_LENGTH = 1e3  # [m] between two points that an arm touches
-_LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] of a touch
-_FAR_OFF = 5e-3  # [m] touches that scatter so after the fit are not touches of this arm
+_SURE_DISTANCE = 5e-5  # [m] standard deviation of a known distance where none is stated
+_BETA_LEVEL = 0.05  # significance level: betas that are not significant at it are dropped
+_FAR_TURN, _FAR_SHARE = 0.1, 0.05  # [rad], share of the arm's length: a larger change is warned of
+_MOST_LENGTH = 1e3  # [m] largest known distance, and largest arm
+_LEAST_NOISE, _MOST_NOISE = 1e-9, 1.0  # [m] allowed range of the stated noise of a touch
+_FAR_OFF = 5e-3  # [m] noise above which the touches or the table are taken as wrong
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outlier:
-    """A touch that was left out because it does not belong to its series."""
+    """A touch that was excluded because its distance from the point of its series is improbable."""
 
     series: int  # from 0
     touch: int  # from 0
@@ -60,29 +62,32 @@ class Outlier:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Combination:
-    """A combination of parameters that touching sees: their changes over `scales`, weighted."""
+    """An observable combination of parameters: weighted sum of their changes over `RankReport.scales`."""
 
     text: str  # its largest terms
-    weights: Array  # (P,) of the changes over their like errors, unit length
-    value: float  # in like errors (see `RankReport.scales`)
+    weights: Array  # (P,) of the changes over `RankReport.scales`, unit length
+    value: float  # in units of `RankReport.scales`
     sigma: float
     interval: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """What touching says about an arm. Arrays are read-only; parameters are ordered as `names`."""
+    """Result of an identification: arm, tool point, uncertainty and rank.
 
-    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]: standard DH of exactly the identified arm
-    beta: Array  # (n,) [rad] Hayati's angles, to be used with `arm.table`, not with `dh`
+    Arrays are read-only; parameters are ordered as `names`.
+    """
+
+    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]: standard DH, exactly the identified arm
+    beta: Array  # (n,) [rad] Hayati's angles; they belong to `arm.table`, not to `dh`
     tcp: Array  # (3,) [m] tool point in the flange
     compliance: Array  # (n,) [rad/(N m)] zero where not identified
-    arm: Arm  # the identified arm; arm.table (n, 5) holds the same with beta apart, all changes small
+    arm: Arm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
     nominal: Arm
-    nominal_tcp: Array  # (3,) [m] the tool point of eq. (16), or as given
-    cost: float  # [m^2] eq. (7) over the touches in use
-    cost_nominal: float  # [m^2] the same for the nominal arm with the tool point of eq. (16)
-    noise: float  # [m] deviation of a touch along each axis, degrees of freedom corrected
+    nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
+    cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
+    cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
+    noise: float  # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
     points: Array  # (S, 3) [m] the touched points in the base
     residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
     outliers: tuple[Outlier, ...]
@@ -90,12 +95,12 @@ class Calibration:
     values: Array  # (P,) identified
     changes: Array  # (P,) against nominal
     covariance: Array  # (P, P) posterior, in the units of `parameters`
-    prior: Array  # (P,) deviations of the prior that was used, stated or chosen by the data
-    degrees_of_freedom: float  # of the noise: 3 (touches - series) less what the data determined
-    identifiable: np.ndarray  # (4 n + 3,) bool: a largest set of DH and tool numbers that touching tells, the rest held
+    prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
+    degrees_of_freedom: float  # of the noise: 3 (touches - series) minus the effective number of parameters
+    identifiable: np.ndarray  # (4 n + 3,) bool: a largest identifiable set of DH and tool numbers, the rest fixed
     rank: RankReport  # of the 4 n + 3 DH and tool numbers
-    rank_free: RankReport  # of `parameters`: betas and compliances too, fixed ones not
-    history: tuple[float, ...]  # [m^2] eq. (7) at the start and after each step
+    rank_free: RankReport  # of `parameters`: with betas and compliances, without fixed ones
+    history: tuple[float, ...]  # [m^2] pair criterion at the start and after each step
     converged: bool
     warnings: tuple[str, ...]
     loads: BoundLoads | None
@@ -107,22 +112,22 @@ class Calibration:
 
     @property
     def sigma(self) -> Array:
-        """(P,) posterior deviation of each parameter, in its unit."""
+        """Posterior standard deviation (P,) of each parameter, in its unit."""
         return np.sqrt(np.diag(self.covariance))
 
     def interval(self, confidence: float = 0.95) -> Array:
-        """(P, 2) bounds of each parameter at the given confidence (Student's t)."""
+        """Confidence interval (P, 2) of each parameter by Student's t."""
         half = self.quantile(confidence) * self.sigma
         return np.column_stack([self.values - half, self.values + half])
 
     def quantile(self, confidence: float = 0.95) -> float:
-        """How many deviations a two-sided interval of this confidence spans on each side."""
+        """Half-width of a two-sided confidence interval, in standard deviations."""
         if not 0.0 < number(confidence, "confidence") < 1.0:
             raise ConfigurationError(f"confidence: between 0 and 1, got {confidence!r}")
         return float(t.ppf(0.5 + 0.5 * confidence, max(self.degrees_of_freedom, 1.0)))
 
     def combinations(self, confidence: float = 0.95) -> tuple[Combination, ...]:
-        """The combinations of the free parameters that touching sees, best seen first, with intervals."""
+        """Observable combinations of the free parameters with confidence intervals, best observed first."""
         report, quantile = self.rank_free, self.quantile(confidence)
         out = []
         for i, weights in enumerate(report.directions):
@@ -134,9 +139,12 @@ class Calibration:
         return tuple(out)
 
     def scale(self, q: ArrayLike) -> tuple[float, float]:
-        """Size of the flange's moves among the poses `q` (N, n) against the nominal arm's, and its deviation.
+        """Scale of the identified arm relative to the nominal one, from flange positions at poses `q` (N, n).
 
-        1.001 means that the real arm moves a metre and a millimetre where the nominal one moves a metre.
+        A scale of 1.001 means: where the nominal arm moves 1 m, the identified one moves 1.001 m.
+
+        Returns:
+            The scale and its standard deviation.
         """
         values = checked_series([q], self.arm)[0]
         n, origin = self.arm.n, np.zeros(3)
@@ -146,18 +154,18 @@ class Calibration:
         J[:, ROW * n :] = 0.0
         full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[:, self.parameters.index]
         total = float(np.sum(about**2))
-        # Turning the cloud is across it everywhere, so this is the similarity's scale to first order.
+        # A rotation moves every point at right angles to `about`, so this is the scale to first order.
         gradient = np.einsum("mi,mpi->p", about, full) / total
         aligned = transform_points(kabsch(p, about), p)
         return float(np.sum(about * aligned)) / total, float(np.sqrt(gradient @ self.covariance @ gradient))
 
     def tips(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """Tips (M, 3) [m] in the base at joint values `q` (M, n), bent as identified under `payload_mass` [kg]."""
+        """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
-        """Where the joints really stand (M, n) when the encoders read `q` (M, n)."""
+        """True joint positions (M, n) at encoder readings `q` (M, n), deflected under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         if self.loads is None:
             return values
@@ -180,24 +188,35 @@ def identify(
     method: Method = "map",
     max_iterations: int = 200,
 ) -> Calibration:
-    """Identify an arm from touches: each of `series` is (m_i, n) joint values of touches of one unknown point.
+    """Identify an arm from touches of unknown points: `series` holds one (m_i, n) array of joint values per point.
 
-    nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or an `Arm` (from axes, with slides).
-    free: what may change, groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2"); by default all but
-        compliance, which joins where `loads` are given. Beta comes in between near-parallel axes, and goes again where
-        chance explains it, unless it is named.
-    prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the deviations per group
-        are chosen by the evidence of the data, starting from `calib.parameters.DEFAULT_PRIOR`.
-    noise: standard deviation of a touch along each axis [m]; estimated where None.
-    distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted from 0:
-        the only thing here that tells scale.
-    tcp: first guess of the tool point (3,) [m] in the flange; by default eq. (13)-(16).
-    robust: leave out touches that do not belong (see `outliers`).
-    method: "map", or "paper" for the paper's own run, three steps on all 4 n + 3 parameters, to compare with.
-    max_iterations: bound on Levenberg-Marquardt steps.
+    Deterministic.
 
-    Deterministic. Raises ConfigurationError for anything malformed: wrong joint count, no touches, numbers not finite,
-    degrees, millimetres, unknown words.
+    Args:
+        series: joint values (m_i, n) [rad], slides [m], one array per touched point.
+        nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or an `Arm` (from axes, with slides).
+        free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2").
+            By default all but compliance, which joins where `loads` are given. Beta applies between near-parallel axes
+            only; unless named, it is dropped again where it is not significant.
+        prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the evidence of the
+            data chooses the deviation of each group, starting from `calib.parameters.DEFAULT_PRIOR`.
+        noise: [m] standard deviation of a touch along each axis; None estimates it.
+        distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted
+            from 0. Nothing else here makes scale observable.
+        tcp: initial tool point (3,) [m] in the flange; by default from [Yukhimets 2023, eq. 13-16].
+        loads: weights and buoyancy on the arm; they make joint compliances observable.
+        joint_types: one letter per joint of a DH table: r hinge, p slide.
+        robust: exclude outlying touches (see `outliers`).
+        method: "map", or "paper" for the run of [Yukhimets 2023], three steps on all 4 n + 3 parameters, for
+            comparison.
+        max_iterations: largest number of Levenberg-Marquardt steps.
+
+    Returns:
+        The identified arm with uncertainty, rank and outliers.
+
+    Raises:
+        ConfigurationError: wrong joint count, no touches, numbers that are not finite, degrees, millimetres, unknown
+            words.
     """
     one_of(method, get_args(Method), "method")
     if noise is not None:
@@ -253,7 +272,7 @@ def _map_fit(
     iterations: int,
     elastic: bool,
 ) -> tuple[Fit, Data, Parameters]:
-    """The fit, its data with outliers at weight 0, and the parameters that were free in it."""
+    """Maximum a posteriori estimate: the fit, its data with outliers at weight 0, and the parameters left free."""
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:
         words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
@@ -271,7 +290,7 @@ def _map_fit(
         deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
         return solver(problem, deviations, noise=noise, adapt=prior is None, iterations=iterations)
 
-    prior_deviations(parameters, prior)  # refuses unknown words before anything runs
+    prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)
     betas = np.array([i for i, group in enumerate(parameters.groups) if group == "beta"], dtype=int)
     named = free is not None and any(word.startswith("beta") for word in words)
@@ -291,7 +310,7 @@ def _words(parameters: Parameters) -> set[str]:
 def _checked_distances(
     distances: Iterable[Distance], live: list[int], count: int
 ) -> tuple[tuple[int, int, float, float], ...]:
-    """Distances between series that are in use, by their place among those, each with a deviation."""
+    """Known distances between series in use, by their index among those, each with a deviation."""
     out = []
     try:
         rows = [tuple(given) for given in distances]

@@ -1,9 +1,10 @@
-"""Compiled loops of the calibration: tip positions with all first derivatives, joint torques of hanging loads.
+"""Compiled kernels of the calibration: forward kinematics with first derivatives, and joint torques of hanging loads.
 
-A joint's row in `table` is (theta0, d, a, alpha, beta): its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
-Ry(beta), a slide by Tz(d + q) instead. beta is Hayati's angle (Hayati, Mirmirani 1985), zero but between near-parallel
-axes. Angles in rad, lengths in m, all vectors in base axes. Derivatives are analytic: a turn about an axis through o
-moves the tip p by axis x (p - o), a shift by its direction.
+A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
+Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the angle of [Hayati 1985], zero except
+between near-parallel axes. Angles in rad, lengths in m, all vectors in base axes.
+
+Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift by its direction.
 """
 
 import math
@@ -11,17 +12,17 @@ import math
 import numpy as np
 from numba import boolean, float64, int64, njit, types
 
-THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5
-NO_JACOBIAN = np.empty((0, 0, 0))
+THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5  # columns of a table row, and their number
+NO_JACOBIAN = np.empty((0, 0, 0))  # as `J` of `tips`: compute no derivatives
 
-# Fixed types: one compilation of each, whether a caller's arrays are read-only or not.
+# Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
 _FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
 
 
 @njit(cache=True)
 def _frame_step(R, o, row, q, slide, axes):
-    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) takes z, o before and x, y after."""
+    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x and y after."""
     theta = row[THETA] + (0.0 if slide else q)
     d = row[D] + (q if slide else 0.0)
     c, s = math.cos(theta), math.sin(theta)
@@ -39,7 +40,7 @@ def _frame_step(R, o, row, q, slide, axes):
 
 @njit(cache=True)
 def _cross_into(out, a, b, c):
-    """out = a x (b - c)."""
+    """Write a x (b - c) into `out` (3,)."""
     x, y, z = b[0] - c[0], b[1] - c[1], b[2] - c[2]
     out[0] = a[1] * z - a[2] * y
     out[1] = a[2] * x - a[0] * z
@@ -48,9 +49,19 @@ def _cross_into(out, a, b, c):
 
 @njit(float64[:, ::1](_M, _FLAGS, _M, _M, _V, _M, float64[:, :, ::1]), cache=True)
 def tips(table, slides, X_base, X_flange, tcp, q, J):
-    """Tip positions (M, 3) for joint values q (M, n).
+    """Tip positions (M, 3) [m] for joint values q (M, n), optionally with their Jacobian.
 
-    J is (M, 5 n + 3, 3), or (0, 0, 0) for none: derivatives by the table, row by row, then by the tool point.
+    Args:
+        table: (n, 5) rows (theta0, d, a, alpha, beta).
+        slides: (n,) bool, True for a slide.
+        X_base: (4, 4) frame 0 in the base.
+        X_flange: (4, 4) flange in the last frame.
+        tcp: (3,) [m] tool point in the flange.
+        q: (M, n) joint values [rad], slides [m].
+        J: (M, 5 n + 3, 3), written: derivatives by the table row by row, then by the tool point. (0, 0, 0) skips them.
+
+    Returns:
+        Tip positions in the base.
     """
     touches, n = q.shape
     p = np.empty((touches, 3))
@@ -83,9 +94,18 @@ def tips(table, slides, X_base, X_flange, tcp, q, J):
 
 @njit(types.Tuple((float64, float64[::1]))(_M, _M, _V), cache=True)
 def arm_size(table, X_flange, tcp):
-    """Root of the summed squares of all lengths that touching sees [m], and its derivative by the table and tool point.
+    """Size of the arm [m], the root of the summed squares of all lengths that touching observes, and its derivative.
 
-    The last link and the tool count as one, from the last joint to the tip; the first joint's d moves the base only.
+    The last link and the tool count as one length, from the last joint to the tip. The d of the first joint is left
+    out, because it moves the base only.
+
+    Args:
+        table: (n, 5) rows (theta0, d, a, alpha, beta).
+        X_flange: (4, 4) flange in the last frame.
+        tcp: (3,) [m] tool point in the flange.
+
+    Returns:
+        The size, and its derivative (5 n + 3,) by the table row by row, then by the tool point.
     """
     n = table.shape[0]
     gradient = np.zeros(ROW * n + 3)
@@ -126,11 +146,18 @@ def arm_size(table, X_flange, tcp):
     cache=True,
 )
 def centred_rows(p, J, weights, starts, index):
-    """Tips and derivatives about their weighted means in each series.
+    """Tips and their derivatives about the weighted mean of each series.
 
-    p (M, 3), J (M, F, 3), weights (M,), starts (S,), index (P,) of the columns that are free. Returns residuals (M, 3),
-    the same and the derivatives times the root of the weights (3 M,) and (3 M, P), means (S, 3) and their derivatives
-    (S, P, 3).
+    Args:
+        p: (M, 3) [m] tips.
+        J: (M, F, 3) derivatives by the full vector.
+        weights: (M,) of the touches; 0 excludes one.
+        starts: (S,) first row of each series.
+        index: (P,) columns of the free parameters.
+
+    Returns:
+        Residuals (M, 3); residuals (3 M,) and derivatives (3 M, P), both times the root of the weights; means (S, 3);
+        and derivatives of the means (S, P, 3).
     """
     touches, series, free = p.shape[0], starts.shape[0], index.shape[0]
     residuals = np.empty((touches, 3))
@@ -165,7 +192,17 @@ def centred_rows(p, J, weights, starts, index):
 
 @njit(float64[:, :, :, ::1](_M, _FLAGS, _M, _M), cache=True)
 def frames(table, slides, X_base, q):
-    """Frames 0..n of each pose, X (M, n + 1, 4, 4): frame k carries the axis of joint k + 1 as its z."""
+    """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint k + 1 as its z.
+
+    Args:
+        table: (n, 5) rows (theta0, d, a, alpha, beta).
+        slides: (n,) bool, True for a slide.
+        X_base: (4, 4) frame 0 in the base.
+        q: (M, n) joint values [rad], slides [m].
+
+    Returns:
+        Frames (M, n + 1, 4, 4).
+    """
     touches, n = q.shape
     X = np.zeros((touches, n + 1, 4, 4))
     R = np.empty((3, 3))
@@ -185,15 +222,23 @@ def frames(table, slides, X_base, q):
 
 @njit(float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T), cache=True)
 def joint_loads(X, slides, forces, points, extra_forces, extra_points):
-    """Load (M, n) that hanging bodies put on each joint along its axis: [N m] of hinges, [N] of slides.
+    """Load (M, n) of hanging bodies on each joint along its axis: [N m] of hinges, [N] of slides.
 
-    X (M, n + 1, 4, 4) as of `frames`; `forces` (n, B, 3) [N] in base axes act at `points` (n, B, 3) [m], fixed in frame
-    k + 1; `extra_forces` (M, E, 3) act at `extra_points` (M, E, 3), fixed in frame n.
+    Args:
+        X: (M, n + 1, 4, 4) link frames as of `frames`.
+        slides: (n,) bool, True for a slide.
+        forces: (n, B, 3) [N] on each link, in base axes.
+        points: (n, B, 3) [m] where they act, fixed in frame k + 1.
+        extra_forces: (M, E, 3) [N] of the payload, in base axes.
+        extra_points: (M, E, 3) [m] where they act, fixed in frame n.
+
+    Returns:
+        Joint loads (M, n).
     """
     touches, n = X.shape[0], X.shape[1] - 1
     tau = np.zeros((touches, n))
     moment, place, zero = np.empty(3), np.empty(3), np.zeros(3)
-    force, about = np.empty(3), np.empty(3)  # resultant of what hangs beyond, and its moment about the base
+    force, about = np.empty(3), np.empty(3)  # resultant of all loads beyond the joint, and its moment about the base
     for m in range(touches):
         force[:], about[:] = 0.0, 0.0
         for k in range(n, 0, -1):
@@ -217,9 +262,22 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
 
 @njit(boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64), cache=True)
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
-    """Joint values for a tip at `goal` (3,) [m] with the flange turned as `R_goal` (3, 3), from `q` in place.
+    """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with an orientation.
 
-    Damped least squares; with `orient` False the position alone. True where the tip is within 1e-11 m and 1e-6 rad.
+    Args:
+        table: (n, 5) rows (theta0, d, a, alpha, beta).
+        slides: (n,) bool, True for a slide.
+        X_base: (4, 4) frame 0 in the base.
+        X_flange: (4, 4) flange in the last frame.
+        tcp: (3,) [m] tool point in the flange.
+        goal: (3,) [m] tip position in the base.
+        R_goal: (3, 3) orientation of the flange in the base.
+        q: (n,) start, overwritten by the solution.
+        orient: False solves for the position alone.
+        iterations: largest number of steps.
+
+    Returns:
+        True where the tip is within 1e-11 m and 1e-6 rad.
     """
     n = len(q)
     rows = 6 if orient else 3
@@ -254,7 +312,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
             trace = np.sum(F * R_goal)
         if math.sqrt(e[0] ** 2 + e[1] ** 2 + e[2] ** 2) < 1e-11 and turn < 1e-6 and trace > 0.0:
             return True
-        if trace < 0.0 and turn > 0.0:  # more than a right angle off: the sine says too little
+        if trace < 0.0 and turn > 0.0:  # beyond 90 deg the sine falls again, so the step gets full length
             for i in range(3):
                 e[3 + i] /= turn
         for k in range(n):

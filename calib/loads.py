@@ -1,7 +1,7 @@
-"""What hangs on the joints: the arm's own weight, its buoyancy in water, and the load in the tool.
+"""Loads on the joints of an arm: link weights, buoyancy in water, and the payload in the tool.
 
-A joint of compliance c [rad/(N m)] stands at q + c tau (Yukhimets, Gubankov 2020): the touches of one point under
-different moments tell c, up to joints whose moment does not change.
+A joint of compliance c [rad/(N m)] stands at q + c tau [Yukhimets 2020]. Touches of one point under different moments
+make c observable, except at joints whose moment does not change.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,29 +16,33 @@ from calib.kernels import A, D
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import GRAVITY, Array, checked
 
-_EVEN = 10.0  # [kg/m] of a link whose mass nobody gave: only its share in the moments matters, c takes the factor
+_EVEN = 10.0  # [kg/m] assumed where no mass is given; only ratios of moments matter, c absorbs the factor
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
     """Weights and buoyancy on an arm. Frame k moves with joint k (standard DH).
 
-    Without `link_masses` the arm's mass is taken as spread evenly along its links, 10 kg/m: compliances are then per
-    assumed newton metre, and still take out the sag.
+    Without `link_masses` the arm's mass is assumed spread evenly along its links, 10 kg/m. Compliances are then
+    relative to that assumption, and still compensate the sag.
     """
 
     link_masses: ArrayLike | None = None  # (n,) [kg]
-    link_centers: ArrayLike | None = None  # (n, 3) [m] centre of mass of link k in frame k; default its middle
+    link_centers: ArrayLike | None = None  # (n, 3) [m] centre of mass of link k in frame k; default the link's middle
     link_volumes: ArrayLike = 0.0  # (n,) or one [m^3] displaced
     link_buoyancy_centers: ArrayLike | None = None  # (n, 3) [m] in frame k; default the centre of mass
-    payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0  # [kg] one for all, one a series, or a list of (m_i,) per touch
-    payload_center: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m] in the flange
-    payload_volume: float = 0.0  # [m^3] displaced wherever there is a payload
+    payload_mass: ArrayLike | Sequence[ArrayLike] = 0.0  # [kg] one for all, per series, or (m_i,) per touch
+    payload_center: ArrayLike = (0.0, 0.0, 0.0)  # (3,) [m] centre of mass in the flange frame
+    payload_volume: float = 0.0  # [m^3] displaced by the payload, where there is one
     water_density: float = 0.0  # [kg/m^3] 0 in air
     gravity: ArrayLike = (0.0, 0.0, -GRAVITY)  # (3,) [m/s^2] in the arm's base frame
 
     def bind(self, arm: Arm, counts: Sequence[int]) -> "BoundLoads":
-        """The loads of `arm` over series of `counts` touches. Raises ConfigurationError for wrong shapes or signs."""
+        """Evaluate the loads for `arm` over series of `counts` touches.
+
+        Raises:
+            ConfigurationError: wrong shapes or signs.
+        """
         n = arm.n
         gravity = checked(self.gravity, (3,), "loads.gravity")
         middles, lengths = _middles(arm)
@@ -62,7 +66,7 @@ class Loads:
         )
 
     def _payload(self, counts: Sequence[int]) -> Array:
-        """[kg] (M,) of every touch."""
+        """Payload mass (M,) [kg] of every touch."""
         total = int(np.sum(counts))
         given = self.payload_mass
         if isinstance(given, (int, float)):
@@ -87,22 +91,30 @@ class Loads:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundLoads:
-    """Loads of an arm at given touches."""
+    """Loads of one arm at given touches, ready for the joint-load kernel."""
 
     arm: Arm
     forces: Array  # (n, 2, 3) [N] weight and buoyancy of each link
     points: Array  # (n, 2, 3) [m] where they act, in the link's frame
     payload: Array  # (M,) [kg]
-    center: Array  # (3,) [m] of the payload, in the flange
-    displaced: float  # [kg] of water in the payload's place
+    center: Array  # (3,) [m] centre of mass of the payload in the flange frame
+    displaced: float  # [kg] of water displaced by the payload
     gravity: Array  # (3,) [m/s^2]
 
     def with_payload(self, mass: float, count: int) -> "BoundLoads":
-        """The same arm with a payload of `mass` [kg] in each of `count` poses."""
+        """Copy for the same arm with a payload of `mass` [kg] in each of `count` poses."""
         return replace(self, payload=np.full(count, float(mass)))
 
     def at(self, q: Array, places: np.ndarray | slice = slice(None)) -> Callable[[Array], Array]:
-        """A function of the table (n, 5) that gives the joint loads (M, n) [N m] at the touches `q` (M, n)."""
+        """Function that maps the table (n, 5) to the joint loads (M, n) [N m] at the touches `q` (M, n).
+
+        Args:
+            q: (M, n) joint values at which the loads act.
+            places: indices of these touches among all that were bound.
+
+        Returns:
+            Function of the table, for the estimation.
+        """
         payload = self.payload[places]
         net = np.where(payload > 0.0, payload - self.displaced, 0.0)
         extra = np.ascontiguousarray(net[:, None, None] * self.gravity)
@@ -118,7 +130,7 @@ class BoundLoads:
 
 
 def _middles(arm: Arm) -> tuple[Array, Array]:
-    """Middle of each link in its own frame (n, 3) [m] and its length (n,) [m], from one frame's origin to the next."""
+    """Middle of each link in its own frame (n, 3) [m], and link length (n,) [m] between consecutive frame origins."""
     middles = np.empty((arm.n, 3))
     X = kernels.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
     for k in range(arm.n):

@@ -1,7 +1,7 @@
-"""An arm on a base that moves: the base's measured pose becomes six joints before the arm's own.
+"""Calibration of an arm on a moving base: the measured base pose becomes six joints ahead of the arm's own.
 
-Touches made from a hovering vehicle are then touches of a longer arm, three slides and three hinges first, whose
-"encoders" are the vehicle's navigation; only the arm's own numbers are left free.
+Touches made from a hovering vehicle are then touches of a longer arm, with three slides and three hinges first. The
+"encoders" of these six are the vehicle's navigation. Only the arm's own parameters are left free.
 """
 
 from dataclasses import replace
@@ -13,13 +13,21 @@ from calib.identification import Calibration
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, readonly
 
-BASE_JOINTS = 6
+BASE_JOINTS = 6  # slides along x, y, z, then hinges about z, y, x
 _LETTERS = "abcdefghijklmnopqrstuvwxyz"
 _NAMES = ("theta", "d", "a", "alpha")
 
 
 def on_moving_base(arm: Arm, X_BA: Array) -> Arm:
-    """`arm`, whose base stands at `X_BA` (4, 4) in body B, behind slides along x, y, z and turns about z, y, x of B."""
+    """Extend `arm` by six base joints, three slides along x, y, z and three hinges about z, y, x of B.
+
+    Args:
+        arm: the arm alone.
+        X_BA: (4, 4) pose of the arm's base in body B.
+
+    Returns:
+        The longer arm, with 6 + n joints.
+    """
     axes, points, X_A_flange = arm.axes()
     R, p = X_BA[:3, :3], X_BA[:3, 3]
     unit = np.eye(3)
@@ -32,7 +40,18 @@ def on_moving_base(arm: Arm, X_BA: Array) -> Arm:
 
 
 def with_base(series: Array, X_WB: Array) -> Array:
-    """Joint values (m, 6 + n) of the longer arm, for the arm's own (m, n) and base poses `X_WB` (m, 4, 4)."""
+    """Joint values (m, 6 + n) of the longer arm from the arm's own and the base poses.
+
+    Args:
+        series: (m, n) joint values of the arm.
+        X_WB: (m, 4, 4) base pose of each touch.
+
+    Returns:
+        Joint values with x, y, z [m] and yaw, pitch, roll [rad] first.
+
+    Raises:
+        ConfigurationError: different numbers of joint values and base poses.
+    """
     if len(series) != len(X_WB):
         raise ConfigurationError(f"touches: {len(series)} joint values and {len(X_WB)} base poses")
     R = X_WB[:, :3, :3]
@@ -42,16 +61,17 @@ def with_base(series: Array, X_WB: Array) -> Array:
 
 
 def own_parameters(longer: Arm) -> list[str]:
-    """Names of the arm's own parameters in the longer arm, and the tool point's: what is to be left free."""
+    """Names of the arm's own parameters within the longer arm, and of the tool point: those to leave free."""
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
     return [*names, *(f"beta{k + 1}" for k in longer.near_parallel if k >= BASE_JOINTS), "tcp"]
 
 
 def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
-    """`found` of the longer arm with its parameters called as the arm's own are; the rank report is that of `alike`.
+    """Rename the parameters of `found`, of the longer arm, as those of the arm alone; take the rank report of `alike`.
 
-    `alike` is of the arm alone and the same poses: what touching sees does not change with the base's small motion.
+    `alike` is a calibration of the arm alone in the same poses. The base's small motion does not change which
+    directions touching observes.
     """
     names = tuple(
         name if name.startswith("tcp") else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
@@ -61,7 +81,15 @@ def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
 
 
 def own_arm(longer: Arm, X_BA: Array) -> Arm:
-    """The arm alone, from its base, out of a longer one as identified."""
+    """Extract the arm alone, from its base on, out of an identified longer arm.
+
+    Args:
+        longer: identified arm with six base joints.
+        X_BA: (4, 4) pose of the arm's base in body B.
+
+    Returns:
+        The arm without the base joints.
+    """
     at_zero = np.zeros((1, BASE_JOINTS))
     head = replace(longer, table=readonly(longer.table[:BASE_JOINTS]), joint_types=longer.joint_types[:BASE_JOINTS])
     X_B0 = replace(head, X_n_flange=readonly(np.eye(4))).flange(at_zero)[0]

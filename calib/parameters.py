@@ -1,4 +1,4 @@
-"""What may be identified: names, groups and units of the parameters, masks in words, priors.
+"""Identifiable parameters of an arm: names, groups, units, selection by words, and priors.
 
 The full vector of an arm with n joints holds its table (n, 5) row by row, the tool point (3) and the compliances (n).
 """
@@ -16,9 +16,9 @@ from sim.interfaces.spatial import Array, finite_number, shown
 GROUPS = ("theta", "d", "a", "alpha", "beta", "tcp", "compliance")
 UNITS = {"theta": "rad", "d": "m", "a": "m", "alpha": "rad", "beta": "rad", "tcp": "m", "compliance": "rad/(N m)"}
 
-# Standard deviations about the nominal arm where the caller states none: a machined arm of about a metre (UR10e as
-# delivered, tables of paper 000: 0.5 mm, 0.2 deg; Panda: 1 mm, 0.3 deg); the tool point is as good as unknown;
-# 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
+# Standard deviations about the nominal arm where the caller states none, for a machined arm of about a metre. A UR10e
+# as delivered has 0.5 mm and 0.2 deg (tables of [Yukhimets 2023]), a Panda 1 mm and 0.3 deg. The tool point is
+# practically unknown; 1e-4 rad/(N m) is a joint of 1e4 N m/rad.
 DEFAULT_PRIOR = {
     "theta": np.deg2rad(0.2),
     "d": 1e-3,
@@ -28,13 +28,13 @@ DEFAULT_PRIOR = {
     "tcp": 0.1,
     "compliance": 1e-4,
 }
-_NARROWEST, _WIDEST = 1e-12, 1e6  # deviations whose squares can be added up
+_NARROWEST, _WIDEST = 1e-12, 1e6  # bounds of a deviation, so that squares neither vanish nor overflow in sums
 DEFAULT_FREE = ("theta", "d", "a", "alpha", "beta", "tcp")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters:
-    """The free parameters of a fit, in the order DH row by row, tool point, betas, compliances."""
+    """Free parameters of an estimation, in the order DH row by row, tool point, betas, compliances."""
 
     names: tuple[str, ...]  # "theta1", "d1", "a1", "alpha1", ..., "tcp_x", ..., "beta2", ..., "c1", ...
     groups: tuple[str, ...]  # the group of each, one of GROUPS
@@ -42,15 +42,15 @@ class Parameters:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Unit of each."""
+        """Unit of each parameter."""
         return tuple(UNITS[group] for group in self.groups)
 
     def where(self, *names: str) -> np.ndarray:
-        """Places (in this selection) of those of `names` that are in it."""
+        """Indices in this selection of those of `names` that it contains."""
         return np.array([self.names.index(name) for name in names if name in self.names], dtype=int)
 
     def only(self, keep: Iterable[int]) -> "Parameters":
-        """The selection of the places `keep`."""
+        """Subset of this selection at the indices `keep`."""
         places = list(keep)
         return Parameters(
             names=tuple(self.names[i] for i in places),
@@ -60,7 +60,7 @@ class Parameters:
 
 
 def all_parameters(arm: Arm) -> Parameters:
-    """Every parameter of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n compliances."""
+    """All parameters of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n compliances."""
     names, groups, index = [], [], []
     for k in range(arm.n):
         for group, column in (("theta", THETA), ("d", D), ("a", A), ("alpha", ALPHA)):
@@ -83,9 +83,10 @@ def all_parameters(arm: Arm) -> Parameters:
 
 
 def select(arm: Arm, words: Iterable[str] | str) -> Parameters:
-    """The parameters of `arm` named by `words`: groups ("a", "alpha", "tcp", ...) or single ones ("a2", "tcp_z").
+    """Select parameters of `arm` by `words`: groups ("a", "alpha", "tcp", ...) or single names ("a2", "tcp_z").
 
-    Raises ConfigurationError for a word that names nothing.
+    Raises:
+        ConfigurationError: a word that names no parameter, or nothing left to identify.
     """
     every = all_parameters(arm)
     asked = [words] if isinstance(words, str) else list(words)
@@ -105,10 +106,18 @@ def select(arm: Arm, words: Iterable[str] | str) -> Parameters:
 
 
 def prior_deviations(parameters: Parameters, prior: Mapping[str, float] | None) -> Array:
-    """Standard deviation (P,) of each parameter about its nominal value, in its unit.
+    """Prior standard deviation (P,) of each parameter about its nominal value, in its unit.
 
-    `prior` maps groups or single names to deviations; a name goes before its group, and what is not named keeps
-    `DEFAULT_PRIOR`. Raises ConfigurationError for unknown words and for deviations that are not positive and finite.
+    Args:
+        parameters: P free parameters.
+        prior: deviations by group or single name. A name takes precedence over its group; what is not named keeps
+            `DEFAULT_PRIOR`.
+
+    Returns:
+        Standard deviations in rad, m, rad/(N m).
+
+    Raises:
+        ConfigurationError: unknown words, and deviations that are not positive and finite.
     """
     stated = dict(prior or {})
     for word, value in stated.items():

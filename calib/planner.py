@@ -1,8 +1,8 @@
-"""Which touches would tell most: greedy choice out of candidates, then exchanges, on the information they would add.
+"""Optimal choice of touches out of candidates: greedy selection, then exchanges, by the information they add.
 
-A touch of point i at pose q sees J dTheta - dc_i: the points' own three numbers are unknown too and are carried along.
-"D" maximises the determinant of the information of all parameters under the prior (Fedorov 1972; for arms Borm, Menq
-1991), "V" minimises the mean variance of what the arm is for: relative flange moves between given poses.
+A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are unknown too and are
+estimated along. Criterion "D" maximises the determinant of the information of all parameters under the prior [Fedorov
+1972], for arms [Borm 1991]. "V" minimises the mean variance of relative flange positions between given poses.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,18 +22,18 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked
 
 Criterion = Literal["D", "V"]
-_ANYWHERE = 1.0  # [m] prior deviation of a point
-_SWEEPS = 3  # of exchanges
+_ANYWHERE = 1.0  # [m] prior standard deviation of a point, each axis
+_SWEEPS = 3  # maximal sweeps of exchanges over all chosen touches
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """Touches to make."""
+    """Touches to make, with the expected accuracy."""
 
-    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates, most telling first
-    series: tuple[Array, ...]  # (m_i, n) the same, per point; empty where a point is not used
-    merit: tuple[float, ...]  # after each choice: log determinant of the information (D), or RMS [m] expected (V)
-    deviations: Array  # (P,) expected posterior deviation of each parameter
+    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates, most informative first
+    series: tuple[Array, ...]  # (m_i, n) the same per point; empty for an unused point
+    merit: tuple[float, ...]  # after each choice: log determinant of the information (D), or expected RMS [m] (V)
+    deviations: Array  # (P,) expected posterior standard deviation of each parameter
     names: tuple[str, ...]
 
 
@@ -50,11 +50,25 @@ def plan(
     prior: Mapping[str, float] | None = None,
     noise: float | None = None,
 ) -> Plan:
-    """Choose `count` touches out of `candidates`, a list of (K_i, n) joint values [rad] per point.
+    """Choose `count` touches out of `candidates`, maximising information or minimising flange variance.
 
-    arm: a calibration so far (its tool point and noise are used), an `Arm` or a DH table, then with `tcp` (3,) [m].
-    done: touches already made, of the same points in the same order. targets: (N, n) poses whose flange positions,
-    relative to each other, criterion "V" is about. Raises ConfigurationError where there are too few candidates.
+    Args:
+        arm: a calibration so far (its tool point and noise are used), an `Arm`, or a DH table.
+        candidates: (K_i, n) joint values [rad] per point.
+        count: number of touches to choose.
+        tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
+        done: touches already made, of the same points in the same order.
+        targets: (N, n) poses whose relative flange positions criterion "V" is about.
+        criterion: "D" (determinant of the information) or "V" (variance at `targets`).
+        free: parameters to be identified, as in `identify`.
+        prior: standard deviations by group or name, as in `identify`.
+        noise: [m] standard deviation of a touch; by default the calibration's, else `HAND_NOISE`.
+
+    Returns:
+        The chosen touches and the expected accuracy.
+
+    Raises:
+        ConfigurationError: too few candidates, an unknown criterion, or "V" without `targets`.
     """
     if criterion not in get_args(Criterion):
         raise ConfigurationError(f"criterion: allowed {', '.join(get_args(Criterion))}, got {criterion!r}")
@@ -81,9 +95,7 @@ def plan(
     chosen, merit = [], []
     free_to_take = np.ones(total, dtype=bool)
     for _ in range(count):
-        best = _best(
-            rows, C, None, free_to_take
-        )  # of moves, the first touch of a point tells nothing yet: D looks ahead
+        best = _best(rows, C, None, free_to_take)  # D in both cases: the first touch of a point gains nothing in V
         C = _updated(C, rows[best], 1.0)
         free_to_take[best] = False
         chosen.append(best)
@@ -123,7 +135,7 @@ def _rows(
     points: int | None = None,
     first: int = 0,
 ) -> Array:
-    """(K, 3, P + 3 S) derivatives of each touch by parameters and points, over noise, in units of their priors."""
+    """Derivatives (K, 3, P + 3 S) of each touch by parameters and points, over the noise, in units of their priors."""
     points = len(poses) if points is None else points
     blocks = []
     for s, q in enumerate(poses):
@@ -138,15 +150,15 @@ def _rows(
 
 
 def _aim(arm: Arm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
-    """W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of the flange's moves, as a cloud is aligned."""
+    """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange positions."""
     if targets is None:
         raise ConfigurationError('targets: criterion "V" needs the poses whose accuracy counts')
     q = checked_series([targets], arm)[0]
     p, J = arm.tips_and_jacobian(q, np.zeros(3))
-    J[:, ROW * arm.n :, :] = 0.0  # the flange does not hang on the tool point
+    J[:, ROW * arm.n :, :] = 0.0  # the flange does not depend on the tool point
     J = np.concatenate([J, np.zeros((len(q), arm.n, 3))], axis=1)[:, index, :]
     J = (J - J.mean(axis=0)).transpose(0, 2, 1).reshape(3 * len(q), -1) * deviations
-    # A cloud that is only turned is no worse, nor does any touching tell how large it is.
+    # Alignment removes rotations, and touching does not observe scale: both are projected out.
     about = p - p.mean(axis=0)
     gauges = np.column_stack([*(np.cross(axis, about).ravel() for axis in np.eye(3)), about.ravel()])
     Q = np.linalg.qr(gauges)[0]
@@ -157,7 +169,7 @@ def _aim(arm: Arm, targets: ArrayLike | None, index: np.ndarray, deviations: Arr
 
 
 def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
-    """The allowed candidate that adds most."""
+    """Index of the allowed candidate with the largest gain."""
     carried = rows @ C  # (K, 3, N)
     S = np.eye(3) + carried @ rows.transpose(0, 2, 1)
     if W is None:
@@ -168,11 +180,12 @@ def _best(rows: Array, C: Array, W: Array | None, allowed: np.ndarray) -> int:
 
 
 def _updated(C: Array, row: Array, sign: float) -> Array:
-    """Covariance with the touch `row` (3, N) added, or taken away again where `sign` is -1."""
+    """Covariance after adding the touch `row` (3, N), or removing it where `sign` is -1."""
     carried = row @ C
     new = C - sign * carried.T @ np.linalg.solve(np.eye(3) + sign * carried @ row.T, carried)
     return 0.5 * (new + new.T)
 
 
 def _merit(C: Array, W: Array | None) -> float:
+    """Log determinant of the information (`W` None), or the expected RMS [m]."""
     return -float(np.linalg.slogdet(C)[1]) if W is None else float(np.sqrt(np.sum(W * C)))

@@ -1,8 +1,9 @@
-"""What touching tells and what it cannot: rank of the problem at the solution, in words.
+"""Rank analysis of a calibration: which directions of the parameters are observable, and why the others are not.
 
-Columns are scaled to errors of like size (0.1 deg, and the length that such a turn moves over a sixth of the arm), so
-that singular values compare; below `THRESHOLD` of the largest a direction is not seen. On a UR10e with 63 touches, seen
-directions lie above 0.04, the pair hidden by a straight pin at 5e-4, exact gauges at 1e-6 and less.
+Columns are scaled to comparable errors: 0.1 deg, and the length that such a turn moves over a sixth of the arm.
+Singular values can then be compared; below `THRESHOLD` of the largest a direction counts as hidden. On a UR10e with 63
+touches, observable directions lie above 0.04. The pair hidden by a straight pin lies at 5e-4, exact gauges at 1e-6 and
+less.
 """
 
 from dataclasses import dataclass
@@ -16,22 +17,22 @@ from calib.kernels import ROW
 from calib.parameters import Parameters
 from sim.interfaces.spatial import Array
 
-THRESHOLD = 3e-3
-_ANGLE = np.deg2rad(0.1)  # [rad] the error that a column is scaled to
-_SHARE = 6.0  # of the arm's length over which that turn makes the like error in metres
-_LIES_IN = 0.9  # cosine to the hidden space from which a direction counts as in it
-_EXPLAINS = 0.3  # a direction less new than this is the same as those already named
-_TOUCHED, _MIXED = 0.02, 0.98  # share of a parameter in hidden directions: below known, above unknowable
+THRESHOLD = 3e-3  # share of the largest singular value below which a direction counts as hidden
+_ANGLE = np.deg2rad(0.1)  # [rad] error that the columns of angles are scaled to
+_SHARE = 6.0  # divisor of the arm's length: over that length `_ANGLE` gives the comparable error in metres
+_LIES_IN = 0.9  # cosine to the hidden space above which a direction counts as inside it
+_EXPLAINS = 0.3  # residual length below which a direction is already explained by those named
+_TOUCHED, _MIXED = 0.02, 0.98  # share of a parameter in hidden directions: known below, unknowable above
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HiddenGroup:
-    """Directions that touching does not see, with their reason."""
+    """Directions that touching does not observe, with the reason and the remedy."""
 
     names: tuple[str, ...]
     count: int
     reason: str
-    handle: str  # what would make them known, or why nothing is lost
+    handle: str  # the remedy, or why none is needed
 
     def __str__(self) -> str:
         return f"{self.count} in ({', '.join(self.names)}): {self.reason}; {self.handle}"
@@ -39,38 +40,38 @@ class HiddenGroup:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RankReport:
-    """Rank of the columns of `parameters` at a solution."""
+    """Rank of the scaled columns of `parameters` at a solution."""
 
     parameters: Parameters
     rank: int
-    singular_values: Array  # (P,) of the scaled columns [m], falling
-    scales: Array  # (P,) the error of each parameter that counts as one
-    directions: Array  # (rank, P) seen combinations of scaled parameters, orthonormal, best seen first
+    singular_values: Array  # (P,) [m] of the scaled columns, descending
+    scales: Array  # (P,) error of each parameter that is scaled to one
+    directions: Array  # (rank, P) observable combinations of scaled parameters, orthonormal, best first
     hidden_directions: Array  # (P - rank, P)
     hidden: tuple[HiddenGroup, ...]
-    identifiable: np.ndarray  # (P,) bool: as many parameters as the rank, which are known if the others are held
+    identifiable: np.ndarray  # (P,) bool: as many parameters as the rank, identifiable with the others fixed
     status: tuple[str, ...]  # of each parameter: "known", "in combination" or "unknowable"
     touches: int
 
     @property
     def total(self) -> int:
-        """Number of parameters looked at."""
+        """Number of parameters examined."""
         return len(self.parameters.names)
 
     @property
     def condition(self) -> float:
-        """Largest over smallest singular value of the seen directions."""
+        """Ratio of the largest to the smallest singular value of the observable directions."""
         return float(self.singular_values[0] / self.singular_values[self.rank - 1]) if self.rank else np.inf
 
     @property
     def observability(self) -> float:
-        """O1 of Borm and Menq (1991): geometric mean of the seen singular values over the root of the touches [m]."""
+        """Observability index O1 [m]: geometric mean of observable singular values over sqrt(touches) [Borm 1991]."""
         if not self.rank:
             return 0.0
         return float(np.exp(np.mean(np.log(self.singular_values[: self.rank]))) / np.sqrt(self.touches))
 
     def combination(self, i: int, terms: int = 4) -> str:
-        """The i-th seen direction in words: its largest terms, in shares of the like errors."""
+        """Text of the i-th observable direction: its `terms` largest weights on the scaled parameters."""
         weights = self.directions[i]
         largest = np.argsort(-np.abs(weights))[:terms]
         return " ".join(f"{weights[j]:+.2f} {self.parameters.names[j]}" for j in largest if abs(weights[j]) > 0.05)
@@ -89,9 +90,19 @@ class RankReport:
 
 
 def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise: float) -> RankReport:
-    """Rank of `parameters` of `arm` (with its loads) at the full vector `full`, for the touches that count.
+    """Analyse the rank of `parameters` at a solution, for the touches with weight > 0.
 
-    A known distance counts as a row, in shares of the `noise` [m] of a touch.
+    A known distance counts as a row, in units of the noise of a touch.
+
+    Args:
+        arm: kinematics.
+        full: (5 n + 3 + n,) full vector of the solution.
+        data: touches, with the arm's joint loads.
+        parameters: P parameters to examine.
+        noise: [m] standard deviation of a touch.
+
+    Returns:
+        Rank, directions and the groups of hidden directions.
     """
     scales = _like_errors(arm, full, data, parameters)
     _, _, rows, c, C = linearised(arm, full, data, parameters)
@@ -118,7 +129,7 @@ def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise
 
 
 def _triangle(rows: Array) -> Array:
-    """A square matrix (P, P) with the singular values and right vectors of `rows` (R, P)."""
+    """Square matrix (P, P) with the singular values and right singular vectors of `rows` (R, P)."""
     R = np.zeros((rows.shape[1], rows.shape[1]))
     small = np.linalg.qr(rows, mode="r")
     R[: len(small)] = small
@@ -135,9 +146,9 @@ def _like_errors(arm: Arm, full: Array, data: Data, parameters: Parameters) -> A
 
 
 def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
-    """As many parameters as the rank, independent of each other; where there is a choice, those that one would keep."""
-    # One would rather hold the base, the last frame (the tool point says it), the first links of a parallel run, and
-    # the longest link (scale) at nominal.
+    """As many independent parameters as the rank; where there is a choice, those usually left free."""
+    # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first links of a parallel
+    # run, and the longest link (scale).
     n = arm.n
     preference = np.ones(len(parameters.names))
     held = {f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "theta1", "d1"}
@@ -155,7 +166,7 @@ def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
 
 
 def _reasons(arm: Arm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
-    """Split the hidden directions into groups, each the null space of a few columns that has a reason of its own."""
+    """Split the hidden directions into groups, each the null space of a few columns with a common reason."""
     missing, total = hidden.shape
     found = np.zeros((0, total))
     groups = []
@@ -236,7 +247,7 @@ def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, st
 
 
 def _parallel_runs(arm: Arm) -> list[list[int]]:
-    """Rows whose d shift along axes that are near-parallel to each other."""
+    """Rows whose d shift along axes that are near-parallel to each other, grouped in runs."""
     runs: list[list[int]] = []
     for k in arm.near_parallel:
         if runs and runs[-1][-1] == k:

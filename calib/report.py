@@ -1,4 +1,4 @@
-"""`report.html` of a calibration: what it found, what it cannot know, and pictures, on one page."""
+"""`report.html` of a calibration: results, limits of identifiability, and figures, on one page."""
 
 import base64
 import html
@@ -27,7 +27,7 @@ _MEANING = {
 
 
 def shown(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which numbers of `unit` (rad, m, rad/(N m)) are told."""
+    """Display factor and name of the unit for numbers in `unit` (rad, m, rad/(N m))."""
     return _SHOWN[unit]
 
 
@@ -44,12 +44,22 @@ def write_report(
     notes: Iterable[str] = (),
     options: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write the page to `file`.
+    """Write the report page to `file`.
 
-    `figures_of_merit` are name and value, in the order of reading; `series` the touches (m_i, n) that were identified
-    from, `point_names` the names of their points; `clouds` those of
-    `calib.verification.compare`.
-    Raises ConfigurationError if the folder does not exist.
+    Args:
+        file: path of the HTML page, in an existing folder.
+        calibration: result to report.
+        title: heading.
+        figures_of_merit: name and value, in order of reading.
+        accepted: verdict shown next to the title.
+        series: touches (m_i, n) used for the identification.
+        point_names: names of the touched points.
+        clouds: point clouds of `calib.verification.compare`, by name.
+        notes: lines shown before the calibration's own warnings.
+        options: settings of the run, shown with the versions of the packages.
+
+    Raises:
+        ConfigurationError: the folder does not exist.
     """
     path = Path(file)
     if not path.parent.is_dir():
@@ -92,7 +102,7 @@ def _rank(calibration: Calibration) -> str:
     head = "<tr><th class=n>directions</th><th>in</th><th>why they are not seen</th><th>what helps</th></tr>"
     combinations = "".join(
         f"<li>{_text(rank.combination(i))}</li>" for i in range(max(rank.rank - 3, 0), rank.rank)
-    )  # the least seen
+    )  # the least observable
     return (
         f"<p><b>{rank.rank} of {rank.total}</b> directions of the parameters move the touched tips apart, and are "
         f"identified; condition {rank.condition:.3g}, observability index O1 {rank.observability:.3g} m.</p>"
@@ -138,7 +148,7 @@ def _version(package: str) -> str | None:
 
 
 def _picture(figure: Figure, name: str) -> str:
-    """As an image of its own, since the ids of several drawings on one page would clash."""
+    """Embed the figure as an image of its own, since the ids of several drawings on one page would clash."""
     drawing = io.BytesIO()
     figure.savefig(drawing, format="svg", dpi=160, metadata={"Date": None})
     data = base64.b64encode(drawing.getvalue()).decode("ascii")

@@ -1,4 +1,4 @@
-"""The pictures of a calibration's report: figures 4 to 8 of paper 000, and the intervals of the parameters."""
+"""Figures of a calibration report: figures 4 to 8 of [Yukhimets 2023], and the intervals of the parameters."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
@@ -11,19 +11,26 @@ from calib.touches import first_tcp
 from calib.verification import Cloud, pair_distances
 from sim.interfaces.spatial import Array
 
-# Okabe and Ito's palette, as the paper's colours go: nominal grey, controller orange, identified blue, tracker red.
+# Palette of [Okabe 2008], assigned as in the paper: nominal grey, controller orange, identified blue, tracker red.
 BLUE, ORANGE, VERMILION, GREEN, INK, FAINT = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#222222", "#999999"
 _LOOKS = {"nominal": (FAINT, "o"), "controller": (ORANGE, "+"), "identified": (BLUE, "x"), "tracker": (VERMILION, ".")}
-_WIDTH = 10.0  # [in]
+_WIDTH = 10.0  # [in] width of a figure
 _PLANES = ((0, 1), (0, 2))
 
 
 def figures(
     calibration: Calibration, series: Sequence[Array], point_names: Sequence[str], clouds: Mapping[str, Cloud]
 ) -> Iterator[tuple[str, str, Figure]]:
-    """Title, caption and figure, in the order of reading; those of the clouds where there are clouds.
+    """Generate title, caption and figure of each picture, in order of reading.
 
-    `series` are the touches (m_i, n) that were identified from, and `point_names` the names of their points.
+    Args:
+        calibration: result to show.
+        series: touches (m_i, n) used for the identification.
+        point_names: names of the touched points.
+        clouds: point clouds of `calib.verification.compare`; their figures are left out where it is empty.
+
+    Returns:
+        Iterator over (title, caption, figure).
     """
     yield (
         "Distances between the touches of a point",

@@ -1,6 +1,6 @@
-"""What a calibration leaves behind: arm.yaml, dh.csv, a URDF, an MJCF or a patch for the one that it came from.
+"""Result files of a calibration: arm.yaml, dh.csv, and the arm as URDF and MJCF, new or corrected from its source.
 
-Every file says its units, the date and the hash of the touches; `calib.arm_files.read_arm` reads all of them again.
+Every file states its units, the date and the hash of the touches. `calib.arm_files.read_arm` reads all of them.
 """
 
 import xml.etree.ElementTree as ET
@@ -30,11 +30,22 @@ def write_results(
     arm: Arm | None = None,
     tcp: Array | None = None,
 ) -> list[Path]:
-    """Write the identified arm into `folder` in every format; the files written.
+    """Write the identified arm into `folder` in every format.
 
-    `sha256` is of the touches, `date` in ISO 8601. A URDF or MJCF that the arm came from is corrected: `arm.urdf` is
-    that file with other origins, `arm.mjcf_patch.xml` the bodies and sites of that file with other places. `arm` and
-    `tcp` go in place of the calibration's own, which are longer where the base moved.
+    A URDF or MJCF source is corrected: `arm.urdf` is that file with other origins; `arm.mjcf_patch.xml` lists its
+    bodies and sites with other poses.
+
+    Args:
+        folder: existing folder.
+        calibration: result to write.
+        source: file that the arm came from.
+        sha256: hash of the touches.
+        date: ISO 8601.
+        arm: replaces the calibration's arm, which is longer where the base moved.
+        tcp: (3,) [m] replaces the calibration's tool point.
+
+    Returns:
+        The files written.
     """
     arm, tcp = arm or calibration.arm, calibration.tcp if tcp is None else tcp
     stamp = f"calibrated {date}; touches sha256 {sha256}"
@@ -125,11 +136,14 @@ def _write_dh(file: Path, arm: Arm, tcp: Array, stamp: str) -> Path:
     return _write(file, "\n".join(lines) + "\n")
 
 
-# Any arm as URDF and MJCF
+# Any arm as a new URDF or MJCF
 
 
 def links(arm: Arm) -> list[Array]:
-    """Frames (n + 1 of (4, 4)): each joint's child link at zero in the link before, its z the axis; last the flange."""
+    """Link frames at zero: n + 1 poses (4, 4).
+
+    Each joint's child link is in the link before, its z the axis; the last is the flange in link n.
+    """
     out, rest = [], np.array(arm.X_base_0)
     for row in arm.table:
         out.append(rest @ pose(exp_so3([0.0, 0.0, row[THETA]])))
@@ -139,7 +153,17 @@ def links(arm: Arm) -> list[Array]:
 
 
 def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
-    """The arm as a URDF of bare links, from `base` by `flange` to `touch_tip`."""
+    """The arm as a new URDF of bare links, from `base` by `flange` to `touch_tip`.
+
+    Args:
+        arm: identified arm.
+        tcp: (3,) [m] tool point in the flange.
+        joint_names: n names.
+        limits: (n, 2) [rad], slides [m]; infinite where there are none.
+
+    Returns:
+        XML text.
+    """
     root = ET.Element("robot", name="arm")
     names = ["base", *(f"link{k + 1}" for k in range(arm.n)), "flange", "touch_tip"]
     for name in names:
@@ -165,7 +189,17 @@ def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> s
 
 
 def mjcf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
-    """The arm as an MJCF of bare bodies, from `arm_base` to the site `tip`, its lengths and axes alone."""
+    """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; masses are placeholders.
+
+    Args:
+        arm: identified arm.
+        tcp: (3,) [m] tool point in the flange.
+        joint_names: n names.
+        limits: (n, 2) [rad], slides [m]; infinite where there are none.
+
+    Returns:
+        XML text.
+    """
     root = ET.Element("mujoco", model="arm")
     ET.SubElement(root, "compiler", angle="radian")
     body = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "arm_base"})
@@ -189,20 +223,28 @@ def _place(X: Array) -> dict[str, str]:
     return {"pos": " ".join(f"{x:.12g}" for x in X[:3, 3]), "quat": " ".join(f"{x:.12g}" for x in quat_wxyz)}
 
 
-# The file that the arm came from, corrected
+# Correction of the file that the arm came from
 
 
 def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
-    """The URDF of `source` with joint origins such that it is the identified `arm`, its tip link at `tcp` (3,) [m].
+    """The URDF of `source` with the joint origins of the identified `arm`.
 
-    Every link rides with its joint's axis, so axes, zeros, meshes and inertias stay as they are written. Where the tip
+    Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as written. Where the tip
     link is a driven one, a link `touch_tip` is added.
+
+    Args:
+        source: URDF that the nominal arm was read from.
+        arm: identified arm.
+        tcp: (3,) [m] tool point in the flange, the new origin of the tip link.
+
+    Returns:
+        XML text.
     """
     root = ET.fromstring(source.path.read_text(encoding="utf-8-sig"))
     chain = urdf_chain(root, source.path, source.base, source.tip)
     old, new = _riding(source.arm), _riding(arm)
     driven = {i: k for k, i in enumerate(chain.driven)}
-    carried, parent = np.eye(4), np.eye(4)  # displacement of what is carried so far; the parent link as it was
+    carried, parent = np.eye(4), np.eye(4)  # displacement of the links so far; parent link before correction
     for i, (joint, step) in enumerate(zip(chain.joints, chain.X_parent_child, strict=True)):
         child = parent @ step
         if i in driven:
@@ -224,7 +266,7 @@ def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
 
 
 def _riding(arm: Arm) -> list[Array]:
-    """Frames (4, 4) at zero in the base that ride with the links, each on its joint's axis and turned by its theta0."""
+    """Frames (4, 4) in the base at zero, fixed to the links: each on its joint's axis and turned by its theta0."""
     X, out = np.eye(4), []
     for step in links(arm)[:-1]:
         X = X @ step
@@ -241,14 +283,23 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
     pitch = np.arctan2(-R[2, 0], level)
     if level > 1e-9:
         roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    else:  # straight up or down: roll and yaw turn about one axis
+    else:  # gimbal lock: roll and yaw turn about one axis
         roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
     origin.set("xyz", " ".join(f"{x:.12g}" for x in X[:3, 3]))
     origin.set("rpy", f"{roll:.12g} {pitch:.12g} {yaw:.12g}")
 
 
 def mjcf_patch(source: ArmSource, arm: Arm, tcp: Array) -> str:
-    """Bodies and sites of the MJCF of `source` that stand elsewhere in the identified arm, with their new places."""
+    """Bodies and sites of the MJCF of `source` whose pose differs in the identified arm, with their new poses.
+
+    Args:
+        source: MJCF that the nominal arm was read from.
+        arm: identified arm.
+        tcp: (3,) [m] tool point in the flange.
+
+    Returns:
+        XML text.
+    """
     spec, old = mjcf_geometry(source.path, source.base, source.tip)
     before = spec.compile()
     arm_geometry.move(spec, old, to_geometry(arm, tcp, old))

@@ -1,4 +1,4 @@
-"""Touching simulated: an arm with errors, a hand with noise, and points touched in many orientations."""
+"""Simulated touches: an arm with parameter errors, an operator with noise, points touched in many orientations."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,21 +12,30 @@ from calib.parameters import GROUPS, select
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, rotation_from_z
 
-HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of paper 000 over 3 x 21 touches
-_TRIES = 400  # starts and orientations tried for one touch
-_STEPS = 60  # of the inverse kinematics
+HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of [Yukhimets 2023] over 3 x 21 touches
+_TRIES = 400  # maximal starts and orientations tried for one touch
+_STEPS = 60  # maximal iterations of the inverse kinematics
 
 
 def wrong_arm(arm: Arm, deviations: Mapping[str, float], rng: np.random.Generator) -> Arm:
-    """An arm whose table is off by normal errors of given deviations by group (theta, d, a, alpha, beta) [rad, m].
+    """Arm with normally distributed errors in its table, standard deviations given per group.
 
-    Raises ConfigurationError for other groups.
+    Args:
+        arm: nominal arm.
+        deviations: standard deviation by group (theta, d, a, alpha, beta) [rad, m].
+        rng: source of randomness.
+
+    Returns:
+        The disturbed arm.
+
+    Raises:
+        ConfigurationError: other groups.
     """
     table = np.array(arm.table)
     for group in deviations:
         if group not in GROUPS[:5]:
             raise ConfigurationError(f"deviations: {group!r} is not of the table; allowed {', '.join(GROUPS[:5])}")
-    for group in GROUPS[:5]:  # a fixed order, so that a seed means one arm
+    for group in GROUPS[:5]:  # in fixed order, so that a seed gives one arm
         if group in deviations and not (group == "beta" and not arm.near_parallel):
             index = select(arm, group).index
             table.ravel()[index] += deviations[group] * rng.standard_normal(len(index))
@@ -47,14 +56,30 @@ def touch(
     compliance: ArrayLike | None = None,
     loads: Loads | None = None,
 ) -> list[Array]:
-    """Joint values of touches of `points` by the true `arm`: a list of (m_i, n) [rad], as `identify` takes them.
+    """Simulate touches: joint values (m_i, n) [rad] per point, with the true `arm`, as `identify` takes them.
 
-    points: how many, drawn in the arm's reach, or (P, 3) [m] in the base. touches: per point. noise: of the hand, along
-    each axis [m]. Every touch turns the flange's z within `cone` [rad] of `approach` (evenly over the cap) and spins it
-    at will; the tip meets its goal exactly. limits: (n, 2) of the joints, default one turn each way for hinges, 1 m for
-    slides. compliance (n,) [rad/(N m)] bends the joints under `loads`, taken where the joints truly stand.
+    Every touch tilts the flange's z within `cone` of `approach` (uniform over the cap), with uniform spin. The tip
+    meets its goal exactly.
 
-    Raises ReachError where no pose within the limits is found.
+    Args:
+        arm: true arm.
+        tcp: (3,) [m] tool point in the flange.
+        rng: source of randomness.
+        points: number of points, drawn in the arm's reach, or (P, 3) [m] in the base.
+        touches: number per point.
+        noise: [m] standard deviation of the operator's error along each axis.
+        cone: [rad] half-angle of orientations.
+        approach: (3,) mean direction of the flange's z, in the base.
+        limits: (n, 2) joint limits; by default -pi to pi [rad] for hinges, 0 to 1 m for slides.
+        compliance: (n,) [rad/(N m)] bends the joints under `loads`, evaluated at the true joint positions.
+        loads: weights and buoyancy; by default those of `Loads()`.
+
+    Returns:
+        Joint values as the encoders read them, one array per point.
+
+    Raises:
+        ReachError: no pose within the limits reaches a point.
+        ConfigurationError: wrong shapes or counts.
     """
     tool = checked(tcp, (3,), "tcp")
     bounds = _bounds(arm, limits)
@@ -89,7 +114,7 @@ def _bounds(arm: Arm, limits: ArrayLike | None) -> Array:
 
 
 def _pose(arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator):
-    """Joint values (n,) that put the tip on `goal` with the flange's z in the cone; None if none was found."""
+    """Joint values (n,) that put the tip at `goal` with the flange's z in the cone, or None."""
     six = arm.n >= 6
     for _ in range(_TRIES):
         q = rng.uniform(bounds[:, 0], bounds[:, 1])
@@ -99,14 +124,14 @@ def _pose(arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: 
         hinges = ~arm.slides
         q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
         inside = np.all((q >= bounds[:, 0]) & (q <= bounds[:, 1]))
-        # An arm of fewer than six joints takes the orientation that it gets.
+        # With fewer than six joints the position alone was solved, so the orientation is tested here.
         if inside and (six or arm.flange(q[None])[0, :3, 2] @ axis >= np.cos(cone) * np.linalg.norm(axis)):
             return q
     return None
 
 
 def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
-    """A rotation whose z is within `cone` [rad] of `axis`, evenly over the cap, its spin even."""
+    """Random rotation whose z is within `cone` [rad] of `axis`, uniform over the cap, with uniform spin."""
     cosine = rng.uniform(np.cos(cone), 1.0)
     around, spin = rng.uniform(0.0, 2.0 * np.pi, 2)
     sine = np.sqrt(max(1.0 - cosine**2, 0.0))
@@ -120,7 +145,7 @@ def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
 def _points(
     arm: Arm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, wanted: int
 ) -> Array:
-    """Points that the arm reaches in varied orientations, well apart."""
+    """Random points that the arm reaches in varied orientations, well apart."""
     length = arm.reach + float(np.linalg.norm(tool))
     found: list[Array] = []
     for _ in range(_TRIES):

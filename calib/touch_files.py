@@ -1,7 +1,8 @@
-"""Touches from files: joint values at which the tool's tip was in a fixed point, one touch a row.
+"""Reader and writer of touch files: CSV with one touch per row, the joint values at which the tool tip was in a point.
 
-A folder holds one CSV file a point; a single file is one point, or several, told apart by a column `point` or by empty
-lines. Commas, semicolons, tabs or blanks; a header or none; radians or degrees, which is found out and said.
+A folder holds one CSV file per point. A single file holds one point, or several separated by a column `point` or by
+empty lines. Separators are commas, semicolons, tabs or blanks; a header is optional. Radians and degrees are told apart
+automatically, and the result is reported.
 """
 
 import hashlib
@@ -20,24 +21,25 @@ from sim.interfaces.spatial import Array, readonly, shown
 Units = Literal["auto", "rad", "deg"]
 POINT_COLUMNS = ("point", "series", "socket", "hole", "nest", "target", "label")
 IGNORED_COLUMNS = ("time", "t", "stamp", "timestamp", "index", "touch", "comment", "note")
-# Arms turn a hinge by at most one turn either way, and a little; touching in many orientations takes more than 7 deg.
+# Hinges turn at most one turn either way and a little, so a larger value is in degrees. Touching in many orientations
+# takes more than 7 deg, so degrees exceed the bound.
 _MOST_RADIANS = 2.0 * np.pi + 0.6
-_BEYOND = 0.35  # [rad] and share of a slide's range that encoders may show beyond an arm's limits: stops, offsets
-_UNIT = 2e-3  # by which the length of a quaternion that was written with few digits is off one
+_BEYOND = 0.35  # [rad], share of a slide's range: tolerated excess over joint limits (stops, offsets)
+_UNIT = 2e-3  # tolerance of a unit quaternion's length, for files with few digits
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Touches:
-    """Series of touches, one a point; arrays are read-only."""
+    """Series of touches, one per point; arrays are read-only."""
 
     series: tuple[Array, ...]  # each (m_i, n) [rad], slides [m]
-    names: tuple[str, ...]  # of the points
-    sha256: str  # of the files' bytes, in the order read
-    notes: tuple[str, ...] = ()  # what was found out about the files, to be said
+    names: tuple[str, ...]  # names of the points
+    sha256: str  # hash of the files' bytes, in the order read
+    notes: tuple[str, ...] = ()  # findings about the files, to be reported
 
     @property
     def count(self) -> int:
-        """Touches altogether."""
+        """Number of touches in all series."""
         return sum(len(one) for one in self.series)
 
 
@@ -56,13 +58,22 @@ def read_touches(
     units: Units = "auto",
     limits: Array | None = None,
 ) -> Touches:
-    """Read the touches of CSV files and of folders of such.
+    """Read touches from CSV files and from folders of such files.
 
-    `joint_types` (a letter a joint: r, p) of the arm that touched says how many joint values a row must have and which
-    of them are angles; `joint_names` picks and orders the columns of a header that has them all; `limits` (n, 2) [rad]
-    or [m] are the arm's. Raises ConfigurationError for files that are missing or empty, hold what is no finite number,
-    have rows of another length, hold poses (x y z qx qy qz qw) or values far beyond the limits in place of joint
-    values, or look like degrees in one file and like radians in another.
+    Args:
+        paths: file, folder, or several of them.
+        joint_types: one letter per joint of the arm (r, p): sets the number of joint values and which are angles.
+        joint_names: selects and orders the columns of a header that has all of them.
+        units: "rad", "deg", or "auto" by header or size.
+        limits: (n, 2) joint limits [rad], slides [m].
+
+    Returns:
+        The touches in radians and metres.
+
+    Raises:
+        ConfigurationError: files that are missing or empty, numbers that are not finite, rows of another length. Also
+            poses (x y z qx qy qz qw) or values far beyond the limits in place of joint values. Also files that look
+            like degrees beside others that look like radians.
     """
     given = [paths] if isinstance(paths, str | Path) else list(paths)
     files = [file for path in given for file in _files(Path(path))]
@@ -71,7 +82,7 @@ def read_touches(
     digest = hashlib.sha256()
     points: dict[str, list[list[float]]] = {}
     notes: list[str] = []
-    largest: dict[str, float] = {}  # angle of each file whose unit is to be found out
+    largest: dict[str, float] = {}  # [as read] largest angle of each file, for the choice of unit
     stated: set[str] = set()
     width = len(joint_types) if joint_types is not None else None
     for file, stem in zip(files, _distinct(files), strict=True):
@@ -107,7 +118,17 @@ def read_touches(
 
 
 def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], joint_names: Sequence[str]) -> Path:
-    """Write one CSV file a point into `folder`, with a header of the joints' names, as `read_touches` takes them."""
+    """Write one CSV file per point into `folder`, readable by `read_touches`.
+
+    Args:
+        folder: created where missing.
+        names: of the points, and so of the files.
+        series: joint values (m_i, n) per point.
+        joint_names: header.
+
+    Returns:
+        The folder.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for name, one in zip(names, series, strict=True):
         lines = [",".join(joint_names), *(",".join(f"{value:.10f}" for value in row) for row in one)]
@@ -116,7 +137,7 @@ def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], j
 
 
 def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
-    """Raise ConfigurationError for a file whose rows of seven end in unit quaternions, as no joint angles do."""
+    """Raise ConfigurationError for a file of poses: rows of seven numbers that end in unit quaternions."""
     values = np.array([row.values for row in rows if len(row.values) == 7])
     if len(values) < len(rows) or len(values) < 2 or np.ptp(values[:, 3:], axis=0).max() < 1e-6:
         return
@@ -128,7 +149,7 @@ def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
 
 
 def _refuse_beyond(name: str, q: Array, limits: Array, hinges: np.ndarray, joint_names: Sequence[str]) -> None:
-    """Raise ConfigurationError for joint values (m, n) that the arm cannot have by its `limits` (n, 2)."""
+    """Raise ConfigurationError for joint values (m, n) outside the arm's `limits` (n, 2)."""
     with np.errstate(invalid="ignore"):
         slack = np.where(hinges, _BEYOND, _BEYOND * np.diff(limits, axis=1)[:, 0])
         beyond = np.maximum(limits[:, 0] - q, q - limits[:, 1]) - slack
@@ -148,7 +169,7 @@ def _hinges(joint_types: str | None, width: int) -> np.ndarray:
 
 
 def _degrees(units: Units, stated: set[str], largest: dict[str, float], notes: list[str]) -> bool:
-    """Whether the angles are degrees: as asked, as the headers say, or by their size; says so in `notes`."""
+    """True if the angles are degrees, as requested, by the headers or by their size; the finding goes into `notes`."""
     if units != "auto":
         return units == "deg"
     if len(stated) > 1:
@@ -183,12 +204,12 @@ def _files(path: Path) -> list[Path]:
 def _is_folder(path: Path) -> bool:
     try:
         return path.is_dir()
-    except (OSError, ValueError):  # no name of a file either, which then says so
+    except (OSError, ValueError):  # not a valid path; `existing_file` reports it
         return False
 
 
 def _distinct(files: Sequence[Path]) -> list[str]:
-    """A name for each file: its stem, with as many folders before it as it takes to tell them apart."""
+    """Unique name per file: its stem, preceded by as many folders as needed."""
     for depth in range(1, 8):
         names = ["/".join((*file.parts[-depth:-1], file.stem)) for file in files]
         if len(set(names)) == len(names):
@@ -206,7 +227,7 @@ def _text(raw: bytes, file: Path) -> str:
 def _parse(
     text: str, file: Path, stem: str, width: int | None, joint_names: tuple[str, ...]
 ) -> tuple[list[_Row], str, str | None]:
-    """Rows of one file, what tells its points apart (empty: it holds one), and the unit of its header."""
+    """Rows of one file, the separator of its points (empty for one point), and the unit of its header."""
     header: list[str] | None = None
     rows: list[_Row] = []
     block, gap = 1, False
@@ -263,10 +284,10 @@ def _any_number(cells: Sequence[str]) -> bool:
 def _row(
     cells: list[str], header: list[str] | None, joint_names: tuple[str, ...], width: int | None, where: str, block: int
 ) -> _Row:
-    point = f"\n{block}"  # no label of a file begins so
+    point = f"\n{block}"  # no label in a file begins with a line break
     if header is None:
         if width is not None and len(cells) == width + 1 and (cells[0].isdigit() or not _any_number(cells[:1])):
-            point, cells = cells[0], cells[1:]  # a number or name of the point before the joint values
+            point, cells = cells[0], cells[1:]  # first cell: number or name of the point
     else:
         bare = [re.split(r"\s*[\[(]", name)[0] for name in header]
         label = next((i for i, name in enumerate(bare) if name in POINT_COLUMNS), None)

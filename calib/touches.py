@@ -1,4 +1,4 @@
-"""What comes in: series of joint values, checked at the door, and the first guess of the tool point (eq. 12-16)."""
+"""Validation of touch series, and the initial estimate of the tool point [Yukhimets 2023, eq. 12-16]."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -9,16 +9,17 @@ from calib.arm import Arm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, real_array, shown
 
-_SAME = 1e-9  # [rad] or [m] touches closer than this are one touch written twice
-_TWO_TURNS = 4.0 * np.pi  # no joint of a touch goes further in radians; a joint in degrees soon does
-_LONGEST_SLIDE = 50.0  # [m]
-_FIT_BETTER = 3.0  # times closer together as degrees than as radians
+_SAME = 1e-9  # [rad] or [m] below this difference two touches count as one written twice
+_TWO_TURNS = 4.0 * np.pi  # [rad] beyond this a joint angle is taken as degrees
+_LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
+_FIT_BETTER = 3.0  # ratio of spreads (radians to degrees) from which the angles are taken as degrees
 
 
 def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
-    """The series as arrays (m_i, n), every one of them finite and as wide as the arm has joints.
+    """Validate the series: arrays (m_i, n), finite, as wide as the arm has joints, in radians and metres.
 
-    Raises ConfigurationError naming series, touch and joint for anything else, and for angles in degrees.
+    Raises:
+        ConfigurationError: anything else, naming series, touch and joint; also angles in degrees.
     """
     if isinstance(series, np.ndarray) and series.ndim == 2:
         raise ConfigurationError("series: expected a list of arrays (m_i, n), one per touched point, got one array")
@@ -71,10 +72,11 @@ def _refuse_degrees(series: list[Array], arm: Arm) -> None:
 
 
 def first_tcp(arm: Arm, series: Sequence[Array]) -> Array:
-    """Tool point (3,) [m] in the flange by linear least squares in each series, then their mean (eq. 13-16).
+    """Initial tool point (3,) [m] in the flange: linear least squares per series, then their mean.
 
-    (13) reads X_f + [R_f E] Lambda = 0, so that Lambda = -(Omega^T Omega)^-1 Omega^T X_f: (15) as printed lacks the
-    minus. Directions that a series' orientations leave open are set to zero there.
+    After [Yukhimets 2023, eq. 13-16]. Eq. (13) reads X_f + [R_f E] Lambda = 0, so that Lambda = -(Omega^T Omega)^-1
+    Omega^T X_f; eq. (15) as printed lacks the minus. Directions that the orientations of a series do not determine are
+    set to zero.
     """
     found = []
     for q in series:
@@ -87,7 +89,16 @@ def first_tcp(arm: Arm, series: Sequence[Array]) -> Array:
 
 
 def spread(arm: Arm, tcp: Array, series: Sequence[Array]) -> float:
-    """RMS distance [m] of the tips from their series' means."""
+    """RMS distance [m] of the tips from the mean of their series.
+
+    Args:
+        arm: kinematics.
+        tcp: (3,) [m] tool point in the flange.
+        series: joint values (m_i, n) per point.
+
+    Returns:
+        The distance over all touches.
+    """
     square, count = 0.0, 0
     for q in series:
         p = arm.tips(q, tcp)
@@ -97,9 +108,9 @@ def spread(arm: Arm, tcp: Array, series: Sequence[Array]) -> float:
 
 
 def without_repeats(series: Sequence[Array]) -> tuple[list[np.ndarray], list[str]]:
-    """Places of the touches that say something, per series, and a line on each series that lost some.
+    """Indices of the informative touches per series, and a message on each series that lost some.
 
-    A touch written twice counts once, for its copy carries no new hand; a single touch fixes nothing.
+    A touch written twice counts once, since its copy has no noise of its own. A series of a single touch is left out.
     """
     kept, lines = [], []
     for i, q in enumerate(series):

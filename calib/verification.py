@@ -1,7 +1,7 @@
-"""Verification as in paper 000: clouds of flange points against a tracker, centred, aligned, and what is left.
+"""Verification of a calibration against a tracker: clouds of flange points, centred, aligned and compared.
 
-The flange keeps its orientation, so that where the reflector sits on it does not matter. What the clouds tell is how
-well relative moves are known; alignment takes out where the base and the tracker stand.
+The procedure is that of [Yukhimets 2023]. The flange keeps its orientation, so that the reflector's place on it does
+not matter. The residuals measure the accuracy of relative moves; alignment removes the poses of base and tracker.
 """
 
 from dataclasses import dataclass
@@ -16,20 +16,20 @@ from calib.arm import Arm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
 
-TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage, paper 000
+TRACKER_NOISE = 0.015e-3  # [m] of a FARO Vantage [Yukhimets 2023]
 Alignment = Literal["kabsch", "icp"]
-_POINTS = 13  # measured in the paper
-_PLACES = 300
-_TRIES = 6  # a point
-_STEPS = 60  # of the inverse kinematics
-_ICP_STEPS = 100
+_POINTS = 13  # flange points, as many as measured in [Yukhimets 2023]
+_PLACES = 300  # maximal places of the box that are tried
+_TRIES = 6  # goals drawn per wanted point
+_STEPS = 60  # maximal iterations of the inverse kinematics
+_ICP_STEPS = 100  # maximal iterations of one ICP run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Cloud:
-    """One model's flange points through the stages of the comparison (figures 5 to 8 of the paper)."""
+    """Flange points of one model through the stages of the comparison [Yukhimets 2023, fig. 5-8]."""
 
-    raw: Array  # (N, 3) [m] in the frame of the arm's base (of the tracker, for the tracker's)
+    raw: Array  # (N, 3) [m] in the arm's base; the tracker's own in the tracker's frame
     centred: Array  # (N, 3) [m] less their mean
     aligned: Array  # (N, 3) [m] turned onto the tracker's centred points
     deviations: Array  # (N,) [m] from the tracker's points
@@ -44,10 +44,23 @@ def flange_poses(
     box: float = 0.25,
     limits: ArrayLike | None = None,
 ) -> Array:
-    """Joint values (count, n) of flange points in a box, the flange turned alike, moved to in straight lines.
+    """Joint values (count, n) of random flange points in a box, at constant orientation and branch.
 
-    The box spans `box` times the arm's reach to each side of a place drawn in front of or beside the arm, the flange
-    looks down, and the arm keeps its branch, as it does in straight moves. Raises ReachError where it cannot.
+    The box spans `box` times the arm's reach to each side of a random place in front of or beside the arm. The flange
+    looks down, and the arm keeps its branch, as it does in straight moves.
+
+    Args:
+        controller: arm as its controller models it.
+        rng: source of randomness.
+        count: number of points.
+        box: half side of the box, as a share of the arm's reach.
+        limits: (n, 2) joint limits [rad], slides [m]; by default -pi to pi.
+
+    Returns:
+        Joint values [rad], slides [m].
+
+    Raises:
+        ReachError: too few points found.
     """
     bounds = np.full((controller.n, 2), [-np.pi, np.pi])
     bounds = bounds if limits is None else checked(limits, (controller.n, 2), "limits")
@@ -73,7 +86,7 @@ def flange_poses(
 
 
 def _reach(arm: Arm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
-    """Move `q` in place to the flange pose; True if it got there within the bounds."""
+    """Move `q` in place to the flange pose; True if reached within the bounds."""
     tool = np.zeros(3)
     reached = kernels.reach_pose(
         arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, arm.n >= 6, _STEPS
@@ -90,14 +103,25 @@ def track(
     noise: float = TRACKER_NOISE,
     reflector: ArrayLike = (0, 0, 0),
 ) -> Array:
-    """What a tracker measures (N, 3) [m], in its own frame, of a reflector at `reflector` (3,) [m] in the flange."""
+    """Simulated tracker measurement (N, 3) [m], in the tracker's frame, of a reflector on the flange.
+
+    Args:
+        truth: true arm.
+        q: (N, n) joint values.
+        rng: source of randomness.
+        noise: [m] standard deviation along each axis.
+        reflector: (3,) [m] in the flange.
+
+    Returns:
+        Points in a randomly placed tracker frame.
+    """
     points = truth.tips(q, checked(reflector, (3,), "reflector"))
     R_TB = exp_so3(rng.uniform(-1.0, 1.0, 3) * np.array([0.2, 0.2, np.pi]))
     return points @ R_TB.T + rng.uniform(-3.0, 3.0, 3) + noise * rng.standard_normal(points.shape)
 
 
 def kabsch(source: Array, target: Array) -> Array:
-    """The pose (4, 4) that takes `source` (N, 3) closest to the corresponding `target` (N, 3) (Kabsch 1976)."""
+    """Rigid transform (4, 4) that best aligns `source` (N, 3) to the corresponding `target` (N, 3) [Kabsch 1976]."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     U, _, Vt = np.linalg.svd((source - a).T @ (target - b))
     turn = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
@@ -108,10 +132,10 @@ def kabsch(source: Array, target: Array) -> Array:
 
 
 def icp(source: Array, target: Array) -> Array:
-    """The same where nobody knows which point belongs to which: nearest points, Kabsch, again until they stay.
+    """Rigid transform (4, 4) as of `kabsch`, with unknown correspondences: iterative closest points.
 
-    Starts from four turns about each axis of inertia's frame and keeps the best, for clouds that are only centred may
-    be turned by anything.
+    Starts from four alignments of the principal axes and keeps the best, since clouds that are only centred may differ
+    by any rotation.
     """
     tree = cKDTree(target)
     best, best_rms = np.eye(4), np.inf
@@ -123,14 +147,14 @@ def icp(source: Array, target: Array) -> Array:
                 break
             X, before = kabsch(source, target[pairs]), pairs
         rms = float(np.sqrt(np.mean(tree.query(transform_points(X, source))[0] ** 2)))
-        # Two points on one target are no match, however close.
+        # Two points paired with one target are not a valid match.
         if before is not None and len(np.unique(before)) == len(source) and rms < best_rms:
             best, best_rms = X, rms
     return best
 
 
 def _starts(source: Array, target: Array) -> list[Array]:
-    """Poses that lay one cloud's axes of inertia on the other's, in all four ways."""
+    """Poses that align the principal axes of one cloud with those of the other, in all four ways."""
     a, b = source.mean(axis=0), target.mean(axis=0)
     axes = [np.linalg.svd(cloud - mean)[2].T for cloud, mean in ((source, a), (target, b))]
     starts = []
@@ -146,10 +170,18 @@ def _starts(source: Array, target: Array) -> list[Array]:
 
 
 def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment = "kabsch") -> dict[str, Cloud]:
-    """Each of `clouds` (N, 3) [m] against the tracker's points: centred, aligned, and what is left.
+    """Compare each of `clouds` with the tracker's points: centred, aligned, residuals.
 
-    "kabsch" takes point i of a cloud to be point i of the tracker; "icp" finds out. The result has the tracker's own
-    cloud too, under "tracker". Raises ConfigurationError for clouds of other sizes and unknown alignments.
+    Args:
+        tracker: (N, 3) [m] measured points.
+        clouds: (N, 3) [m] points per model, by name.
+        alignment: "kabsch" pairs points by index; "icp" finds the pairs.
+
+    Returns:
+        The compared clouds by name, the tracker's own under "tracker".
+
+    Raises:
+        ConfigurationError: clouds of other sizes, fewer than 3 points, unknown alignments.
     """
     if alignment not in get_args(Alignment):
         raise ConfigurationError(f"alignment: allowed {', '.join(get_args(Alignment))}, got {alignment!r}")
@@ -176,7 +208,10 @@ def compare(tracker: ArrayLike, clouds: dict[str, Array], alignment: Alignment =
 
 
 def pair_distances(tips: list[Array]) -> Array:
-    """Distances [m] between the tips (m_i, 3) of all pairs of each series, series after series (figure 4)."""
+    """Distances [m] between the tips (m_i, 3) of all pairs of each series, in order of series.
+
+    These are the values of [Yukhimets 2023, fig. 4].
+    """
     out = []
     for p in tips:
         j, s = np.triu_indices(len(p), 1)

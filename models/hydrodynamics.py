@@ -1,8 +1,8 @@
-"""What water does to each body: the coefficients, their table inside an MjSpec, and closed forms for plain shapes.
+"""Hydrodynamic coefficients of bodies: data classes, their table inside an MjSpec, and closed forms for plain shapes.
 
-Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's order). They travel
-in `body.userdata`, one row of `LAYOUT.size` numbers a body, so that a compiled `MjModel` carries them by itself and one
-stateless callback (`sim.hydrodynamics`) serves every model of the process.
+Coefficients are in the body frame, six-vectors (linear; angular) at the body-frame origin (Fossen's order). They are
+stored in `body.userdata`, one row of `LAYOUT.size` numbers per body. A compiled `MjModel` therefore carries them by
+itself, and one stateless callback (`sim.hydrodynamics`) serves every model of the process.
 """
 
 import warnings
@@ -19,23 +19,23 @@ from scipy.special import elliprd
 from sim.interfaces.errors import ConfigurationError, PhysicsWarning
 from sim.interfaces.spatial import Array, checked, readonly, rotation_from_z, skew
 
-SEA_WATER: Final = 1025.0  # [kg/m^3]
+SEA_WATER: Final = 1025.0  # [kg/m^3] default density of the water
 ORIGIN: Final = readonly([0.0, 0.0, 0.0])
-MAX_STRIPS: Final = 2  # segments with strip drag a body
-MAX_STATIONS: Final = 8  # Gauss-Legendre stations a segment
-LARGEST: Final = 1e15  # of any coefficient, SI: beyond every body, and far from overflow
-LONGEST: Final = 1e5  # [m] of any shape
-SHORTEST: Final = 1e-6  # [m]
-THINNEST: Final = 1e-6  # of any shape, to its longest extent
-UNEVEN: Final = 1e-3  # asymmetry of an added mass, to its largest number, that is rounding of a printed table
-CEILING: Final = 10.0  # [m] above z = 0, the surface of the sea: a wet body that rises so far is told of
+MAX_STRIPS: Final = 2  # segments with strip drag per body
+MAX_STATIONS: Final = 8  # Gauss-Legendre stations per segment
+LARGEST: Final = 1e15  # [SI] bound of any coefficient: beyond every real body
+LONGEST: Final = 1e5  # [m] largest extent of a shape
+SHORTEST: Final = 1e-6  # [m] smallest extent of a shape
+THINNEST: Final = 1e-6  # smallest ratio of a shape's shortest to its longest extent
+UNEVEN: Final = 1e-3  # share of the largest number by which an added mass may be asymmetric, as rounding
+CEILING: Final = 10.0  # [m] above the sea surface z = 0; a wet body above it causes a warning
 
-_STRIP_SIZE: Final = 9  # start (3), end (3), normal, tangential, number of stations
+_STRIP_SIZE: Final = 9  # numbers per strip: start (3), end (3), normal, tangential, number of stations
 _UPPER: Final = np.triu_indices(6)
 
-# Where each number lies in a row of `body_user`. The world body has its own row; both begin with the stamp, which
-# changes with the layout, so that a table of another layout (or another project) is not taken for ours. It has six
-# digits and is below 1, because MuJoCo writes MJCF with six and, from 4.0, rounds off what is small beside the rest.
+# Index of each number in a row of `body_user`. The world body has a row of its own. Both begin with a stamp that
+# changes with the layout, so that a table of another layout or project is rejected. The stamp has six digits and is
+# below 1: MuJoCo writes MJCF with six digits and, from 4.0 on, rounds off numbers that are small beside the others.
 LAYOUT: Final = SimpleNamespace(
     stamp_value=0.620263,
     stamp=0,
@@ -48,31 +48,32 @@ LAYOUT: Final = SimpleNamespace(
     strip_count=68,
     strips=69,  # MAX_STRIPS times 9
     strip_size=_STRIP_SIZE,
-    body_density=69 + MAX_STRIPS * _STRIP_SIZE,  # of the water; the world's own counts where there is one
+    body_density=69 + MAX_STRIPS * _STRIP_SIZE,  # [kg/m^3] of the water; the world's own takes precedence
     size=70 + MAX_STRIPS * _STRIP_SIZE,
-    # the world; MJCF does not keep it
+    # the world; MJCF does not keep this row
     density=1,
     current_acceleration=2,  # 3
     current_shear=5,  # 3
-    compiled=8,  # the sum of dof_invweight0, once sim.hydrodynamics.compile has made it wet
-    drag_rate=9,  # [1/s] of drag over inertia: at rest, and what each m/s, rad/s adds to it
-    ceiling=11,  # [m] above z = 0; a wet body that rises higher is told of (`attach` sets CEILING)
-    seen=12,  # sum of TOO_FAST, TOO_HIGH, INDEFINITE: what the callback has met; it adds each once
-    told=13,  # those of them that Python has warned of
+    compiled=8,  # sum of dof_invweight0, set by sim.hydrodynamics.compile
+    drag_rate=9,  # 2: drag over inertia [1/s] at rest, and its increase per m/s or rad/s
+    ceiling=11,  # [m] above z = 0; a wet body above it causes a warning (`attach` sets CEILING)
+    seen=12,  # sum of the flags TOO_FAST, TOO_HIGH, INDEFINITE met by the callback, each added once
+    told=13,  # the flags already reported by a Python warning
 )
-TOO_FAST: Final = 1  # drag beyond what the step was judged for
-TOO_HIGH: Final = 2  # above the ceiling
-INDEFINITE: Final = 4  # the inertia with the added mass was not positive definite
+TOO_FAST: Final = 1  # flag: drag beyond the range for which the time step was found stable
+TOO_HIGH: Final = 2  # flag: a wet body above the ceiling
+INDEFINITE: Final = 4  # flag: inertia with added mass not positive definite
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StripDrag:
     """Drag of a slender part, integrated along a segment by Gauss-Legendre stations.
 
-    Each station has its own velocity, so a swinging link is damped as it should be, which one 6x6 row cannot do.
-    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t` (cross-flow principle; Faltinsen 1990, section 7).
+    Each station has its own velocity, so that a swinging link is damped correctly, which a single 6x6 matrix cannot do.
+    Force per length: `-normal |u_n| u_n - tangential |u_t| u_t`, the cross-flow principle [Faltinsen 1990, section 7].
 
-    Raises ConfigurationError if a number is not finite, negative, or the segment has no length.
+    Raises:
+        ConfigurationError: a number that is not finite or is negative, or a segment without length.
     """
 
     start: Array  # (3,) [m], body frame
@@ -94,12 +95,15 @@ class StripDrag:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyHydrodynamics:
-    """Hydrodynamics of one body, in its body frame. Arrays are read-only copies.
+    """Hydrodynamic coefficients of one body, in its body frame. Arrays are read-only copies.
 
-    Raises ConfigurationError if a shape is wrong, a number is not finite or beyond `LARGEST` (lengths: `LONGEST`), the
-    volume or a damping is negative, the added mass is not symmetric or not positive semidefinite, or the symmetric
-    part of the linear damping is not. An asymmetry within 1e-3 of the largest number, as printed tables have, is taken
-    out, with a PhysicsWarning.
+    An asymmetry of the added mass within 1e-3 of its largest number, as printed tables have, is removed with a
+    PhysicsWarning.
+
+    Raises:
+        ConfigurationError: a wrong shape; a number that is not finite or beyond `LARGEST` (lengths: `LONGEST`); a
+            negative volume or damping; an added mass that is not symmetric or not positive semidefinite; a linear
+            damping whose symmetric part is not positive semidefinite.
     """
 
     volume: float  # [m^3] of displaced water
@@ -123,20 +127,26 @@ class BodyHydrodynamics:
 
     @property
     def segments(self) -> tuple[StripDrag, ...]:
-        """`strips`, as the tuple it is kept as."""
+        """The strips as the tuple that they are stored as."""
         assert isinstance(self.strips, tuple)
         return self.strips
 
 
 def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_density: float | None = None) -> None:
-    """Write the coefficients of `bodies` (by name) and the water's density [kg/m^3] into `spec`.
+    """Write the coefficients of `bodies` and the density of the water into `spec`.
 
-    May be called again, for other bodies or to replace; the last density that is given holds for all (by default the
-    one that the spec has, else `SEA_WATER`). The rows of bodies survive `MjSpec.attach` and MJCF (which keeps six
-    digits). A body welded to the world keeps its coefficients but feels nothing.
+    Repeated calls add or replace bodies; the last density given holds for all. The rows of bodies survive
+    `MjSpec.attach` and MJCF (which keeps six digits). A body welded to the world keeps its coefficients but no force
+    acts on it.
 
-    Raises ConfigurationError for what is no MjSpec or no mapping, an unknown body, a density that is not positive, or
-    user data that is not ours.
+    Args:
+        spec: model to extend.
+        bodies: coefficients by body name.
+        water_density: [kg/m^3]; by default that of the spec, else `SEA_WATER`.
+
+    Raises:
+        ConfigurationError: no MjSpec, no mapping, an unknown body, a density that is not positive, or foreign user
+            data.
     """
     _check_spec(spec)
     if not isinstance(bodies, Mapping):
@@ -155,7 +165,7 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
         if len(body.userdata) and not carries(body.userdata):
             raise ConfigurationError(f"body {body.name}: its user data is taken by something else")
 
-    if spec.nuser_body >= 0:  # else MuJoCo takes the longest row, and attaching specs makes no conflict
+    if spec.nuser_body >= 0:  # if negative, MuJoCo takes the longest row, and attached specs do not conflict
         spec.nuser_body = max(spec.nuser_body, LAYOUT.size)
     world = _row_of(spec.worldbody)
     world[LAYOUT.density] = density
@@ -173,9 +183,10 @@ def attach(spec: mujoco.MjSpec, bodies: Mapping[str, BodyHydrodynamics], water_d
 
 
 def density_of(spec: mujoco.MjSpec) -> float:
-    """Density of the water [kg/m^3] that `spec` carries: the world's, else that of its bodies, else `SEA_WATER`.
+    """Density of the water [kg/m^3] in `spec`: the world's, else that of its bodies, else `SEA_WATER`.
 
-    Raises ConfigurationError if the bodies do not agree.
+    Raises:
+        ConfigurationError: the bodies have different densities.
     """
     if carries(spec.worldbody.userdata):
         return float(spec.worldbody.userdata[LAYOUT.density])
@@ -184,15 +195,17 @@ def density_of(spec: mujoco.MjSpec) -> float:
 
 
 def is_wet(model: mujoco.MjModel) -> bool:
-    """Whether any row of a compiled model, of the world or of a body, is one of ours."""
+    """True if any row of a compiled model, of the world or of a body, holds hydrodynamics."""
     return any(carries(row) for row in model.body_user)
 
 
 def water_density(model: mujoco.MjModel) -> float:
-    """Density of the water [kg/m^3] of a compiled model that is wet: the world's, else that of its bodies.
+    """Density of the water [kg/m^3] of a compiled wet model: the world's, else that of its bodies.
 
-    MuJoCo keeps only the bodies' rows in MJCF, so a model that it loads by itself has no water of the world.
-    Raises ConfigurationError if the bodies do not agree, or nothing is wet.
+    MJCF keeps only the bodies' rows, so a model that MuJoCo loads by itself has no row of the world.
+
+    Raises:
+        ConfigurationError: the bodies have different densities, or the model has no hydrodynamics.
     """
     if carries(model.body_user[0]):
         return float(model.body_user[0, LAYOUT.density])
@@ -205,9 +218,10 @@ def water_density(model: mujoco.MjModel) -> float:
 
 
 def world_row(model: mujoco.MjModel) -> Array:
-    """The world's row of a compiled model that is wet, a live view; where there is none it is made, with its density.
+    """Row of the world of a compiled wet model, as a live view; created with its density where missing.
 
-    Raises ConfigurationError as `water_density` does.
+    Raises:
+        ConfigurationError: as `water_density`.
     """
     row = model.body_user[0]
     if not carries(row):
@@ -219,12 +233,20 @@ def world_row(model: mujoco.MjModel) -> Array:
 def set_current(
     spec: mujoco.MjSpec, velocity: ArrayLike = ORIGIN, acceleration: ArrayLike = ORIGIN, shear: ArrayLike = ORIGIN
 ) -> None:
-    """Set the current: its velocity (3,) [m/s] at z = 0, acceleration (3,) [m/s^2] and shear dv/dz (3,) [1/s].
+    """Set the current: velocity at z = 0, acceleration and shear, in world axes.
 
-    World axes; a body feels the current at its own origin. In a compiled model the velocity is `model.opt.wind` and the
-    others are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`. MJCF keeps only the
+    A body is exposed to the current at its own origin. In a compiled model the velocity is `model.opt.wind`. The others
+    are in `model.body_user[0]` at `LAYOUT.current_acceleration` and `LAYOUT.current_shear`. MJCF keeps only the
     velocity.
-    Raises ConfigurationError for what is no MjSpec, a wrong shape, or if `attach` has not been called.
+
+    Args:
+        spec: model with hydrodynamics attached.
+        velocity: (3,) [m/s] at z = 0.
+        acceleration: (3,) [m/s^2].
+        shear: (3,) [1/s] dv/dz.
+
+    Raises:
+        ConfigurationError: no MjSpec, a wrong shape, or `attach` has not been called.
     """
     _check_spec(spec)
     if not any(carries(body.userdata) for body in spec.bodies):
@@ -238,18 +260,18 @@ def set_current(
 
 
 def attached(spec: mujoco.MjSpec) -> dict[str, BodyHydrodynamics]:
-    """The coefficients that `spec` carries, by body name."""
+    """Coefficients stored in `spec`, by body name."""
     return {body.name: unpack(body.userdata) for body in spec.bodies[1:] if carries(body.userdata)}
 
 
 def carries(row: ArrayLike) -> bool:
-    """Whether a row of user data is one of ours."""
+    """True if a row of user data holds hydrodynamics in the current layout."""
     row = np.asarray(row)
     return len(row) >= LAYOUT.size and row[LAYOUT.stamp] == LAYOUT.stamp_value
 
 
 def pack(body: BodyHydrodynamics) -> Array:
-    """The row (LAYOUT.size,) of `body`."""
+    """Encode `body` as a row (LAYOUT.size,) of user data."""
     row = np.zeros(LAYOUT.size)
     row[LAYOUT.stamp] = LAYOUT.stamp_value
     row[LAYOUT.volume] = body.volume
@@ -270,10 +292,12 @@ def pack(body: BodyHydrodynamics) -> Array:
 
 
 def unpack(row: ArrayLike) -> BodyHydrodynamics:
-    """The coefficients in a row of `body_user`; the inverse of `pack`.
+    """Decode a row of `body_user`; the inverse of `pack`.
 
-    What MJCF's six digits take from a semidefinite matrix is put back: the nearest semidefinite one is returned.
-    Raises ConfigurationError if the row holds what `BodyHydrodynamics` refuses.
+    A semidefinite matrix that lost this property to MJCF's six digits is replaced by the nearest semidefinite one.
+
+    Raises:
+        ConfigurationError: the row holds numbers that `BodyHydrodynamics` refuses.
     """
     row = checked(row, np.shape(row), "hydrodynamics of a body")
     added_mass = np.zeros((6, 6))
@@ -307,14 +331,23 @@ def unpack(row: ArrayLike) -> BodyHydrodynamics:
 def trim(
     spec: mujoco.MjSpec, body: str, *, metacentric_height: float, qpos: ArrayLike | None = None
 ) -> BodyHydrodynamics:
-    """Ballast the tree of `body`: choose that body's volume and centre of buoyancy so that the tree floats at rest.
+    """Ballast the tree of `body`: set that body's volume and centre of buoyancy so that the tree floats at rest.
 
-    Afterwards, in the pose `qpos` (nq,) (default: qpos0), the tree's buoyancy equals its weight and its centre of
-    buoyancy lies `metacentric_height` [m] straight above its centre of mass (against gravity). Every other coefficient
-    stays. All bodies must have theirs attached first. Returns what is now attached to `body`.
+    Afterwards the tree's buoyancy equals its weight. Its centre of buoyancy lies straight above its centre of mass,
+    against gravity. Every other coefficient stays. All bodies must have their coefficients attached first.
 
-    Raises ConfigurationError for what is no MjSpec or no number, if `body` carries no coefficients, gravity is zero,
-    `qpos` has the wrong shape, or the other bodies alone already displace more than the tree weighs.
+    Args:
+        spec: model, changed in place.
+        body: name of the body to ballast.
+        metacentric_height: [m] centre of buoyancy above the centre of mass.
+        qpos: (nq,) pose of the vehicle; by default qpos0.
+
+    Returns:
+        The coefficients now attached to `body`.
+
+    Raises:
+        ConfigurationError: no MjSpec or no number, no coefficients on `body`, zero gravity, a wrong shape of `qpos`, or
+            other bodies that alone displace more than the tree weighs.
     """
     _check_spec(spec)
     here = attached(spec)
@@ -365,10 +398,19 @@ def trim(
 def sphere(
     radius: float, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 0.47, water_density: float = SEA_WATER
 ) -> BodyHydrodynamics:
-    """A sphere of `radius` [m] at `center` (3,) [m].
+    """Hydrodynamics of a sphere.
 
-    Added mass half the displaced (Lamb, Hydrodynamics, art. 92); drag coefficient at Reynolds 1e4 to 1e5 (Hoerner 3-8).
-    Drag acts at the body origin, so keep `center` near it or use strips.
+    Added mass is half the displaced mass [Lamb 1932, art. 92]. The drag coefficient is that at Reynolds numbers of 1e4
+    to 1e5 [Hoerner 1965, p. 3-8]. Drag acts at the body origin, so keep `center` near it or use strips.
+
+    Args:
+        radius: [m].
+        center: (3,) [m] in the body frame.
+        drag_coefficient: on the frontal area.
+        water_density: [kg/m^3].
+
+    Returns:
+        Coefficients at the body origin.
     """
     radius, center = float(_lengths([radius], (1,), "radius [m]")[0]), _bounded(center, (3,), "center [m]", LONGEST)
     water_density = _positive(water_density, "water_density [kg/m^3]")
@@ -391,10 +433,19 @@ def ellipsoid(
     drag_coefficient: float = 0.47,
     water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:
-    """An ellipsoid with `semi_axes` (3,) [m] along the body axes, at `center` (3,) [m].
+    """Hydrodynamics of an ellipsoid with semi-axes along the body axes.
 
-    Added mass from Lamb, Hydrodynamics, art. 114 and 115 (for two equal axes these are his k-factors of spheroids);
-    the drag coefficient is on the frontal area of each axis. Drag acts at the body origin.
+    Added mass is that of [Lamb 1932, art. 114 and 115]; for two equal axes these are his k-factors of spheroids. Drag
+    acts at the body origin.
+
+    Args:
+        semi_axes: (3,) [m].
+        center: (3,) [m] in the body frame.
+        drag_coefficient: on the frontal area of each axis.
+        water_density: [kg/m^3].
+
+    Returns:
+        Coefficients at the body origin.
     """
     a, b, c = axes = _lengths(semi_axes, (3,), "semi_axes [m]")
     center = _bounded(center, (3,), "center [m]", LONGEST)
@@ -413,19 +464,29 @@ def ellipsoid(
 def box(
     size: ArrayLike, *, center: ArrayLike = ORIGIN, drag_coefficient: float = 1.05, water_density: float = SEA_WATER
 ) -> BodyHydrodynamics:
-    """A rectangular prism with edges `size` (3,) [m] along the body axes, at `center` (3,) [m]. An estimate.
+    """Estimated hydrodynamics of a rectangular prism with edges along the body axes.
 
-    Added mass along each axis from DNV-RP-C205 table D-2 (square prism of the same frontal area, square plate as the
-    length goes to 0), in rotation as the ellipsoid in the box, scaled by the volumes. Drag on the frontal areas
-    (cube, Hoerner 3-17), in rotation the same coefficient on the local speed of each face; it acts at the body origin.
+    Added mass along each axis is from [DNV C205, table D-2]: the square prism of the same frontal area, tending to a
+    square plate as the length goes to 0. In rotation it is that of the inscribed ellipsoid, scaled by the volumes. Drag
+    acts on the frontal areas (cube, [Hoerner 1965, p. 3-17]). In rotation the same coefficient applies to the local
+    speed of each face. Drag acts at the body origin.
+
+    Args:
+        size: (3,) [m] edges.
+        center: (3,) [m] in the body frame.
+        drag_coefficient: on the frontal areas.
+        water_density: [kg/m^3].
+
+    Returns:
+        Coefficients at the body origin.
     """
     edges, center = _lengths(size, (3,), "size [m]"), _bounded(center, (3,), "center [m]", LONGEST)
     water_density = _positive(water_density, "water_density [kg/m^3]")
     drag_coefficient = _not_negative(drag_coefficient, "drag_coefficient")
     volume = float(np.prod(edges))
     area = volume / edges
-    side = np.sqrt(area)  # [m] of the square of equal frontal area
-    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), and flat for long ones.
+    side = np.sqrt(area)  # [m] side of the square of equal frontal area
+    # C_A b/a over b/a: finite at 0, where the prism becomes a plate (0.579 pi/4 a^3), constant if long.
     slenderness = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 10.0]
     reduced = [0.579 * np.pi / 4.0, 0.68, 0.72, 0.72, 0.76, 0.75, 0.78, 0.77, 0.80]
     translation = water_density * side**3 * np.interp(edges / side, slenderness, reduced)
@@ -450,11 +511,25 @@ def cylinder(
     stations: int = 4,
     water_density: float = SEA_WATER,
 ) -> BodyHydrodynamics:
-    """A slender cylinder of `radius` [m] from `start` (3,) to `end` (3,) [m], body frame: a link of an arm.
+    """Hydrodynamics of a slender cylinder, such as a link of an arm.
 
-    Added mass by strip theory: the displaced mass across, none along (Newman, Marine Hydrodynamics, 4.15). Drag as one
-    strip: cross flow on the diameter, skin friction on the circumference (Hoerner 3-9, 3-12).
-    Raises ConfigurationError if the radius is not positive or the ends coincide.
+    Added mass is by strip theory: the displaced mass across, none along [Newman 1977, section 4.15]. Drag is one strip:
+    cross flow on the diameter, skin friction on the circumference [Hoerner 1965, p. 3-9 and 3-12].
+
+    Args:
+        radius: [m].
+        start: (3,) [m] of one end, body frame.
+        end: (3,) [m] of the other end, body frame.
+        normal_coefficient: drag coefficient across, on the diameter.
+        friction_coefficient: drag coefficient along, on the circumference.
+        stations: Gauss-Legendre stations of the strip.
+        water_density: [kg/m^3].
+
+    Returns:
+        Coefficients at the body origin.
+
+    Raises:
+        ConfigurationError: a radius that is not positive, or ends that coincide.
     """
     radius = float(_lengths([radius], (1,), "radius [m]")[0])
     water_density = _positive(water_density, "water_density [kg/m^3]")
@@ -480,7 +555,16 @@ def cylinder(
 
 
 def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array:
-    """Added mass (6, 6), given in a shape's own frame, in a body frame where that frame has pose (`R`, `p` [m])."""
+    """Transform an added mass from a shape's own frame to the body frame.
+
+    Args:
+        added_mass: (6, 6) at the shape's origin, in its axes.
+        R: (3, 3) orientation of the shape in the body frame.
+        p: (3,) [m] origin of the shape in the body frame.
+
+    Returns:
+        Added mass (6, 6) at the body origin, in body axes.
+    """
     turn = np.kron(np.eye(2), checked(R, (3, 3), "R"))
     shift = np.eye(6)
     shift[:3, 3:] = -skew(checked(p, (3,), "p [m]"))
@@ -489,7 +573,10 @@ def moved_added_mass(added_mass: ArrayLike, R: ArrayLike, p: ArrayLike) -> Array
 
 
 def _ellipsoid_factors(axes: Array) -> Array:
-    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid (Lamb, art. 114 (8), 115 (5))."""
+    """Added mass over displaced mass (6,) [-, -, -, m^2, m^2, m^2] of an ellipsoid [Lamb 1932, art. 114, 115].
+
+    Equations (8) of article 114 and (5) of article 115.
+    """
     squares = axes**2
     # Lamb's alpha_0 = abc int_0^inf dl / ((a^2 + l) Delta), which is 2/3 abc R_D.
     alpha = np.array(
@@ -501,7 +588,7 @@ def _ellipsoid_factors(axes: Array) -> Array:
         j, k = (i + 1) % 3, (i + 2) % 3
         difference, total = squares[j] - squares[k], squares[j] + squares[k]
         slip = alpha[k] - alpha[j]
-        if abs(difference) > 1e-9 * total:  # a body of revolution drags no water when it spins
+        if abs(difference) > 1e-9 * total:  # a body of revolution has no added inertia about its axis
             factors[3 + i] = difference**2 * slip / (5.0 * (2.0 * difference - total * slip))
     return factors
 
@@ -515,7 +602,7 @@ def _check_spec(spec: mujoco.MjSpec) -> None:
 
 
 def _common_density(rows: dict[str, float]) -> float:
-    """The density [kg/m^3] on which all rows, by body name, agree."""
+    """Common density [kg/m^3] of all rows, given by body name."""
     if len(set(rows.values())) > 1:
         listed = ", ".join(f"{name} {density:g}" for name, density in rows.items())
         raise ConfigurationError(f"the bodies carry waters of different density [kg/m^3]: {listed}; attach one to all")
@@ -597,7 +684,7 @@ def _semidefinite(matrix: Array, name: str) -> Array:
 
 
 def _restored(symmetric: Array) -> Array:
-    """`symmetric` (6, 6) itself, or the nearest semidefinite matrix if it lacks that only by rounding to six digits."""
+    """`symmetric` (6, 6), or the nearest semidefinite matrix where rounding to six digits made it indefinite."""
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     if not -1e-5 * eigenvalues[-1] < eigenvalues[0] < -1e-9 * eigenvalues[-1]:
         return symmetric

@@ -1,4 +1,4 @@
-"""MJCF files of users: read and compiled once, at the door, so that what is wrong with them is told there."""
+"""Reader of users' MJCF files: each is read, compiled and validated once, with one clear error where it is wrong."""
 
 from pathlib import Path
 
@@ -9,22 +9,29 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.files import existing_file, text_of
 from sim.interfaces.spatial import shown
 
-_LARGEST = 1e6  # [m] or [kg] and the like, beyond which a number is a slip
+_LARGEST = 1e6  # [SI] magnitude beyond which a number is taken as an input error
 _JUDGED = ("qpos0", "body_pos", "body_mass", "body_inertia", "geom_size", "geom_pos", "site_pos", "actuator_gear")
 
 
 def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Spec and compiled model of an MJCF, whatever its ending.
+    """Read and compile an MJCF file, whatever its ending.
 
-    Raises ConfigurationError that begins with `what` where MuJoCo cannot read or compile it, and where a number of it
-    is none, or beyond reason.
+    Args:
+        file: path.
+        what: name of the file's role, with which errors begin.
+
+    Returns:
+        Spec and compiled model.
+
+    Raises:
+        ConfigurationError: MuJoCo cannot read or compile it, or a number is not finite or beyond 1e6.
     """
     path = existing_file(file, what)
     name = f"{what} {shown(str(path))}"
     try:
         if path.suffix.lower() == ".xml":
             spec = mujoco.MjSpec.from_file(str(path))
-        else:  # MuJoCo tells what a file is by its ending
+        else:  # MuJoCo takes the format from the ending, so other endings are read as text
             spec = mujoco.MjSpec.from_string(text_of(path, what))
             spec.modelfiledir = str(path.parent)
     except (ValueError, mujoco.FatalError) as error:
@@ -35,7 +42,7 @@ def read_mjcf(file: str | Path, what: str) -> tuple[mujoco.MjSpec, mujoco.MjMode
         raise ConfigurationError(f"{name}: MuJoCo cannot compile it: {error}") from error
     for field in _JUDGED:
         values = np.asarray(getattr(model, field))
-        if not np.all(np.abs(values) <= _LARGEST):  # NaN neither
+        if not np.all(np.abs(values) <= _LARGEST):  # this form also catches NaN
             worst = values.flat[int(np.argmax(np.where(np.isfinite(values), np.abs(values), np.inf)))]
             raise ConfigurationError(f"{name}: {field} must be finite and within {_LARGEST:g}, got {worst:g}")
     return spec, model

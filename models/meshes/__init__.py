@@ -1,1 +1,1 @@
-"""Triangle meshes: files, closed surfaces, convex parts, nearest points, first hits of rays."""
+"""Triangle meshes: files, closed shells, convex decomposition, nearest points, ray casting."""

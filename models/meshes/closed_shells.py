@@ -1,4 +1,4 @@
-"""Closed surfaces to build objects from, and what is asked of any triangle mesh: welding, closedness, normals.
+"""Closed triangle meshes of simple shapes, and operations on meshes: welding, closedness, volume, normals, subdivision.
 
 Triangles wind counter-clockwise seen from outside.
 """
@@ -11,14 +11,17 @@ from numpy.typing import ArrayLike
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-_WELD = 1e-7  # [m] below which two vertices are one
+_WELD = 1e-7  # [m] distance below which two vertices are merged
 
 
 def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
-    """The closed surface swept by `profile` (P, 2) [m], rows (x, radius), turned about x in `sides` steps.
+    """Closed surface of revolution of `profile` (P, 2) [m], rows (x, radius), about x in `sides` steps.
 
-    The first and last radius must be 0. Returns vertices (V, 3) and triangles (T, 3), seen from outside
-    counter-clockwise for a profile that runs from -x to +x. Raises ConfigurationError for an open profile.
+    Returns:
+        Vertices (V, 3) [m] and triangles (T, 3), counter-clockwise from outside for a profile from -x to +x.
+
+    Raises:
+        ConfigurationError: the first or last radius is not 0.
     """
     x, radius = np.asarray(profile, dtype=np.float64).T
     if radius[0] != 0.0 or radius[-1] != 0.0:
@@ -43,7 +46,7 @@ def revolve(profile: ArrayLike, sides: int) -> tuple[Array, np.ndarray]:
 
 
 def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
-    """The closed surface between two convex polygons of as many corners (N, 3) [m] each, counter-clockwise."""
+    """Closed surface between two convex polygons (N, 3) [m] with equally many corners, both counter-clockwise."""
     low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
     n = len(low)
     i = np.arange(n)
@@ -61,7 +64,7 @@ def prism(lower: ArrayLike, upper: ArrayLike) -> tuple[Array, np.ndarray]:
 
 
 def box(size: ArrayLike, middle: ArrayLike) -> tuple[Array, np.ndarray]:
-    """A box of `size` (3,) [m] around `middle` (3,) [m]."""
+    """Closed box of `size` (3,) [m] around `middle` (3,) [m]."""
     half = 0.5 * np.asarray(size, dtype=np.float64)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half[:2]
     low = np.column_stack([corners, np.full(4, -half[2])]) + middle
@@ -69,7 +72,7 @@ def box(size: ArrayLike, middle: ArrayLike) -> tuple[Array, np.ndarray]:
 
 
 def sphere(level: int) -> tuple[Array, np.ndarray]:
-    """The unit sphere as an icosahedron whose triangles are cut in four `level` times."""
+    """Unit sphere: an icosahedron whose triangles are divided in four `level` times."""
     g = 0.5 * (1.0 + np.sqrt(5.0))
     corners = [[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g], [0, -1, -g], [0, 1, -g]]
     vertices = np.array([*corners, [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]], dtype=np.float64)
@@ -82,7 +85,7 @@ def sphere(level: int) -> tuple[Array, np.ndarray]:
 
 
 def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray]:
-    """Several meshes (vertices (V, 3), triangles (T, 3)) as one, not welded."""
+    """Concatenate several meshes (vertices (V, 3), triangles (T, 3)) without welding."""
     vertices, triangles, count = [], [], 0
     for points, faces in parts:
         vertices.append(points)
@@ -92,10 +95,19 @@ def joined(parts: Iterable[tuple[Array, np.ndarray]]) -> tuple[Array, np.ndarray
 
 
 def welded(vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD) -> tuple[Array, np.ndarray]:
-    """The same mesh with vertices nearer than about `distance` [m] made one; what collapses by it is left out."""
+    """Merge vertices that are nearer than about `distance`, and drop triangles that collapse by it.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3) indices.
+        distance: [m] grid size of the merge.
+
+    Returns:
+        The remaining vertices and triangles.
+    """
     points = np.asarray(vertices, dtype=np.float64)
     _, first, index = np.unique(np.round(points / distance), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # vertices keep their order
+    order = np.argsort(first)  # keeps the order of the vertices
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     faces = place[index.ravel()][triangles]
@@ -104,7 +116,7 @@ def welded(vertices: ArrayLike, triangles: np.ndarray, distance: float = _WELD) 
 
 
 def open_edges(triangles: np.ndarray) -> int:
-    """How many directed edges of `triangles` (T, 3) have not exactly one opposite: 0 for closed, manifold shells."""
+    """Number of directed edges of `triangles` (T, 3) without exactly one opposite: 0 for closed, manifold shells."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     count = int(triangles.max()) + 1
     key, times = np.unique(edges[:, 0] * count + edges[:, 1], return_counts=True)
@@ -113,13 +125,13 @@ def open_edges(triangles: np.ndarray) -> int:
 
 
 def volume(vertices: Array, triangles: np.ndarray) -> float:
-    """Volume [m^3] inside closed triangles; shells that overlap count each, one turned inside out counts negative."""
+    """Enclosed volume [m^3] of closed triangles; overlapping shells add up, inverted ones count negative."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) / 6.0
 
 
 def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
-    """Unit normals (V, 3), the mean over a vertex's triangles by area; zero where it has none."""
+    """Unit normals (V, 3) at the vertices, area-weighted over their triangles; zero at vertices without triangle."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     cross = np.cross(b - a, c - a)
     normals = np.zeros_like(vertices)
@@ -130,9 +142,18 @@ def vertex_normals(vertices: Array, triangles: np.ndarray) -> Array:
 
 
 def split(vertices: Array, triangles: np.ndarray, chosen: np.ndarray, longest: float) -> tuple[Array, np.ndarray]:
-    """Cut every edge of the `chosen` triangles (T,) that is longer than `longest` [m] at its middle.
+    """Bisect every edge of the `chosen` triangles that is longer than `longest`.
 
-    Neighbours are cut along, so that a closed mesh stays closed.
+    Neighbouring triangles are divided along, so that a closed mesh stays closed.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3) indices.
+        chosen: (T,) bool.
+        longest: [m] edge length that is kept.
+
+    Returns:
+        Vertices and triangles of the finer mesh.
     """
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1)  # (T, 3, 2)
     key = ends[..., 0] * len(vertices) + ends[..., 1]

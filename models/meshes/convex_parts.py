@@ -1,8 +1,8 @@
-"""A surface that is not convex, cut into convex parts that touch as it does: MuJoCo collides a mesh as its hull.
+"""Convex decomposition of a surface for collision, since MuJoCo collides a mesh as its convex hull.
 
-Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid. All triangles are in
-some part, so what is felt nowhere lies under the surface; a patch is cut in two until its hull nowhere lies more than
-a tolerance over it. Parts follow the form: long where it is flat or bulges, small where it is hollow.
+Each part is the hull of a patch of triangles and of the same patch shrunk and sunk into the solid. All triangles belong
+to some part, so the collision surface has no holes. A patch is halved until its hull nowhere protrudes from the surface
+by more than a tolerance. Parts follow the shape: long where it is flat or convex, small where it is concave.
 """
 
 from dataclasses import dataclass
@@ -16,18 +16,26 @@ from models.meshes.ray_casting import RayScene
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
 
-TOLERANCE = 5e-4  # [m] that a part may stand out of the surface
-SUNK = 0.012  # [m] that a patch is sunk into the solid, at most
-_SAMPLE = 0.006  # [m] between the points of the surface at which a part is judged
-_UNDER = 1e-5  # [m] under the surface at which rays out of a part begin
-_MANY = 400_000  # points to judge at; a larger object is judged more coarsely
+TOLERANCE = 5e-4  # [m] by which a part may protrude from the surface
+SUNK = 0.012  # [m] largest depth to which a patch is sunk into the solid
+_SAMPLE = 0.006  # [m] spacing of the surface samples at which protrusion is measured
+_UNDER = 1e-5  # [m] depth below the surface at which rays out of a part begin
+_MANY = 400_000  # largest number of samples; larger objects get a coarser spacing
 
 
 def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) -> tuple[Array, ...]:
-    """Corners (n, 3) [m] of convex parts whose union has the surface of the mesh, to within `tolerance` [m] outwards.
+    """Corners (n, 3) [m] of convex parts whose union reproduces the surface of a mesh.
 
-    The triangles (T, 3) wind counter-clockwise seen from outside; they need not be closed, and those without area are
-    left out. Raises ConfigurationError for a tolerance that is not positive or a mesh that has no area at all.
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (T, 3), counter-clockwise from outside; need not be closed. Those without area are left out.
+        tolerance: [m] largest protrusion of a part from the surface.
+
+    Returns:
+        One array of corners per part.
+
+    Raises:
+        ConfigurationError: a tolerance that is not positive, or a mesh without area.
     """
     if not tolerance > 0.0:
         raise ConfigurationError(f"convex parts: tolerance must be > 0 m, got {tolerance}")
@@ -38,7 +46,7 @@ def parts(vertices: Array, triangles: np.ndarray, tolerance: float = TOLERANCE) 
     )
 
 
-@lru_cache(maxsize=8)  # a study builds the same scene many times
+@lru_cache(maxsize=8)  # studies build the same scene many times
 def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, ...]:
     points, faces = welded(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(triangles, np.int64).reshape(-1, 3))
     faces = _with_area(points, faces)
@@ -52,7 +60,7 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
         if hull is not None:
             found.append(readonly(hull))
             continue
-        # Across the longest extent of the patch, where its triangles divide in halves.
+        # Halve the patch across its principal axis, with equally many triangles on each side.
         spread = middles[patch] - middles[patch].mean(axis=0)
         along = spread @ np.linalg.eigh(spread.T @ spread)[1][:, -1]
         order = np.argsort(along, kind="stable")
@@ -61,7 +69,7 @@ def _parts(vertices: bytes, triangles: bytes, tolerance: float) -> tuple[Array, 
 
 
 def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
-    """Those of the triangles (T, 3) that have a normal."""
+    """Triangles (T, 3) with nonzero area."""
     a, b, c = points[faces].transpose(1, 0, 2)
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     faces = faces[area > 1e-12 * area.max(initial=0.0)]
@@ -72,7 +80,7 @@ def _with_area(points: Array, faces: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Judged:
-    """The mesh, and points spread over it at which parts are judged."""
+    """A mesh with sample points on its surface, at which the protrusion of convex parts is measured."""
 
     points: Array  # (V, 3) [m]
     faces: np.ndarray  # (T, 3)
@@ -82,13 +90,14 @@ class _Judged:
 
     @classmethod
     def of(cls, points: Array, faces: np.ndarray) -> "_Judged":
+        """Sample the surface of a mesh evenly."""
         a, b, c = points[faces].transpose(1, 0, 2)
         cross = np.cross(b - a, c - a)
         double_area = np.linalg.norm(cross, axis=1)
         normals = cross / double_area[:, None]
         step = max(_SAMPLE, float(np.sqrt(0.5 * double_area.sum() / _MANY)))
         samples, owners = [points], [vertex_normals(points, faces)]
-        # Even barycentric grids, as fine as each triangle is large.
+        # Even barycentric grids, finer for larger triangles.
         longest = np.sqrt(np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0))
         level = np.clip(np.ceil(longest / step), 1, 60).astype(int)
         for n in np.unique(level):
@@ -105,13 +114,13 @@ class _Judged:
         return cls(points, faces, normals, spread[order], facing[order])
 
     def hull(self, patch: np.ndarray, tolerance: float) -> Array | None:
-        """The corners of the hull of triangles `patch` (K,), sunk in; None if it stands out of the surface."""
+        """Corners of the sunk hull of triangles `patch` (K,), or None if it protrudes from the surface."""
         faces = self.faces[patch]
         corners = self.points[np.unique(faces)]
         normal = self.normals[patch].mean(axis=0)
         length = float(np.linalg.norm(normal))
         if len(patch) > 200:
-            # Quick refusal: some corner lies well over the plane of some triangle.
+            # Quick rejection: some corner lies far outside the plane of some triangle.
             some = patch[:: len(patch) // 100]
             over = (corners - self.points[self.faces[some, 0]][:, None]) @ self.normals[some][:, :, None]
             if float(over.max()) > 20.0 * tolerance:
@@ -129,13 +138,13 @@ class _Judged:
                 return solid[shape.vertices]
             if len(patch) > 4:
                 return None
-        # One or a few triangles of something thin: as thin a part as can be.
+        # One or a few triangles of a thin object: the part is as thin as possible.
         return None if len(patch) > 1 else _wedge(corners, self.normals[patch[0]], tolerance)
 
     def _stands_out(self, shape: ConvexHull, solid: Array, enough: float) -> float:
-        """The longest way [m] out of the hull from a point of the surface in it, along the surface's normal.
+        """Largest protrusion [m] of the hull from the surface, along the surface's normal at the samples inside it.
 
-        Once that exceeds `enough` [m] no longer one is looked for.
+        The search ends once it exceeds `enough` [m].
         """
         low, high = solid.min(axis=0), solid.max(axis=0)
         start, end = np.searchsorted(self.samples[:, 0], [low[0], high[0]], side="left")
@@ -143,20 +152,20 @@ class _Judged:
         rows = start + np.flatnonzero(inside)
         if not len(rows):
             return 0.0
-        # From just under each point along its normal to where that leaves the hull.
+        # Rays from just below each sample along its normal to the exit from the hull.
         faces = shape.simplices
         a, b, c = solid[faces].transpose(1, 0, 2)
         inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), shape.equations[:, :3]) < 0.0
         faces = np.where(inward[:, None], faces[:, ::-1], faces)
         scene = RayScene(solid - solid[0], faces)
         worst = 0.0
-        for some in (rows[::40], rows):  # most hulls are refused by a few points
+        for some in (rows[::40], rows):  # most hulls are rejected by a few samples
             facing = self.sample_normals[some]
             start = self.samples[some] - solid[0] - _UNDER * facing
             first = scene.cast(start, facing)
             leaves = np.isfinite(first["t"]) & (np.einsum("ij,ij->i", first["normal"], facing) > 1e-6)
             worst = float(first["t"][leaves].max(initial=_UNDER)) - _UNDER
-            # Over a hollow the hull lies on the surface from outside: such a ray comes into it first.
+            # Over a concavity the hull bridges the surface from outside: such a ray enters it first.
             enters = np.flatnonzero(~leaves & (first["t"] < _UNDER + enough))
             if len(enters):
                 way = first["t"][enters] + _UNDER
@@ -169,5 +178,5 @@ class _Judged:
 
 
 def _wedge(corners: Array, normal: Array, thickness: float) -> Array:
-    """A flat patch as a body: its corners, and its middle sunk by `thickness` [m]."""
+    """Body under a flat patch: its corners, and its middle sunk by `thickness` [m]."""
     return np.vstack([corners, corners.mean(axis=0) - thickness * normal])

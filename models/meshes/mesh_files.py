@@ -1,7 +1,7 @@
-"""Meshes from files: PLY and OFF are read here, STL, OBJ and glTF by trimesh; an unreadable file is one error.
+"""Reader of mesh files: PLY and OFF natively, STL, OBJ and glTF by trimesh, with one error for unreadable files.
 
-Trimesh is asked for nothing but corners and faces: no textures, no merging, no repair. It takes PLY and OFF files that
-are cut short for whole ones, and knows no binary PLY of triangles beside larger faces.
+Trimesh is used for corners and faces only, without textures, merging or repair. It accepts PLY and OFF files that are
+cut short, and does not read binary PLY with triangles beside larger faces; therefore these two are read here.
 """
 
 import logging
@@ -21,11 +21,13 @@ _SILENT = logging.NullHandler()
 
 
 def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
-    """Vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; its parts as one, in place.
+    """Read vertices (V, 3) and triangles (T, 3), T > 0, of a mesh file, in its own unit; all parts are joined in place.
 
-    Faces of more corners are cut into triangles. Vertices there twice are made one, faces that have one of them twice
-    and vertices of no face are left out. Raises ConfigurationError for a file of another format, without triangles,
-    cut short or otherwise malformed.
+    Faces with more corners are triangulated. Duplicate vertices are merged; degenerate faces and unused vertices are
+    left out.
+
+    Raises:
+        ConfigurationError: another format, no triangles, cut short or otherwise malformed.
     """
     kind = file.suffix.lower().removeprefix(".")
     if kind not in FORMATS:
@@ -36,7 +38,7 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
         need_corners(vertices, triangles)
         if not np.isfinite(vertices[triangles]).all():
             raise ValueError("a corner of a face is not finite")
-    except (MemoryError, ImportError, ConfigurationError):  # none of them says that it is malformed
+    except (MemoryError, ImportError, ConfigurationError):  # these do not mean a malformed file
         raise
     except Exception as error:  # a malformed file can raise anything in trimesh
         said = " ".join(str(error).split())[:200] or type(error).__name__
@@ -54,7 +56,7 @@ def read_mesh(file: Path) -> tuple[Array, np.ndarray]:
 def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
     import trimesh
 
-    logging.getLogger("trimesh").addHandler(_SILENT)  # else it shows tracebacks of what it tries and goes on from
+    logging.getLogger("trimesh").addHandler(_SILENT)  # otherwise it prints tracebacks of recovered errors
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         scene: Any = trimesh.load_scene(
@@ -68,7 +70,7 @@ def _read_by_trimesh(file: Path) -> tuple[Array, np.ndarray]:
 
 
 def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
-    """OFF and its kin with normals or colours, which stand behind the coordinates; as text."""
+    """Read OFF in text form; its variants have normals or colours after the coordinates, which are ignored."""
     lines = [line.partition("#")[0].split() for line in content.decode("ascii").splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].upper().endswith("OFF"):
@@ -89,7 +91,7 @@ def _read_off(content: bytes) -> tuple[Array, np.ndarray]:
 
 
 def _tidied(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray]:
-    """Vertices in one place made one, without faces that have one of them twice, and vertices of no face."""
+    """Merge duplicate vertices, and drop faces that use one twice and vertices of no face."""
     if not len(triangles):
         return vertices, triangles
     _, first, index = np.unique(vertices, axis=0, return_index=True, return_inverse=True)

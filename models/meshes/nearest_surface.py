@@ -1,4 +1,4 @@
-"""The nearest point of a triangle mesh, exact in double precision: a tree of boxes around halves of the triangles."""
+"""Nearest point on a triangle mesh, exact in double precision, by a tree of bounding boxes."""
 
 from dataclasses import dataclass
 
@@ -8,37 +8,37 @@ from numpy.typing import ArrayLike
 
 from sim.interfaces.spatial import Array
 
-_LEAF = 4  # triangles, at most
+_LEAF = 4  # largest number of triangles in a leaf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Nearest:
-    """The points of a mesh that are nearest to some points."""
+    """Nearest points of a mesh to given points."""
 
     distance: Array  # (N,) [m], never negative
     point: Array  # (N, 3) [m] on the mesh
-    triangle: np.ndarray  # (N,) index of one that holds it
-    weights: Array  # (N, 3) of that triangle's corners: they sum to 1
+    triangle: np.ndarray  # (N,) index of a triangle that contains the point
+    weights: Array  # (N, 3) barycentric, at that triangle's corners
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestSurface:
-    """A mesh sorted into boxes. Made by `of`."""
+    """Bounding-box tree of a mesh for nearest-point queries; made by `of`."""
 
-    corners: Array  # (T, 3, 3) [m], box by box
-    order: np.ndarray  # (T,) index that each of them came with
+    corners: Array  # (T, 3, 3) [m] triangle corners, ordered by box
+    order: np.ndarray  # (T,) original index of each triangle
     boxes: Array  # (B, 6) [m] lowest and highest corner
-    spans: np.ndarray  # (B, 3) first and last + 1 triangle of a leaf, and -1; else two boxes within, and 0
+    spans: np.ndarray  # (B, 3) leaf: first and last + 1 triangle, -1; else: two child boxes, 0
 
     @classmethod
     def of(cls, vertices: ArrayLike, triangles: ArrayLike) -> "NearestSurface":
-        """Vertices (V, 3) [m], finite, and triangles (T, 3) indices, T >= 1; some may be without area."""
+        """Build the tree from vertices (V, 3) [m], finite, and triangles (T, 3), T >= 1; some may be without area."""
         corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
         order, boxes, spans = _tree(corners)
         return cls(corners[order], order, boxes, spans)
 
     def query(self, points: ArrayLike) -> Nearest:
-        """What is nearest to each of `points` (N, 3) [m], which are finite, and so are their squares."""
+        """Nearest point on the mesh to each of `points` (N, 3) [m], which are finite, as are their squares."""
         asked = np.ascontiguousarray(points, dtype=np.float64)
         at, weights = np.zeros(len(asked), dtype=np.int64), np.zeros((len(asked), 3))
         _search(asked, self.corners, self.boxes, self.spans, at, weights)
@@ -49,7 +49,7 @@ class NearestSurface:
 
 @njit(cache=True)
 def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
-    """Order (T,) of the triangles, boxes (B, 6) and spans (B, 3): each box halved across its longest side."""
+    """Build the tree by halving each box across its longest side: order (T,), boxes (B, 6), spans (B, 3)."""
     count = len(corners)
     order = np.arange(count)
     middles = np.empty((count, 3))
@@ -87,7 +87,7 @@ def _tree(corners: Array) -> tuple[np.ndarray, Array, np.ndarray]:
 
 @njit(cache=True)
 def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: np.ndarray, weights: Array) -> None:
-    """Write the triangle `at` (N,) which is nearest to each point, and the weights (N, 3) there."""
+    """Write the index `at` (N,) of the triangle nearest to each point, and the barycentric weights (N, 3) there."""
     waiting, away = np.empty(128, dtype=np.int64), np.empty(128)
     for n in range(len(asked)):
         x, y, z = asked[n, 0], asked[n, 1], asked[n, 2]
@@ -116,7 +116,7 @@ def _search(asked: Array, corners: Array, boxes: Array, spans: np.ndarray, at: n
 
 @njit(cache=True)
 def _from_box(x: float, y: float, z: float, box: Array) -> float:
-    """Square of the distance from a box."""
+    """Squared distance of a point from a box."""
     a = max(box[0] - x, x - box[3], 0.0)
     b = max(box[1] - y, y - box[4], 0.0)
     c = max(box[2] - z, z - box[5], 0.0)
@@ -125,7 +125,7 @@ def _from_box(x: float, y: float, z: float, box: Array) -> float:
 
 @njit(cache=True)
 def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, float, float, float]:
-    """Weights of the corners (3, 3) at the nearest point, and the square of its distance."""
+    """Barycentric weights of the nearest point on a triangle with corners (3, 3), and its squared distance."""
     ax, ay, az = corner[1, 0] - corner[0, 0], corner[1, 1] - corner[0, 1], corner[1, 2] - corner[0, 2]
     bx, by, bz = corner[2, 0] - corner[0, 0], corner[2, 1] - corner[0, 1], corner[2, 2] - corner[0, 2]
     px, py, pz = x - corner[0, 0], y - corner[0, 1], z - corner[0, 2]
@@ -137,7 +137,7 @@ def _on_triangle(x: float, y: float, z: float, corner: Array) -> tuple[float, fl
         if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
             ex, ey, ez = px - v * ax - w * bx, py - v * ay - w * by, pz - v * az - w * bz
             return 1.0 - v - w, v, w, ex * ex + ey * ey + ez * ez
-    # Beside it, or without area: on one of the sides.
+    # Projection outside the triangle, or no area: the nearest point is on an edge.
     u, v, w, best = 1.0, 0.0, 0.0, np.inf
     for side in range(3):
         i, j = side, (side + 1) % 3

@@ -1,6 +1,6 @@
-"""The one place that imports Open3D: late, libusb preloaded, with a clear error where it or a library of it is missing.
+"""Lazy import of Open3D, the only one in the project: preloads libusb, and reports missing libraries clearly.
 
-Nothing of a job needs it but the rays on Linux on ARM. It is what our own methods are compared with.
+No job needs Open3D, except for rays on Linux on ARM. It serves as the reference that our own methods are compared with.
 """
 
 import ctypes
@@ -15,14 +15,15 @@ DEBIAN_PACKAGES = "libgl1 libegl1 libx11-6 libudev1 libidn2-0"
 
 @cache
 def load() -> Any:
-    """The `open3d` module, imported on the first call (about 1-2 s).
+    """Import the `open3d` module on the first call (about 1-2 s).
 
-    Raises MissingLibraryError, with what to install, if Open3D or a system library that it needs is missing.
+    Raises:
+        MissingLibraryError: Open3D or a system library that it needs is missing; the message says what to install.
     """
     try:
         import libusb_package  # pyright: ignore[reportMissingImports]
 
-        # Open3D's extension wants libusb-1.0.so.0 although no camera is used; bare machines do not have it.
+        # Open3D's extension requires libusb-1.0.so.0 even without a camera; minimal systems lack it.
         ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -36,6 +37,6 @@ def load() -> Any:
         raise MissingLibraryError(
             f"Open3D cannot be imported ({error}). On Debian or Ubuntu: apt install {DEBIAN_PACKAGES}"
         ) from error
-    # Its warnings go to stdout; everything that matters comes back to our callers as an error.
+    # Its warnings go to stdout; relevant failures reach the callers as errors.
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d

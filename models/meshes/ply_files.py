@@ -1,4 +1,4 @@
-"""PLY files, of meshes and of points: text and binary of either byte order. One that is cut short is refused."""
+"""Reader and writer of PLY files, meshes and point clouds, text and binary of either byte order."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,17 +28,19 @@ _TYPES = {
     "float64": "f8",
 }
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_FACES = ("vertex_indices", "vertex_index")  # both are in use
-_MOST = 2**31  # of any element
+_FACES = ("vertex_indices", "vertex_index")  # both names are in use
+_MOST = 2**31  # bound of the number of elements
 _NOT_FINITE = "a count or an index is not finite"
 NO_SUCH_VERTEX = "a face points at a vertex that is not there"
 
 
 def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
-    """Points (N, 3) and triangles (T, 3) in the `content` of a PLY file, in its own unit and order; T is 0 for a cloud.
+    """Read points (N, 3) and triangles (T, 3) from PLY `content`, in its own unit and order; T is 0 for a cloud.
 
-    Faces of more corners are cut into triangles around their first. NaN stays NaN. Raises ValueError, with the reason,
-    for anything else than such a file, or for one that is cut short.
+    Faces with more corners are triangulated around their first. NaN stays NaN.
+
+    Raises:
+        ValueError: no PLY file, or one that is malformed or cut short, with the reason.
     """
     try:
         return _read(content)
@@ -47,7 +49,7 @@ def read_ply(content: bytes) -> tuple[Array, np.ndarray]:
 
 
 def need_corners(points: Array, triangles: np.ndarray) -> None:
-    """ValueError if one of `triangles` (T, 3) points at none of `points` (N, 3)."""
+    """Raise ValueError if one of `triangles` (T, 3) refers to none of `points` (N, 3)."""
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(points):
         raise ValueError(NO_SUCH_VERTEX)
 
@@ -61,14 +63,14 @@ def _read(content: bytes) -> tuple[Array, np.ndarray]:
         if element.name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
                 raise ValueError("its vertices have no x, y and z")
-            with np.errstate(invalid="ignore"):  # of a signalling NaN
+            with np.errstate(invalid="ignore"):  # a signalling NaN raises a flag
                 points = np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
         elif element.name == "face":
             corners = next((columns[name] for name in _FACES if name in columns), None)
             if corners is None:
                 raise ValueError("its faces have no vertex_indices")
             triangles = _triangles(corners)
-            break  # what follows is of no use here
+            break  # later elements are not needed
     need_corners(points, triangles)
     return points, triangles
 
@@ -76,7 +78,14 @@ def _read(content: bytes) -> tuple[Array, np.ndarray]:
 def write_ply(
     file: Path, points: ArrayLike, triangles: ArrayLike | None = None, colours: ArrayLike | None = None
 ) -> None:
-    """Points (N, 3), triangles (T, 3) between them and colours (N, 3) in [0, 1], as a binary PLY file."""
+    """Write points and optional triangles and colours as a binary PLY file.
+
+    Args:
+        file: path.
+        points: (N, 3), written in double precision.
+        triangles: (T, 3) indices.
+        colours: (N, 3) in [0, 1].
+    """
     corners = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     fields: list[Any] = [("p", "<f8", 3)]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(corners)}"]
@@ -109,7 +118,7 @@ class _Element:
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], int]:
-    """Byte order ('' for text), elements, and where the data begin."""
+    """Parse the header: byte order ('' for text), elements, and offset of the data."""
     if not content.startswith(b"ply"):
         raise ValueError("it does not begin with 'ply'")
     order: str | None = None
@@ -143,13 +152,13 @@ def _cut_short(element: _Element) -> ValueError:
 
 
 class _Text:
-    """The numbers of a text file, one after the other."""
+    """Sequential reader of the numbers of a text PLY."""
 
     def __init__(self, words: list[bytes]) -> None:
         self._words, self._at = words, 0
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """The columns (count,) of `element`; of a property that is a list, a list of arrays."""
+        """Columns (count,) of `element`; a list of arrays for a property that is a list."""
         if not element.has_lists:
             width = len(element.properties)
             numbers = self._take(element.count * width, element).reshape(element.count, width)
@@ -170,13 +179,13 @@ class _Text:
 
 
 class _Binary:
-    """The bytes of a binary file."""
+    """Sequential reader of a binary PLY."""
 
     def __init__(self, content: bytes, at: int, order: str) -> None:
         self._content, self._at, self._order = content, at, order
 
     def read(self, element: _Element) -> dict[str, Any]:
-        """As `_Text.read`; where all lists of a property are of one length, an array (count, length)."""
+        """Columns as `_Text.read`; an array (count, length) where all lists of a property have one length."""
         rows = self._rows(element, self._lengths(element))
         if rows is not None:
             return {name: rows[name] for name, _, _ in element.properties}
@@ -188,7 +197,7 @@ class _Binary:
         return columns
 
     def _lengths(self, element: _Element) -> list[int]:
-        """Of the lists in the first row; 1 of what is none."""
+        """Lengths of the lists in the first row; 1 for properties that are no list."""
         lengths, start = [], self._at
         for _, kind, length in element.properties if element.count else ():
             lengths.append(1 if length is None else int(self._take(length, 1, element)[0]))
@@ -197,7 +206,7 @@ class _Binary:
         return lengths or [0] * len(element.properties)
 
     def _rows(self, element: _Element, lengths: list[int]) -> np.ndarray | None:
-        """All rows, if the lists in each of them are as long as in the first."""
+        """All rows at once, if the lists in each of them are as long as in the first; else None."""
         fields: list[Any] = []
         for (name, kind, length), many in zip(element.properties, lengths, strict=True):
             if length is not None:
@@ -225,7 +234,10 @@ class _Binary:
 
 
 def _triangles(faces: Any) -> np.ndarray:
-    """Triangles (T, 3) of faces, an array (F, n) or arrays (n,) of corners; those of less than three are left out."""
+    """Triangles (T, 3) of faces, given as an array (F, n) or as arrays (n,) of corners.
+
+    Faces of less than three corners are left out.
+    """
     if isinstance(faces, np.ndarray):
         if not np.isfinite(faces).all():
             raise ValueError(_NOT_FINITE)

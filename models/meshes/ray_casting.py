@@ -1,7 +1,8 @@
-"""First hits of rays on a triangle mesh, by Embree: exact, and with no need of a screen, GL or a system library.
+"""Ray casting on a triangle mesh by Embree: exact first hits, without screen, GL or system library.
 
-Embree itself is used, by `embreex`. It has no wheel for Linux on ARM: there, Open3D's binding of the same library is.
-This lives in `models` because `sim` (depth camera, sonar) and `perception` both need it and do not import each other.
+Embree is used through `embreex`. That has no wheel for Linux on ARM, where Open3D's binding of the same library serves.
+The module is in `models` because `sim` (depth camera, sonar) and `perception` both need it and do not import each
+other.
 """
 
 from functools import cache
@@ -18,15 +19,20 @@ Engine = Literal["embree", "open3d"]
 
 
 class RayScene:
-    """One mesh, ready for rays."""
+    """A triangle mesh prepared for ray casting."""
 
     __slots__ = ("_engine", "_scene")
 
     def __init__(self, vertices: ArrayLike, triangles: ArrayLike, engine: Engine | None = None) -> None:
-        """Vertices (V, 3) [m], held in single precision, so best near the origin; triangles (T, 3) indices.
+        """Build the scene; triangles without area, or with a vertex that is not finite, are never hit.
 
-        Triangles without area, or with a vertex that is not finite, are never hit. `engine`: None, what is installed.
-        Raises MissingLibraryError if that is nothing.
+        Args:
+            vertices: (V, 3) [m], stored in single precision, so best near the origin.
+            triangles: (T, 3) indices.
+            engine: None takes the installed one.
+
+        Raises:
+            MissingLibraryError: no engine is installed.
         """
         self._engine = engine or installed()
         corners = np.ascontiguousarray(vertices, dtype=np.float32)
@@ -38,18 +44,23 @@ class RayScene:
         from embreex.rtcore_scene import EmbreeScene
 
         faces = np.ascontiguousarray(triangles, dtype=np.int32)
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(corners):  # Embree would read beyond the array
+        if faces.size and not 0 <= faces.min() <= faces.max() < len(corners):  # otherwise Embree reads beyond the array
             raise IndexError(f"triangles point at vertices {faces.min()} to {faces.max()} of {len(corners)}")
-        # Not robust, it loses rays at edges: 13 % of those aimed at one.
+        # Without robust, 13 % of the rays aimed at an edge are lost.
         self._scene = EmbreeScene(_device(), robust=True)
         if len(faces):
             TriangleMesh(self._scene, corners, faces)
 
     def cast(self, origins: ArrayLike, directions: ArrayLike) -> dict[str, np.ndarray]:
-        """Cast N rays: origins (N, 3) or (3,) [m], directions (N, 3).
+        """Cast N rays.
 
-        Returns `t` (N,) (inf where nothing is hit, in units of the direction's length), `triangle` (N,) index and
-        `normal` (N, 3) unit normal of the triangle hit, by its winding; where nothing is hit these mean nothing.
+        Args:
+            origins: (N, 3) or (3,) [m].
+            directions: (N, 3), of any length.
+
+        Returns:
+            `t` (N,) in units of the direction's length (inf without a hit), `triangle` (N,) index, and `normal` (N, 3)
+            unit normal of the triangle by its winding. Without a hit the latter two are undefined.
         """
         ways = np.ascontiguousarray(directions, dtype=np.float32)
         starts = np.empty_like(ways)
@@ -79,9 +90,10 @@ class RayScene:
 
 @cache
 def installed() -> Engine:
-    """The engine that is used.
+    """Name of the installed engine, embree before open3d.
 
-    Raises MissingLibraryError without `embreex` and Open3D.
+    Raises:
+        MissingLibraryError: neither `embreex` nor Open3D is installed.
     """
     if find_spec("embreex"):
         return "embree"
@@ -94,7 +106,7 @@ def installed() -> Engine:
 
 @cache
 def _device() -> Any:
-    """Embree's device, one for all scenes: each new one would start threads of its own."""
+    """Embree's device, shared by all scenes, since each device starts threads of its own."""
     from embreex.rtcore import EmbreeDevice
 
     return EmbreeDevice()

@@ -1,1 +1,1 @@
-"""Objects to work on: their meshes, symmetries, tool paths, collision shapes, and what the sea does to them."""
+"""Objects to work on: meshes, symmetries, tool paths, collision shapes, growth and dents."""

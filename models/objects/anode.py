@@ -1,4 +1,4 @@
-"""A stand-off anode, as they are welded to jackets: a cast bar of trapezoidal section on a steel pipe with two legs.
+"""Stand-off anode as welded to jackets: a cast bar of trapezoidal section on a steel pipe with two legs.
 
 Sizes are ours, at the small end of those that are cast (0.8 m, about 40 kg of aluminium).
 """
@@ -16,16 +16,16 @@ TOP, BOTTOM, HEIGHT = 0.12, 0.16, 0.12  # [m] widths (y_T) and height (z_T) of i
 PIPE = (0.024, 1.06)  # [m] radius and length of the core
 LEG = 0.26  # [m] that the legs reach below the bar's middle
 LEG_X = 0.48  # [m] from the middle to a leg's axis
-_SIDES = 64
+_SIDES = 64  # of the pipe and legs in the mesh
 
 
 def top(length: float = 0.5) -> ModelPath:
-    """A line of `length` [m] along the middle of the upper face, towards +x_T."""
+    """Line of `length` [m] along the middle of the upper face, towards +x_T."""
     return _line("top", length, np.array([0.0, 0.0, 0.5 * HEIGHT]), np.array([0.0, 0.0, 1.0]))
 
 
 def side(length: float = 0.5) -> ModelPath:
-    """A line of `length` [m] along the middle of the slanting face on the +y_T side, towards +x_T."""
+    """Line of `length` [m] along the middle of the slanting face on the +y_T side, towards +x_T."""
     normal = np.array([0.0, HEIGHT, 0.5 * (BOTTOM - TOP)])
     return _line("side", length, np.array([0.0, 0.25 * (TOP + BOTTOM), 0.0]), normal / np.linalg.norm(normal))
 
@@ -39,10 +39,9 @@ def _line(name: str, length: float, middle: Array, normal: Array) -> ModelPath:
 
 
 def anode() -> TargetModel:
-    """The anode, x_T along the bar, z_T out of its narrow face, the origin in the bar's middle.
+    """Anode as a target: x_T along the bar, z_T out of its narrow face, origin in the bar's middle.
 
-    Bar, core and legs are closed shells that run into each other. Paths "top" and "side". Half a turn about z_T looks
-    the same.
+    Bar, core and legs are closed shells that intersect. Paths "top" and "side". Symmetric under half a turn about z_T.
     """
     x = 0.5 * LENGTH
 

@@ -1,4 +1,4 @@
-"""The barrel of paper 002, lying on a stand, and the tool paths on it."""
+"""Barrel lying on a stand, after [Konoplin 2022], with the tool paths on it."""
 
 import mujoco
 import numpy as np
@@ -8,19 +8,22 @@ from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, T
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, pose, rotation_from_z, transform_points
 
-BARREL_DIAMETER = 0.6  # [m]
-BARREL_LENGTH = 0.9  # [m]
+BARREL_DIAMETER = 0.6  # [m] of the shell; our choice
+BARREL_LENGTH = 0.9  # [m] our choice
 RIM_WIDTH = 0.03  # [m], along the axis, at each end
-RIM_MARGIN = 0.05  # [m], from a rim to the end of a path along the axis: half a pad, and what identification may err
+RIM_MARGIN = 0.05  # [m] from a rim to the end of an axial path: half a pad plus the identification error
 RIM_HEIGHT = 0.01  # [m], above the shell
 BUNG = (0.035, 0.025, 0.15)  # [m] radius, height above the shell, and x_T of a bung
-BARREL_SIDES = 256  # sagitta of a side 0.02 mm: far below what contact (an exact cylinder) or a camera can tell
+BARREL_SIDES = 256  # sagitta of a side 0.02 mm, negligible for a camera; contact uses an exact cylinder
 
 
 def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
-    """A line of `length` [m] along a generator of the barrel, from -x_T to +x_T.
+    """Straight path of `length` [m] along a generator of the barrel, from -x_T to +x_T.
 
-    `azimuth` [rad] turns it about x_T from the top generator (+z_T). Raises ConfigurationError if it meets a rim.
+    `azimuth` [rad] turns it about x_T from the top generator (+z_T).
+
+    Raises:
+        ConfigurationError: the path meets a rim.
     """
     limit = BARREL_LENGTH - 2.0 * (RIM_WIDTH + RIM_MARGIN)
     if not 0.0 < length < limit:
@@ -36,10 +39,18 @@ def longitudinal(length: float = 0.6, azimuth: float = 0.0) -> ModelPath:
 
 
 def transverse(arc: float = np.pi, azimuth: float = 0.0, x: float = 0.0) -> ModelPath:
-    """An arc of `arc` [rad] around the barrel in the plane at `x` [m] across its axis, right-handed about x_T.
+    """Circular path around the barrel in a plane across its axis, right-handed about x_T.
 
-    `azimuth` [rad] of its middle is counted from the top (+z_T). Raises ConfigurationError for an arc outside
-    (0, pi] or a plane on or beyond a rim.
+    Args:
+        arc: [rad] angle of the path.
+        azimuth: [rad] of its middle, from the top (+z_T).
+        x: [m] of the plane, along x_T.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: an arc outside (0, pi], or a plane on or beyond a rim.
     """
     if not 0.0 < arc <= np.pi + 1e-9:
         raise ConfigurationError(f"transverse path: arc must lie in (0, pi] rad, got {arc}")
@@ -63,13 +74,24 @@ def barrel(
     stand_height: float = 0.45,
     bung_azimuth: float | None = None,
 ) -> TargetModel:
-    """The barrel of paper 002, fig. 3 (its size is ours): 0.6 m across, 0.9 m long, with a rim at each end.
+    """Barrel as a target, after [Konoplin 2022, fig. 3]: 0.6 m in diameter, 0.9 m long, with a rim at each end.
 
-    x_T is its axis and the origin its centre. Paths: "longitudinal" (`line_length` [m], `line_azimuth` [rad]) and
-    "transverse" (`arc`, `arc_azimuth` [rad]). `stand_height` [m] from the axis down (-z_T) to the stand's feet.
-    `bung_azimuth` [rad], about x_T from the top (+z_T), is that of a bung in the shell; None: there is none. The
-    symmetry stays declared: it is that of the body. Raises ConfigurationError for paths off the shell or a stand
-    inside it.
+    The sizes are ours. x_T is the axis and the origin the centre. The paths are "longitudinal" and "transverse". The
+    declared symmetry is that of the body, with or without a bung.
+
+    Args:
+        line_length: [m] of the longitudinal path.
+        line_azimuth: [rad] of the longitudinal path.
+        arc: [rad] of the transverse path.
+        arc_azimuth: [rad] of the middle of the transverse path.
+        stand_height: [m] from the axis down (-z_T) to the stand's feet.
+        bung_azimuth: [rad] about x_T from the top (+z_T) of a bung in the shell; None: no bung.
+
+    Returns:
+        The target with stand.
+
+    Raises:
+        ConfigurationError: a path off the shell, or a stand inside it.
     """
     r, h = 0.5 * BARREL_DIAMETER, 0.5 * BARREL_LENGTH
     rim = r + RIM_HEIGHT
@@ -77,7 +99,7 @@ def barrel(
     profile += [(-x, radius) for x, radius in reversed(profile)]
     vertices, triangles = revolve(np.array(profile), BARREL_SIDES)
 
-    R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders stand along z
+    R_axis = rotation_from_z([1.0, 0.0, 0.0], [0.0, 0.0, 1.0])  # MuJoCo's cylinders have their axis along z
     cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     x_rim = h - 0.5 * RIM_WIDTH
     solids = (

@@ -1,8 +1,8 @@
-"""What the sea does to an object: growth on it, dents in it, of any mesh, with the truth kept of what is where.
+"""Growth and dents on any mesh, with the ground truth of the displacement.
 
-Growth raises what faces its middle; a dent pushes in all that is near, both faces of a plate. Either falls from its
-middle to its lobed edge as a half cosine. Both move points along one direction by less than their width allows, so a
-surface never folds into itself. The mesh is made finer where that is needed, and stays closed if it was.
+Growth raises surface that faces its middle; a dent pushes in everything near, both faces of a plate. The height of
+either falls from the middle to a lobed edge as a half cosine. Points move along one direction by less than the width
+allows, so the surface never folds into itself. The mesh is refined where needed, and stays closed if it was.
 """
 
 from collections.abc import Sequence
@@ -18,14 +18,14 @@ from models.objects.target_model import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, checked_place, readonly, real_array, shown, whole_number
 
-HEIGHT = (0.01, 0.04)  # [m] of growth and dents
-PATCHES = 5
-_MOST_PATCHES = 1000
-_STEEPEST = 2.5  # least ratio of radius and height
-_LOBES = 0.15  # share by which the edge wanders
+HEIGHT = (0.01, 0.04)  # [m] default range of the height of growth and depth of dents
+PATCHES = 5  # default number of patches
+_MOST_PATCHES = 1000  # largest number of patches
+_STEEPEST = 2.5  # least ratio of radius to height; steeper patches would fold
+_LOBES = 0.15  # share of the radius by which the edge deviates from a circle
 _MOST_OF_SIZE = 0.45  # largest radius of a patch, as a share of the object's
-_CROWDED = 200  # draws after which patches may lie on others
-_EDGE = (0.004, 0.012)  # [m] sides of triangles in a patch
+_CROWDED = 200  # rejected draws after which patches may overlap
+_EDGE = (0.004, 0.012)  # [m] range of the triangle sides in a patch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,8 +35,8 @@ class Patch:
     kind: Literal["growth", "dent"]
     p_T: Array  # (3,) [m] middle, on the clean surface
     n_T: Array  # (3,) unit, outward there
-    radius: float  # [m] of its edge, on average
-    height: float  # [m] in the middle: out (growth) or in (dent)
+    radius: float  # [m] mean radius of its edge
+    height: float  # [m] in the middle: outwards (growth) or inwards (dent)
     lobes: Array  # (2,) [rad] phases of the edge's waves, three and five around
 
     def __post_init__(self) -> None:
@@ -57,36 +57,39 @@ class Patch:
         object.__setattr__(self, "lobes", readonly(checked(self.lobes, (2,), "patch lobes")))
 
     def displacement(self, points_T: Array, normals_T: Array) -> Array:
-        """How far (N, 3) [m] it moves points (N, 3) of the clean surface with their outward normals (N, 3)."""
+        """Displacement (N, 3) [m] of points (N, 3) of the clean surface with their outward normals (N, 3)."""
         offset = points_T - self.p_T
         x = np.cross(self.n_T, [0.0, 0.0, 1.0] if abs(self.n_T[2]) < 0.9 else [1.0, 0.0, 0.0])
         x /= np.linalg.norm(x)
         angle = np.arctan2(offset @ np.cross(self.n_T, x), offset @ x)
         wander = np.cos(3.0 * angle + self.lobes[0]) + 0.5 * np.cos(5.0 * angle + self.lobes[1])
         share = np.linalg.norm(offset, axis=1) / self.radius
-        # In the middle the edge's lobes must not show, or they would meet there in a point.
+        # Lobes fade out towards the middle, where they would otherwise meet in a cusp.
         share = share / (1.0 + _LOBES * wander * np.clip(share, 0.0, 1.0) ** 2)
         amount = self.height * 0.5 * (1.0 + np.cos(np.pi * np.clip(share, 0.0, 1.0)))
         if self.kind == "dent":
             return -amount[:, None] * self.n_T
-        faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)  # not what looks aside or away
+        faces = np.clip((normals_T @ self.n_T - 0.05) / 0.35, 0.0, 1.0)  # surface that faces aside or away stays
         return (amount * faces**2 * (3.0 - 2.0 * faces))[:, None] * self.n_T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Deformed:
-    """An object as the sea has left it, and the truth about it. `target.vertices` = `clean_T` + what was done."""
+    """A deformed object with its ground truth: `target.vertices` equals `clean_T` plus the displacement."""
 
-    target: TargetModel  # as it is; name, symmetry and paths are those of the clean one
-    clean: TargetModel  # as it is known
+    target: TargetModel  # the true shape; name, symmetry and paths are those of the clean one
+    clean: TargetModel  # the believed shape
     patches: tuple[Patch, ...]
-    clean_T: Array  # (V, 3) [m] where each vertex of `target` was
-    offset: Array  # (V,) [m] of each vertex from the clean surface, along that surface's normal: growth positive
+    clean_T: Array  # (V, 3) [m] position of each vertex of `target` on the clean surface
+    offset: Array  # (V,) [m] of each vertex along the clean surface's normal: growth positive
 
     def offset_at(self, points_T: ArrayLike) -> Array:
-        """Offset (N,) [m] from the clean surface at the points of the true one that are nearest to (N, 3) [m].
+        """Offset (N,) [m] from the clean surface at the points of the true surface nearest to (N, 3) [m].
 
-        Growth is positive. Raises ConfigurationError for points of another shape, not finite, or absurdly far.
+        Growth is positive.
+
+        Raises:
+            ConfigurationError: points of another shape, not finite, or too far away.
         """
         points = real_array(points_T, "offset_at", "points (N, 3) [m]")
         if points.ndim != 2:
@@ -103,10 +106,20 @@ def fouled(
     height: tuple[float, float] = HEIGHT,
     near: ArrayLike | None = None,
 ) -> Deformed:
-    """`target` with `patches` of growth, their heights within `height` [m], at places that `rng` draws.
+    """Copy of `target` with random patches of growth.
 
-    `near` (N, 3) [m] in T: the places are drawn close to these points, such as those of a path; None: all over.
-    Raises ConfigurationError for impossible numbers, or an object too small for the least height.
+    Args:
+        target: clean object.
+        rng: source of randomness.
+        patches: number of patches.
+        height: [m] range of their heights.
+        near: (N, 3) [m] in T, points such as those of a path that the patches lie close to; None: anywhere.
+
+    Returns:
+        The deformed object with its ground truth.
+
+    Raises:
+        ConfigurationError: impossible numbers, or an object too small for the least height.
     """
     return deformed(target, _drawn("growth", target, rng, patches, height, near))
 
@@ -118,12 +131,26 @@ def dented(
     height: tuple[float, float] = HEIGHT,
     near: ArrayLike | None = None,
 ) -> Deformed:
-    """`target` with `patches` dents as deep as `height` [m] says; the rest as `fouled`."""
+    """Copy of `target` with random dents.
+
+    Args:
+        target: clean object.
+        rng: source of randomness.
+        patches: number of dents.
+        height: [m] range of their depths.
+        near: (N, 3) [m] in T, points such as those of a path that the dents lie close to; None: anywhere.
+
+    Returns:
+        The deformed object with its ground truth.
+
+    Raises:
+        ConfigurationError: impossible numbers, or an object too small for the least depth.
+    """
     return deformed(target, _drawn("dent", target, rng, patches, height, near))
 
 
 def deformed(target: TargetModel, patches: Sequence[Patch]) -> Deformed:
-    """`target` with all of `patches` on it, one on the other where they overlap."""
+    """Copy of `target` with all of `patches` applied; overlapping patches add up."""
     points, faces = welded(target.vertices, target.triangles)
     for patch in patches:
         edge = float(np.clip(patch.radius / 9.0, *_EDGE))
@@ -191,7 +218,7 @@ def _drawn(
         if places is not None and np.linalg.norm(places - p, axis=1).min() > 0.5 * radius:
             continue
         if crowded < _CROWDED and any(np.linalg.norm(p - q.p_T) < 0.7 * (radius + q.radius) for q in drawn):
-            crowded += 1  # one on another would be higher than `height` says; where there is no room it may be
+            crowded += 1  # overlapping patches exceed `height`; allowed only where there is no room
             continue
         drawn.append(Patch(kind=kind, p_T=p, n_T=cross[face] / area[face], radius=radius, height=tall, lobes=lobes))
     return drawn

@@ -1,8 +1,8 @@
-"""A subsea manifold block with sampling holes: the mesh to find it by, and collision shapes that really have the holes.
+"""Subsea manifold block with sampling holes: mesh for identification, and collision shapes with real holes.
 
-Frame T: origin in the middle of the block's face, z out of it. A hole is a blind bore with a chamfered mouth. Each is
-walled by boxes in a ring, whose inner faces touch the bore's circle from outside: the free bore is that circle, never
-less, and at its corners wider by r (1 / cos(pi / SIDES) - 1). A box is never cut, so contact with it is exact.
+Frame T has its origin in the middle of the block's face and z out of it. A hole is a blind bore with a chamfered mouth.
+Each is walled by a ring of boxes whose inner faces touch the bore's circle from outside. The free bore is at least that
+circle, and at the corners wider by r (1 / cos(pi / SIDES) - 1). Boxes are never cut, so contact with them is exact.
 """
 
 from collections.abc import Mapping
@@ -20,49 +20,63 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z
 
 SIZE = (0.56, 0.42, 0.14)  # [m] of the block
-SIDES = 24  # of a bore's wall; corners 0.17 mm out of the circle at 20 mm radius
-_CELL = 0.05  # [m] half the side of the square of the face around a hole
-_PIPE_SIDES = 48
-_FACETS = 96  # of a bore in the mesh
+SIDES = 24  # of a bore's wall; its corners lie 0.17 mm outside the circle at 20 mm radius
+_CELL = 0.05  # [m] half side of the square cell around a hole
+_PIPE_SIDES = 48  # of a pipe in the mesh
+_FACETS = 96  # of a bore's circle in the mesh
 _Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Hole:
-    """A blind bore."""
+    """Blind bore with a chamfered mouth."""
 
     p_T: Array  # (3,) [m] middle of its mouth, in T
     z_T: Array  # (3,) unit, out of the bore, in T
     radius: float  # [m]
     depth: float  # [m] from the face to the bottom
-    chamfer: float  # [m] by which the mouth is wider, and as deep
+    chamfer: float  # [m] width and depth of the 45 deg chamfer at the mouth
 
     def pose(self, X_WT: Array) -> Array:
-        """The bore in W (4, 4) for a target at `X_WT`: origin in the mouth, z into it, x along x_T as far as it can."""
+        """Pose X_WH (4, 4) of the bore for a target at `X_WT`: origin in the mouth, z inwards, x close to x_T."""
         R_TH = rotation_from_z(-self.z_T, [1.0, 0.0, 0.0])
         return np.asarray(X_WT) @ pose(R_TH, self.p_T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Manifold:
-    """The block as a target, and its holes by name."""
+    """Manifold block as a target, with its holes by name."""
 
     target: TargetModel
     holes: Mapping[str, Hole]
 
     def hole(self, name: str) -> Hole:
-        """The hole `name`; raises ConfigurationError, with the names there are, if it is unknown."""
+        """Hole by name.
+
+        Raises:
+            ConfigurationError: an unknown name; the message lists the known ones.
+        """
         if name not in self.holes:
             raise ConfigurationError(f"the manifold has no hole {name!r}; it has {sorted(self.holes)}")
         return self.holes[name]
 
 
 def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) -> Manifold:
-    """A block with pipes in three directions and two holes, "a" and "b", of `radius`, `depth` and `chamfer` [m].
+    """Manifold block with pipes in three directions and two holes, "a" and "b".
 
-    The pipes, closed shells that run into the block's, leave it without symmetry. The target's paths "beside_a"
-    and "beside_b" are short lines on the face next to the holes.
-    Raises ConfigurationError for a hole that does not fit its place in the block.
+    The pipes are closed shells that intersect the block, and remove every symmetry. The target's paths "beside_a" and
+    "beside_b" are short lines on the face next to the holes.
+
+    Args:
+        radius: [m] of the bores.
+        depth: [m] of the bores, from the face to the bottom.
+        chamfer: [m] width and depth of the chamfer.
+
+    Returns:
+        The block with its holes.
+
+    Raises:
+        ConfigurationError: a hole that does not fit its place in the block.
     """
     length, width, height = SIZE
     if not (radius > 0.0 and chamfer >= 0.0 and radius + chamfer < 0.9 * _CELL):
@@ -108,7 +122,7 @@ def manifold(radius: float = 0.02, depth: float = 0.08, chamfer: float = 0.002) 
         vertices, triangles = revolve(
             [(-half, 0.0), (-half, pipe_radius), (half, pipe_radius), (half, 0.0)], _PIPE_SIDES
         )
-        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])  # revolved about x, where the solid stands along z
+        R_pipe = R @ exp_so3([0.0, -0.5 * np.pi, 0.0])  # the mesh is revolved about x, the solid has its axis along z
         shells.append((vertices @ R_pipe.T + middle, triangles))
     x, ones = np.linspace(-0.02, 0.02, 9), np.ones((9, 1))
     line = np.column_stack([x, np.full(9, radius + chamfer + 0.015), np.zeros(9)])
@@ -148,7 +162,7 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
         found.append(part("wall", 0.5 * (r + out), -0.5 * (hole.depth + c), [out - r, wide, hole.depth - c]))
         if c > 0.0:
             found.append(part("lip", 0.5 * (r + c + out), -0.5 * c, [out - r - c, wide, c]))
-            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the rest lies behind it.
+            # One face of this box is the chamfer, from (r, -c) to (r + c, 0); the box lies behind it.
             s = 0.25 * c
             found.append(
                 part(
@@ -159,7 +173,7 @@ def _ring(name: str, hole: Hole) -> list[Solid]:
 
 
 class _Mesh:
-    """Vertices and triangles, gathered; counter-clockwise seen from outside."""
+    """Builder that collects vertices and triangles, counter-clockwise from outside."""
 
     def __init__(self) -> None:
         self._parts: list[tuple[Array, np.ndarray]] = []
@@ -171,14 +185,14 @@ class _Mesh:
         self.add(corners, [[0, 1, 2], [0, 2, 3]])
 
     def bore(self, hole: Hole) -> None:
-        """The face's square around a hole, the chamfer, the wall and the bottom."""
+        """Add the face's cell around a hole, the chamfer, the wall and the bottom."""
         n = _FACETS
         angle = 2.0 * np.pi * np.arange(n) / n
         circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
         r, c = hole.radius, hole.chamfer
         i = np.arange(n)
         j = (i + 1) % n
-        # Each corner of the square takes the quarter of the mouth's circle that is nearest to it.
+        # Each corner of the square is joined to the nearest quarter of the mouth's circle.
         corners = hole.p_T + _CELL * np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]], dtype=np.float64)
         corner = i // (n // 4)
         fan = np.column_stack([n + corner, j, i])
@@ -195,7 +209,7 @@ class _Mesh:
         self.add(np.vstack([bottom, hole.p_T - [0, 0, hole.depth]]), np.column_stack([i, j, np.full(n, n)]))
 
     def sides(self, columns: list[float], rows: list[float], height: float) -> None:
-        """The block but for its face, whose edge has corners at `columns` (x) and `rows` (y)."""
+        """Add the block without its face, whose edge has corners at `columns` (x) and `rows` (y)."""
         x, y = np.array(columns), np.array(rows)
         rim = np.concatenate(
             [

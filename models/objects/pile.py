@@ -1,7 +1,7 @@
-"""A vertical pile, such as a leg of a jetty, with a bolted flange; and the tool paths on it.
+"""Vertical pile, such as a jetty leg, with a bolted flange, and the tool paths on it.
 
-A plain pipe seen in part can slide along itself unnoticed. The flange is what tells height: two rings of a pipe of
-600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes ours).
+A plain pipe seen in part can slide along its axis undetected by registration. The flange determines height: two rings
+on a pipe of 600 mm, bolted together (proportions as of EN 1092-1 type 11, sizes ours).
 """
 
 from collections.abc import Mapping
@@ -14,18 +14,27 @@ from models.objects.target_model import PATH_STEP, ModelPath, Solid, Symmetry, T
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, pose
 
-PILE_DIAMETER = 0.6  # [m]
-PILE_LENGTH = 3.0  # [m]
-FLANGE_DIAMETER = 0.76  # [m]
-FLANGE = (0.2, 0.3)  # [m] its lower and upper face, along z_T
-FLANGE_MARGIN = 0.08  # [m] from a face of the flange, or an end, to a path: half a pad, and what identification may err
-SIDES = 256  # sagitta of a side 0.02 mm, as of the barrel
+PILE_DIAMETER = 0.6  # [m] our choice
+PILE_LENGTH = 3.0  # [m] our choice
+FLANGE_DIAMETER = 0.76  # [m] our choice
+FLANGE = (0.2, 0.3)  # [m] lower and upper face of the flange, along z_T
+FLANGE_MARGIN = 0.08  # [m] from flange or end to a path: half a pad plus the identification error
+SIDES = 256  # of the pile in the mesh; sagitta of a side 0.02 mm
 
 
 def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
-    """A line of `length` [m] up the pile, its middle at `height` [m] (z_T) and `azimuth` [rad] about z_T from x_T.
+    """Straight path up the pile.
 
-    Raises ConfigurationError if it meets the flange or an end.
+    Args:
+        length: [m].
+        azimuth: [rad] about z_T, from x_T.
+        height: [m] of its middle, along z_T.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: the path meets the flange or an end.
     """
     if not (np.isfinite(length) and length > 0.0):
         raise ConfigurationError(f"vertical path: length must be > 0 m, got {length}")
@@ -34,9 +43,18 @@ def vertical(length: float = 0.5, azimuth: float = 0.0, height: float = -0.15) -
 
 
 def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
-    """An arc of `arc` [rad] around the pile at `height` [m], right-handed about z_T, its middle at `azimuth` [rad].
+    """Circular path around the pile, right-handed about z_T.
 
-    Raises ConfigurationError for an arc outside (0, 2 pi], or at the flange or an end.
+    Args:
+        arc: [rad] angle of the path.
+        azimuth: [rad] of its middle, about z_T from x_T.
+        height: [m] along z_T.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: an arc outside (0, 2 pi], or a path at the flange or an end.
     """
     if not 0.0 < arc <= 2.0 * np.pi + 1e-9:
         raise ConfigurationError(f"ring path: arc must lie in (0, 2 pi] rad, got {arc}")
@@ -45,9 +63,19 @@ def ring(arc: float = 2.0 * np.pi / 3.0, azimuth: float = 0.0, height: float = -
 
 
 def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.0, height: float = -0.15) -> ModelPath:
-    """An arc as of `ring` that climbs by `rise` [m] (negative: goes down), its middle at `azimuth` and `height`.
+    """Helical path around the pile, right-handed about z_T.
 
-    Raises ConfigurationError for an arc that is not positive and finite, or if it meets the flange or an end.
+    Args:
+        arc: [rad] angle of the path.
+        rise: [m] from start to end; negative goes down.
+        azimuth: [rad] of its middle, about z_T from x_T.
+        height: [m] of its middle, along z_T.
+
+    Returns:
+        The path in T.
+
+    Raises:
+        ConfigurationError: an arc that is not positive and finite, or a path that meets the flange or an end.
     """
     if not (np.isfinite(arc) and arc > 0.0):
         raise ConfigurationError(f"helix path: arc must be > 0 rad, got {arc}")
@@ -58,7 +86,7 @@ def helix(arc: float = 2.0 * np.pi / 3.0, rise: float = 0.3, azimuth: float = 0.
 
 
 def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPath:
-    """Points at `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of the path's slope."""
+    """Path through `height` (N,) [m] and `azimuth` (N,) [rad]; `climb` is the sine of its slope."""
     low, high = float(np.min(height)), float(np.max(height))
     end = 0.5 * PILE_LENGTH - FLANGE_MARGIN
     under, over = FLANGE[0] - FLANGE_MARGIN, FLANGE[1] + FLANGE_MARGIN
@@ -78,10 +106,14 @@ def _on_shell(name: str, height: Array, azimuth: Array, climb: float) -> ModelPa
 
 
 def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> TargetModel:
-    """A pile 0.6 m across and 3 m long with its flange. z_T is its axis, up, and the origin its middle.
+    """Pile as a target, 0.6 m in diameter and 3 m long; z_T is its axis, up, and the origin its middle.
 
-    `paths`: tool paths by name; by default "vertical", "ring" and "helix" with their defaults. Without the `flange`
-    nothing on it tells height as long as its ends are out of view.
+    Args:
+        paths: tool paths by name; by default "vertical", "ring" and "helix" with their defaults.
+        flange: without it no feature determines height as long as the ends are out of view.
+
+    Returns:
+        The target.
     """
     r, h, R = 0.5 * PILE_DIAMETER, 0.5 * PILE_LENGTH, 0.5 * FLANGE_DIAMETER
     collar = [(FLANGE[0], r), (FLANGE[0], R), (FLANGE[1], R), (FLANGE[1], r)] if flange else []
@@ -95,7 +127,7 @@ def pile(paths: Mapping[str, ModelPath] | None = None, flange: bool = True) -> T
         )
     return TargetModel(
         name="pile",
-        vertices=vertices[:, [1, 2, 0]],  # turned about z instead of x
+        vertices=vertices[:, [1, 2, 0]],  # axis along z instead of x
         triangles=triangles,
         symmetry=Symmetry(axis=np.array([0.0, 0.0, 1.0])),
         paths={"vertical": vertical(), "ring": ring(), "helix": helix()} if paths is None else paths,

@@ -1,7 +1,7 @@
-"""A free-form rock: what an identification meets that was made for no shape at all. Another seed, another rock.
+"""Free-form rock: a random star-shaped boulder, one shape per seed, as a test object for identification.
 
-A boulder is a ball cut by planes, its edges worn round: the smooth minimum, over planes at random distances, of how far
-they let one go from the middle. Broad swells and hollows on it make it concave in places.
+A boulder is a ball cut by planes with rounded edges: the smooth minimum, over planes at random distances, of the
+distance to each plane along a ray from the middle. Broad swells and hollows make it concave in places.
 """
 
 import numpy as np
@@ -11,17 +11,27 @@ from models.objects.target_model import PATH_STEP, ModelPath, TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-_PLANES = 14
-_WORN = 9.0  # exponent of the smooth minimum: larger is sharper
-_SWELLS = 10
-_LEVEL = 5  # of the sphere's subdivision: 20480 triangles, sides about 1 cm
+_PLANES = 14  # random cutting planes, beside the six that bound the rock
+_WORN = 9.0  # exponent of the smooth minimum; larger gives sharper edges
+_SWELLS = 10  # swells and hollows
+_LEVEL = 5  # subdivisions of the sphere: 20480 triangles, sides about 1 cm
 
 
 def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetModel:
-    """A rock of `size` [m] at its widest, drawn from `seed`, with swells and hollows of `roughness` times its radius.
+    """Random rock as a target, star-shaped about its origin, z_T up.
 
-    The origin is inside, z_T up. It is star-shaped about it. Paths: "over" along x_T and "across" along y_T, both over
-    the top, through 80 deg as seen from the origin. Raises ConfigurationError for a size or roughness out of range.
+    Paths "over" along x_T and "across" along y_T run over the top through 80 deg, as seen from the origin.
+
+    Args:
+        seed: of the shape.
+        size: [m] largest extent.
+        roughness: height of swells and hollows, as a share of the radius, in [0, 0.15].
+
+    Returns:
+        The target.
+
+    Raises:
+        ConfigurationError: a seed, size or roughness out of range.
     """
     if not (np.isfinite(size) and size > 0.0):
         raise ConfigurationError(f"rock: size must be > 0 m, got {size}")
@@ -37,11 +47,11 @@ def rock(seed: int = 0, size: float = 0.6, roughness: float = 0.06) -> TargetMod
 
 
 class _Form:
-    """A seeded shape: the distance of its surface from the middle, in every direction."""
+    """Seeded star-shaped surface: distance from the middle in every direction."""
 
     def __init__(self, rng: np.random.Generator, roughness: float) -> None:
         normals, swells = rng.normal(size=(_PLANES, 3)), rng.normal(size=(_SWELLS, 3))
-        # Six planes all round bound it, the others fall as they may.
+        # Six planes along the axes bound the rock, the others are random.
         self._normals = np.vstack([np.eye(3), -np.eye(3), normals / np.linalg.norm(normals, axis=1, keepdims=True)])
         stretch = np.sort(rng.uniform(0.62, 1.0, 3))[::-1]  # x is the longest, z the shortest
         self._reach = rng.uniform(0.85, 1.1, len(self._normals)) * np.linalg.norm(self._normals * stretch, axis=1)
@@ -49,14 +59,14 @@ class _Form:
         self._heights = roughness * rng.uniform(-1.0, 1.0, _SWELLS)
 
     def surface(self, ways: Array) -> Array:
-        """Points (N, 3) of the surface in the directions `ways` (N, 3), unit."""
+        """Points (N, 3) of the surface in the unit directions `ways` (N, 3)."""
         facing = np.maximum(ways @ self._normals.T, 0.0) / self._reach
         radius = np.linalg.norm(facing, ord=_WORN, axis=1) ** -1.0
-        swell = np.exp((ways @ self._swells.T - 1.0) / 0.12) @ self._heights  # each some 40 deg wide
+        swell = np.exp((ways @ self._swells.T - 1.0) / 0.12) @ self._heights  # each about 40 deg wide
         return (radius * (1.0 + swell))[:, None] * ways
 
     def path(self, along: list[int], scale: float) -> ModelPath:
-        """The curve over the top in the plane of z and `along`, from -40 to 40 deg off z, pressed along its normal."""
+        """Path over the top in the plane of z and `along`, from -40 to 40 deg off z; the tool axis points inwards."""
         side = np.array(along, dtype=np.float64)
         fine = np.radians(np.linspace(-40.0, 40.0, 2001))
         p = scale * self.surface(np.sin(fine)[:, None] * side + np.cos(fine)[:, None] * [0.0, 0.0, 1.0])

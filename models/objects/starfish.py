@@ -1,6 +1,6 @@
-"""The starfish of paper 002, fig. 2: thin, five arms alike, so that an attitude 72 deg wrong fits almost as well.
+"""Starfish of [Konoplin 2022, fig. 2]: thin, with five equal arms, so that a yaw error of 72 deg fits almost as well.
 
-The paper gives no sizes; ours are 0.4 m across and 35 mm thick. Flat below, domed above.
+The paper gives no sizes; ours are 0.4 m across and 35 mm thick. The underside is flat, the upper side domed.
 """
 
 import numpy as np
@@ -9,10 +9,10 @@ from models.objects.target_model import PATH_STEP, ModelPath, Symmetry, TargetMo
 from sim.interfaces.spatial import Array, exp_so3
 
 THICKNESS = 0.035  # [m] in the middle
-ARMS = 5
+ARMS = 5  # equal arms, so the symmetry is a turn of 72 deg
 REACH = 0.2  # [m] from the middle to an arm's tip
 WAIST = 0.07  # [m] from the middle to the outline between two arms
-RIM = 0.3  # share of the thickness that the rim has
+RIM = 0.3  # thickness of the rim, as a share of the middle's
 _AROUND, _RINGS = 36 * ARMS, 16
 
 
@@ -22,24 +22,24 @@ def outline(angle: Array) -> Array:
 
 
 def _height(share: Array) -> Array:
-    """Height [m] over the flat underside, `share` of the way from the middle to the outline."""
+    """Height [m] over the flat underside at `share` of the way from the middle to the outline."""
     return THICKNESS * (RIM + (1.0 - RIM) * np.sqrt(1.0 - 0.96 * share**2) - 0.2 * (1.0 - RIM) * share**8)
 
 
 def arm() -> ModelPath:
-    """A line along the ridge of the arm that lies along x_T, outwards."""
+    """Path along the ridge of the arm that lies along x_T, outwards."""
     x = np.arange(0.02, 0.8 * REACH, PATH_STEP)
     return _on_top(np.column_stack([x, np.zeros_like(x)]))
 
 
 def ring(radius: float = 0.05) -> ModelPath:
-    """A circle of `radius` [m] around the middle, right-handed about z_T; it stays within the waist."""
+    """Circular path of `radius` [m] around the middle, right-handed about z_T, within the waist."""
     angle = np.linspace(0.0, 2.0 * np.pi, max(16, round(2.0 * np.pi * radius / PATH_STEP)))
     return _on_top(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def _on_top(xy: Array) -> ModelPath:
-    """The path over `xy` (N, 2) [m] on the upper side, pressed along its normal."""
+    """Path over `xy` (N, 2) [m] on the upper side, tool axis along the inward normal."""
 
     def surface(at: Array) -> Array:
         share = np.hypot(*at.T) / outline(np.arctan2(at[:, 1], at[:, 0]))
@@ -56,12 +56,12 @@ def _on_top(xy: Array) -> ModelPath:
 
 
 def starfish() -> TargetModel:
-    """A starfish, z_T out of its domed side, x_T along an arm, the origin at half its thickness.
+    """Starfish as a target: z_T out of its domed side, x_T along an arm, origin at half its thickness.
 
-    Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Turns of 72 deg about z_T look the same.
+    Paths "arm" (a line along an arm) and "ring" (a circle in the middle). Symmetric under turns of 72 deg about z_T.
     """
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
-    share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # closer where the dome falls off
+    share = (np.arange(1, _RINGS + 1) / _RINGS) ** 0.8  # denser where the dome is steep
     edge = outline(angle)
     rings = np.stack(
         [

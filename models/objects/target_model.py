@@ -1,4 +1,4 @@
-"""What is known of an object to work on: its mesh, symmetry, tool paths on the model, and how they stand in a scene.
+"""Model of an object to work on: mesh, symmetry, tool paths on the surface, and its bodies in a MuJoCo scene.
 
 Frame T is the model's own frame. Symmetries turn about T's origin. Triangles wind counter-clockwise seen from outside.
 """
@@ -28,15 +28,15 @@ from sim.interfaces.spatial import (
     real_array,
 )
 
-LARGEST = 20.0  # [m] that a mesh is believed to be across
-SMALLEST = 1e-3  # [m] across, below which no tool or sensor meets an object
-FARTHEST_VERTEX = 1e5  # [m]
-PATH_STEP = 0.005  # [m], between points of a model path
+LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
+SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
+FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
+PATH_STEP = 0.005  # [m] spacing of the points of a model path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Symmetry:
-    """Rotations about T's origin that leave the shape as it is: a discrete group times turns about `axis`."""
+    """Rotations about T's origin that map the shape onto itself: a discrete group times turns about `axis`."""
 
     axis: Array | None = None  # (3,) unit, in T: any turn about it maps the shape onto itself
     rotations: Array = field(default_factory=lambda: readonly(np.eye(3)[None]))  # (n, 3, 3), identity first
@@ -45,7 +45,7 @@ class Symmetry:
         rotations = real_array(self.rotations, "symmetry rotations", "(n, 3, 3) numbers")
         if rotations.ndim != 3 or rotations.shape[1:] != (3, 3) or not len(rotations):
             raise ConfigurationError(f"symmetry rotations: expected shape (n, 3, 3), got {rotations.shape}")
-        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)  # the square of a large one is no number
+        small = np.where(np.abs(rotations) < 2.0, rotations, np.nan)  # the square of a large number overflows
         if not np.abs(small @ small.transpose(0, 2, 1) - np.eye(3)).max() <= 1e-6:
             raise ConfigurationError("symmetry rotations: every matrix must be orthonormal")
         if not np.all(np.linalg.det(rotations) > 0.0):
@@ -56,11 +56,11 @@ class Symmetry:
             longest = float(np.abs(axis).max())
             if not longest > 1e-9:
                 raise ConfigurationError("symmetry axis: must not be zero")
-            axis = axis / longest  # the square of a very long one is no number
+            axis = axis / longest  # the square of a very long one overflows
             object.__setattr__(self, "axis", readonly(axis / np.linalg.norm(axis)))
 
     def nearest(self, R_AT: Array, R_AT_prior: Array) -> Array:
-        """Of all rotations that show the shape as `R_AT` does, the one nearest to `R_AT_prior` (both (3, 3))."""
+        """Of all rotations equivalent to `R_AT` by symmetry, the one nearest to `R_AT_prior` (both (3, 3))."""
         best, best_trace = R_AT, -np.inf
         for G in self.rotations:
             R = R_AT @ G
@@ -76,7 +76,7 @@ class Symmetry:
         return best
 
     def error(self, X_AT: Array, X_AT_true: Array) -> tuple[float, float]:
-        """Symmetric distance of two poses (4, 4): position of the origin [m] and least rotation angle [rad]."""
+        """Error between two poses (4, 4) modulo symmetry: position of the origin [m] and least rotation angle [rad]."""
         R, R_true = X_AT[:3, :3], X_AT_true[:3, :3]
         nearest = self.nearest(R, R_true)
         delta = R_true.T @ nearest
@@ -87,7 +87,7 @@ class Symmetry:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModelPath:
-    """A tool path on the model: the points X'_j and tool axes a'_j, b'_j of paper 002, eq. (3), in T."""
+    """Tool path on the model, in T: the points X'_j and tool axes a'_j, b'_j of [Konoplin 2022, eq. 3]."""
 
     p: Array  # (N, 3) [m] points on the surface
     a: Array  # (N, 3) unit tool axis, into the surface
@@ -108,17 +108,17 @@ class ModelPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solid:
-    """One collision primitive of a target, the same shape as that part of its mesh."""
+    """Collision primitive of a target with the same shape as that part of its mesh."""
 
     name: str
     kind: mujoco.mjtGeom
-    size: tuple[float, ...]  # [m], as MuJoCo's geom size
+    size: tuple[float, ...]  # [m] as MuJoCo's geom size
     X_TS: Array  # (4, 4) pose in T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TargetModel:
-    """What is known beforehand of an object to work on."""
+    """Prior knowledge of an object to work on: mesh, symmetry, paths and collision shapes."""
 
     name: str
     vertices: Array  # (V, 3) [m], in T
@@ -126,8 +126,8 @@ class TargetModel:
     symmetry: Symmetry = field(default_factory=Symmetry)
     paths: Mapping[str, ModelPath] = field(default_factory=dict)  # tool paths by name
     solids: tuple[Solid, ...] = ()  # collision primitives, each the same shape as that part of the mesh
-    hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex parts to collide with beside the solids
-    stand: tuple[Solid, ...] = ()  # what it rests on: in the scene, but no part of the model to be found
+    hulls: tuple[Array, ...] = ()  # (n, 3) [m] corners, in T, of convex collision parts beside the solids
+    stand: tuple[Solid, ...] = ()  # support: in the scene, but not part of the model used for identification
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
@@ -173,32 +173,46 @@ class TargetModel:
 
     @property
     def center(self) -> Array:
-        """Middle (3,) [m] of the bounding box, in T: the point that a coarse detection gives."""
+        """Centre (3,) [m] of the bounding box, in T: the point that a coarse detection yields."""
         return 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
 
     @property
     def radius(self) -> float:
-        """Radius [m] of the sphere around `center` that holds the whole model."""
+        """Radius [m] of the sphere around `center` that encloses the whole model."""
         return float(np.linalg.norm(self.vertices - self.center, axis=1).max())
 
     def path(self, name: str) -> ModelPath:
-        """The tool path `name`; raises ConfigurationError, with the names there are, if it is unknown."""
+        """Tool path by name.
+
+        Raises:
+            ConfigurationError: an unknown name; the message lists the known ones.
+        """
         if name not in self.paths:
             raise ConfigurationError(f"target {self.name!r} has no path {name!r}; it has {sorted(self.paths)}")
         return self.paths[name]
 
     def with_path(self, name: str, path: ModelPath) -> "TargetModel":
-        """The same target with `path` added (or replaced) under `name`."""
+        """Copy of the target with `path` added or replaced under `name`."""
         return replace(self, paths={**self.paths, name: path})
 
     def add_to(self, spec: mujoco.MjSpec, X_WT: ArrayLike, stand: bool = True, felt: bool = True) -> mujoco.MjsBody:
-        """Add the target to the world of `spec` at `X_WT` (4, 4), as a body and a main geom both named "target".
+        """Add the target to the world of `spec`, as a body and a main geom both named "target".
 
-        Its other geoms are "target_<part>". Solids alone are both seen and felt. With hulls the mesh is what is seen,
-        and what is felt, solids and hulls, is not drawn. With neither, the mesh is cut into hulls first, which takes
-        seconds for a large one (a fouled barrel: half a minute); without `felt` it stays a picture, at once.
-        Returns the body, for the caller to set friction or colour.
-        Raises ConfigurationError for a bad pose.
+        Its other geoms are "target_<part>". Solids alone are both visible and collide. With hulls the mesh is visible,
+        and the colliding solids and hulls are hidden. With neither, the mesh is first decomposed into hulls. That takes
+        seconds for a large mesh (a fouled barrel: half a minute).
+
+        Args:
+            spec: scene.
+            X_WT: (4, 4) pose of the target.
+            stand: add the stand too.
+            felt: False skips the decomposition; the mesh is then visible only.
+
+        Returns:
+            The body, so that the caller can set friction or colour.
+
+        Raises:
+            ConfigurationError: a bad pose.
         """
         X = checked_pose(X_WT, "X_WT")
         body = spec.worldbody.add_body(name="target", pos=X[:3, 3], quat=quat_wxyz_from_rotation(X[:3, :3]))
@@ -210,7 +224,7 @@ class TargetModel:
                 name="target",
                 uservert=self.vertices.astype(np.float32).ravel(),
                 userface=self.triangles.astype(np.int32).ravel(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan need not be closed
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a user's scan may be open
             )
             body.add_geom(name="target", type=mujoco.mjtGeom.mjGEOM_MESH, meshname="target", contype=0, conaffinity=0)
         for k, hull in enumerate(hulls):
@@ -218,7 +232,7 @@ class TargetModel:
             spec.add_mesh(
                 name=name,
                 uservert=hull.astype(np.float32).ravel(),
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some are thin
+                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # some hulls are thin
             )
             part = body.add_geom(name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name)
             _hide(part)
@@ -247,11 +261,21 @@ class TargetModel:
         paths: Mapping[str, ModelPath] | None = None,
         scale: float | None = None,
     ) -> "TargetModel":
-        """A target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB).
+        """Load a target from a mesh file (STL, PLY, OBJ, OFF, glTF or GLB).
 
-        `scale` takes the file's unit to metres (0.001 for millimetres); None: metres, and a mesh larger than LARGEST
-        is refused. Raises ConfigurationError if the file is missing, unreadable or without triangles, or in a wrong
-        unit.
+        Args:
+            file: path.
+            name: by default the file's stem.
+            symmetry: by default none.
+            paths: tool paths by name.
+            scale: metres per unit of the file (0.001 for millimetres). None means metres, and a mesh larger than
+                `LARGEST` is refused.
+
+        Returns:
+            The target.
+
+        Raises:
+            ConfigurationError: a file that is missing, unreadable, without triangles or in a wrong unit.
         """
         path = existing_file(file, "target mesh")
         if scale is not None:
@@ -274,18 +298,18 @@ class TargetModel:
 
 
 def _hide(geom: mujoco.MjsGeom) -> None:
-    """Leave `geom` to contact alone: no camera and no log shows it."""
+    """Hide `geom` from cameras and logs; it still collides."""
     geom.group = 3
     geom.rgba = [0.5, 0.5, 0.5, 0.0]
 
 
 def _soften(part: mujoco.MjsGeom, spec: mujoco.MjSpec) -> None:
-    """Let what presses on `part` sink in by some tenths of a millimetre.
+    """Make the contact of `part` compliant, with a penetration of some tenths of a millimetre.
 
-    Where parts meet a tool touches several at once, and sinks into each the less: into stiff ones so little that it
-    leaves them, step by step, while it is pressed. The friction stays the tool's own.
+    Where parts meet, a tool touches several at once and penetrates each the less. With stiff contacts the penetration
+    is so small that the tool loses contact from step to step while it is pressed. Friction remains that of the tool.
     """
-    part.priority = max(geom.priority for geom in spec.geoms)  # of equals the greater friction counts, and `solmix`
+    part.priority = max(geom.priority for geom in spec.geoms)  # equal priority: maximum friction, mix by `solmix`
     part.friction = [0.0, 0.0, 0.0]
     part.solmix = 1e6
     part.solref = [0.006, 1.0]

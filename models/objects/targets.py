@@ -1,4 +1,4 @@
-"""Objects to work on: the one door to their models (`models.objects.target_model`) and to the objects there are."""
+"""Access to objects to work on: registry by name, mesh files, and the classes of `models.objects.target_model`."""
 
 import inspect
 from collections.abc import Callable
@@ -54,14 +54,15 @@ _OBJECTS: MappingProxyType[str, Callable[..., Any]] = MappingProxyType(
 
 
 def available() -> tuple[str, ...]:
-    """Names of the objects that `named` knows."""
+    """Names of the registered objects."""
     return tuple(sorted(_OBJECTS))
 
 
 def named(name: str, **options: Any) -> TargetModel:
-    """The object `name`, such as "starfish"; `options` are those of its own function, such as a rock's `seed`.
+    """Build a registered object, such as "starfish"; `options` go to its own function, such as a rock's `seed`.
 
-    Raises ConfigurationError for an unknown name or option, with those there are.
+    Raises:
+        ConfigurationError: an unknown name or option; the message lists the known ones.
     """
     if not isinstance(name, str) or name not in _OBJECTS:
         raise ConfigurationError(f"unknown object {shown(name)}; there are {', '.join(available())}")
@@ -75,9 +76,10 @@ def named(name: str, **options: Any) -> TargetModel:
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:
-    """The object of that name, or from a mesh file (`TargetModel.from_file`): what has an ending is a file.
+    """Object by name, or from a mesh file (`TargetModel.from_file`) if the argument has a file ending.
 
-    Raises ConfigurationError for an unknown name, or a file or `scale` that cannot be.
+    Raises:
+        ConfigurationError: an unknown name, or an invalid file or `scale`.
     """
     if not isinstance(name_or_file, str | Path):
         raise ConfigurationError(f"object: expected a name or a mesh file, got {shown(name_or_file)}")

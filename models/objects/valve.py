@@ -1,4 +1,4 @@
-"""A quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem, and a lever to one side.
+"""Quarter-turn valve with its handle: a pipe with two flanges, a bonnet, a stem, and a lever to one side.
 
 Sizes are ours, of the order of a DN100 ball valve. The lever leaves it without symmetry.
 """
@@ -14,14 +14,18 @@ from sim.interfaces.spatial import pose, rotation_from_z
 PIPE = (0.06, 0.44)  # [m] radius and length, along x_T
 FLANGE = (0.11, 0.025)  # [m] radius and thickness, at each end
 BONNET = (0.045, 0.13)  # [m] radius, and height of its top over the pipe's axis
-STEM = (0.014, 0.17)  # [m] likewise
+STEM = (0.014, 0.17)  # [m] radius, and height of its top over the pipe's axis
 LEVER = (0.32, 0.036, 0.022)  # [m] length, width, thickness
-LEVER_BACK = 0.035  # [m] by which it reaches over the stem's axis
-_SIDES = 96
+LEVER_BACK = 0.035  # [m] by which the lever extends behind the stem's axis
+_SIDES = 96  # of surfaces of revolution in the mesh
 
 
 def handle(length: float = 0.2) -> ModelPath:
-    """A line of `length` [m] on the lever's upper side, outwards to its end: where it is gripped or pushed."""
+    """Path of `length` [m] on the lever's upper side, outwards to its end, where it is gripped or pushed.
+
+    Raises:
+        ConfigurationError: a length beyond the lever.
+    """
     if not 0.0 < length < LEVER[0] - LEVER_BACK - 0.03:
         raise ConfigurationError(f"handle path: length must lie between 0 and {LEVER[0] - LEVER_BACK - 0.03:.3f} m")
     end = LEVER[0] - LEVER_BACK - 0.02
@@ -35,7 +39,11 @@ def handle(length: float = 0.2) -> ModelPath:
 
 
 def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
-    """An arc of `arc` [rad] around the pipe at `x` [m], right-handed about x_T, its middle on top (+z_T)."""
+    """Circular path of `arc` [rad] around the pipe at `x` [m], right-handed about x_T, its middle on top (+z_T).
+
+    Raises:
+        ConfigurationError: an arc outside (0, 2 pi], or a path at the bonnet or a flange.
+    """
     if not (0.0 < arc <= 2.0 * np.pi and BONNET[0] + 0.02 <= abs(x) <= 0.5 * PIPE[1] - FLANGE[1] - 0.02):
         raise ConfigurationError(
             f"collar path: arc must lie in (0, 2 pi] rad and |x| between {BONNET[0] + 0.02:.3f} and "
@@ -50,9 +58,9 @@ def collar(arc: float = np.pi, x: float = 0.12) -> ModelPath:
 
 
 def valve() -> TargetModel:
-    """The valve, x_T along its pipe, z_T up the stem, the origin in the middle of the pipe; the lever along y_T.
+    """Valve as a target: x_T along its pipe, z_T up the stem, y_T along the lever, origin in the middle of the pipe.
 
-    Its closed shells (body, bonnet with stem, lever) run into each other. Paths "handle" and "collar".
+    Its closed shells (body, bonnet with stem, lever) intersect. Paths "handle" and "collar".
     """
     cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
     r, half, (wide, thick) = PIPE[0], 0.5 * PIPE[1], FLANGE

@@ -1,1 +1,1 @@
-"""Where the work is: scenes of vehicle, object and seabed; terrains; soils."""
+"""Work sites: scenes of vehicle, object and seabed; terrains; soils."""

@@ -1,4 +1,4 @@
-"""Scenes: a vehicle, an object to work on, and the seabed, in one MjSpec."""
+"""Scene builder: a vehicle, an object to work on, and the seabed in one MjSpec."""
 
 from pathlib import Path
 
@@ -13,13 +13,14 @@ from models.site.seabed import Seabed
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, shown, transform_points
 
-SEABED_DEPTH = 0.75  # [m] below the middle of the object
+SEABED_DEPTH = 0.75  # [m] of the flat seabed below the object's origin
 
 
 def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
-    """A vehicle by its name in `models.available()`, or from an MJCF file whose coefficients are in its user data.
+    """Vehicle by its name in `models.available()`, or from an MJCF file with coefficients in its user data.
 
-    Raises ConfigurationError if `vehicle` is neither, or the file cannot be read or does not compile.
+    Raises:
+        ConfigurationError: neither a name nor a file, or a file that cannot be read or compiled.
     """
     if not isinstance(vehicle, str | Path):
         raise ConfigurationError(f"vehicle: expected a name or an MJCF file, got {shown(vehicle)}")
@@ -32,14 +33,22 @@ def vehicle_spec(vehicle: str | Path) -> mujoco.MjSpec:
         )
     spec, _ = read_mjcf(vehicle, "vehicle")
     if hydrodynamics.attached(spec):
-        hydrodynamics.attach(spec, {})  # MJCF keeps the coefficients of bodies, but no user data of the world
+        hydrodynamics.attach(spec, {})  # MJCF keeps user data of bodies but not of the world
     return spec
 
 
 def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoco.MjSpec:
-    """`vehicle` itself, at the origin, with `target` at `X_WT` (4, 4) on its stand and flat seabed under it.
+    """Add `target` on its stand, and flat seabed under it, to the spec of a vehicle at the origin.
 
-    A target that reaches deeper than SEABED_DEPTH under its own origin stands on the seabed.
+    A target that extends deeper than SEABED_DEPTH below its own origin stands on the seabed.
+
+    Args:
+        vehicle: spec, changed in place.
+        target: object to work on.
+        X_WT: (4, 4) pose of the target.
+
+    Returns:
+        The same spec.
     """
     spec = vehicle
     target.add_to(spec, X_WT)
@@ -53,8 +62,13 @@ def work_site(vehicle: mujoco.MjSpec, target: TargetModel, X_WT: Array) -> mujoc
 
 
 def dig_site(vehicle: mujoco.MjSpec, ground: Seabed) -> mujoco.MjSpec:
-    """`vehicle` itself over `ground`, into which its tool, the geom "pad", goes without collision: the soil is a force
-    on it (`models.site.soil`). Raises ConfigurationError for a vehicle without that tool."""
+    """Add `ground` to the spec of a vehicle whose tool, the geom "pad", penetrates it without collision.
+
+    The soil acts as a force on the tool (`models.site.soil`).
+
+    Raises:
+        ConfigurationError: the vehicle has no such tool.
+    """
     tool = next((geom for geom in vehicle.geoms if geom.name == TOOL_GEOM), None)
     if tool is None:
         raise ConfigurationError(f"to dig the vehicle needs a tool, a geom named {TOOL_GEOM!r}")

@@ -1,8 +1,8 @@
-"""Seabeds to take samples from: seeded terrains as MuJoCo height fields, or as meshes for what only looks.
+"""Random seabed terrains as MuJoCo height fields, or as meshes for sensors only.
 
-A terrain is a grid of heights; between its nodes it is the triangles of MuJoCo's height field, so that what a sensor
-sees, what collides, and what a judge calls true is one surface. MuJoCo collides meshes as their convex hulls: a mesh
-of a seabed is for the eye and the sonar, the height field is what stops a vehicle.
+A terrain is a grid of heights. Between its nodes it consists of the triangles of MuJoCo's height field, so that
+sensors, collision and evaluation use one surface. MuJoCo collides meshes as their convex hulls. The mesh therefore
+serves camera and sonar, the height field collision.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from sim.interfaces.spatial import Array, checked, readonly
 Kind = Literal["flat", "ripples", "slope", "rocks"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 SEABED_GEOM = "seabed"
-_BASE = 0.3  # [m] of solid ground under the lowest point
+_BASE = 0.3  # [m] thickness of solid ground under the lowest point
 _RGBA = (0.55, 0.5, 0.4, 1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seabed:
-    """A terrain over the square of half side `half` around `center_W`: heights on an even grid."""
+    """Terrain on an even grid of heights over the square of half side `half` around `center_W`."""
 
     kind: Kind
     heights: Array  # (n, n) [m] over `center_W`, rows along y, columns along x
@@ -46,11 +46,11 @@ class Seabed:
 
     @property
     def step(self) -> float:
-        """Between the nodes [m]."""
+        """Spacing of the nodes [m]."""
         return 2.0 * self.half / (len(self.heights) - 1)
 
     def height(self, xy_W: ArrayLike) -> Array:
-        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN beside the grid."""
+        """Height (N,) [m] in W of the surface at `xy_W` (N, 2 or more) [m]; NaN outside the grid."""
         at = np.atleast_2d(np.asarray(xy_W, dtype=np.float64))
         last = len(self.heights) - 1
         u = (at[:, 0] - self.center_W[0] + self.half) / self.step
@@ -62,12 +62,12 @@ class Seabed:
         u, v = u - i, v - j
         a, b = self.heights[j, i], self.heights[j, i + 1]
         c, d = self.heights[j + 1, i + 1], self.heights[j + 1, i]
-        # Each cell is cut from corner a to corner c.
+        # Each cell is divided along the diagonal from corner a to corner c.
         z = np.where(v <= u, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
         return np.where(inside, z + self.center_W[2], np.nan)
 
     def mesh(self) -> tuple[Array, np.ndarray]:
-        """Vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise from above."""
+        """Mesh of the terrain: vertices (V, 3) [m] in W and triangles (T, 3), counter-clockwise from above."""
         n = len(self.heights)
         x, y = np.meshgrid(*(np.linspace(-self.half, self.half, n) + c for c in self.center_W[:2]))
         index = np.arange(n * n).reshape(n, n)
@@ -76,7 +76,7 @@ class Seabed:
         return vertices, np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
     def add_to(self, spec: mujoco.MjSpec, shape: Literal["height field", "mesh"] = "height field") -> None:
-        """Put the terrain into the world of `spec` as geom SEABED_GEOM; as a mesh it collides with nothing."""
+        """Add the terrain to the world of `spec` as geom SEABED_GEOM; as a mesh it does not collide."""
         geom = spec.worldbody.add_geom(name=SEABED_GEOM, rgba=_RGBA)
         if shape == "mesh":
             vertices, triangles = self.mesh()
@@ -87,7 +87,7 @@ class Seabed:
             return
         low, high = float(self.heights.min()), float(self.heights.max())
         n = len(self.heights)
-        top = max(high - low, 1e-3)  # MuJoCo wants some
+        top = max(high - low, 1e-3)  # MuJoCo requires a positive height
         spec.add_hfield(
             name=SEABED_GEOM,
             nrow=n,
@@ -108,12 +108,29 @@ def seabed(
     step: float = 0.02,
     steepest: float = 20.0,
 ) -> Seabed:
-    """A terrain of `kind` drawn from `rng`: what varies is the heading, size and place of its features.
+    """Random terrain of `kind`; heading, size and place of its features vary.
 
-    flat: undulation of 3 to 10 mm over 1 to 3 m. ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to
-    a fifteenth as high (sand ripples are steeper than 1:20; Soulsby 1997, Dynamics of Marine Sands, ch. 7.2). slope: a
-    plane of 5 degrees to `steepest` [deg]. rocks: 6 to 14 half-buried ellipsoids of 0.08 to 0.3 m radius. All carry
-    the undulation and 1 mm of bumps. Raises ConfigurationError for an unknown kind or impossible sizes.
+    - flat: undulation of 3 to 10 mm over 1 to 3 m.
+    - ripples: asymmetric sand ripples, 0.15 to 0.6 m long and a tenth to a fifteenth as high. Sand ripples are steeper
+      than 1:20 [Soulsby 1997, ch. 7.2].
+    - slope: a plane of 5 degrees to `steepest`.
+    - rocks: 6 to 14 half-buried ellipsoids of 0.08 to 0.3 m radius.
+
+    All carry the undulation and 1 mm of bumps.
+
+    Args:
+        kind: one of `KINDS`.
+        rng: source of randomness.
+        center_W: (3,) [m] centre of the terrain, at its surface.
+        half: [m] half side of the square.
+        step: [m] spacing of the nodes.
+        steepest: [deg] largest slope.
+
+    Returns:
+        The terrain.
+
+    Raises:
+        ConfigurationError: an unknown kind or impossible sizes.
     """
     if kind not in KINDS:
         raise ConfigurationError(f"unknown seabed {kind!r}; there are {', '.join(KINDS)}")
@@ -138,7 +155,7 @@ def seabed(
             place, radius, squash = rng.uniform(-0.8 * half, 0.8 * half, 2), rng.uniform(0.08, 0.3), rng.uniform(0.5, 1)
             stones.append([*(place + center[:2]), radius])
             inside = 1.0 - ((x - place[0]) ** 2 + (y - place[1]) ** 2) / radius**2
-            # Over half of the stone is in the ground, or it would be undercut.
+            # More than half of the stone is buried, since a height field has no overhangs.
             z = np.maximum(z, z.mean() - 0.1 * radius + squash * radius * np.sqrt(np.maximum(inside, 0.0)))
         rocks = np.array(stones)
     return Seabed(kind=kind, heights=z - z[n // 2, n // 2], half=half, center_W=center, rocks=rocks)
@@ -147,7 +164,7 @@ def seabed(
 def _waves(
     x: Array, y: Array, rng: np.random.Generator, *, lengths: tuple[float, float], height: float, count: int
 ) -> Array:
-    """`count` sine waves of random heading; `height` [m] is the standard deviation of their sum."""
+    """Sum of `count` sine waves of random heading; `height` [m] is the standard deviation of the sum."""
     z = np.zeros_like(x)
     for _ in range(count):
         k, heading, phase = 2.0 * np.pi / rng.uniform(*lengths), rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 2 * np.pi)
@@ -156,7 +173,7 @@ def _waves(
 
 
 def _ripples(x: Array, y: Array, rng: np.random.Generator) -> Array:
-    """Ripples with a steep lee side and crests that wander."""
+    """Ripples with a steep lee side and meandering crests."""
     length, heading = rng.uniform(0.15, 0.6), rng.uniform(-np.pi, np.pi)
     height = length / rng.uniform(10.0, 15.0)  # [m] trough to crest
     along, across = np.cos(heading) * x + np.sin(heading) * y, np.cos(heading) * y - np.sin(heading) * x

@@ -1,20 +1,28 @@
-"""Soils of the seabed, and how they resist a tool: along its axis, and sideways, over the depth.
+"""Soil resistance of the seabed against a tool, along its axis and sideways, as a function of depth.
 
-Along the axis as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the cone resistance q_c(z) = q_0 + q_1 z,
-the area A of the cutting edge and the circumference U that the soil rubs on: the method of Det Norske Veritas 1992,
-Classification Notes 30.4, Foundations. Drawing it out costs the second term alone; no suction, no plug.
+Along the axis the tool is treated as a skirt: R(d) = k_p A q_c(d) + k_f U int_0^d q_c dz, with the cone resistance
+q_c(z) = q_0 + q_1 z. A is the area of the cutting edge and U the circumference in contact with soil [DNV 1992].
+Extraction costs the second term alone; suction and plug are neglected.
 
-Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z: in clay 3 s_u at the
-surface (Matlock 1970: p = 3 s_u + gamma' z + J s_u z / b per breadth, J = 0.5; of which 3 s_u is kept), in sand
-3 K_p gamma' z (Broms 1964). A blade cuts: the plane wedge before it, whose weight, strength, and friction on blade and
-failure plane (McKyes 1985, Soil Cutting and Tillage, after Reece 1964, the fundamental equation of earthmoving), at the
-slip angle of least resistance; for a smooth upright blade that is Rankine's K_p gamma' z and 2 s_u. What of it acts
-along the tool, and the soil that a box has taken up, are left out.
+Sideways a narrow tool of breadth b bears a multiple of the passive pressure p(z) = p_0 + p_1 z. In clay that is 3 s_u
+at the surface: [Matlock 1970] has p = 3 s_u + gamma' z + J s_u z / b per breadth, J = 0.5, of which 3 s_u is kept. In
+sand it is 3 K_p gamma' z [Broms 1964].
 
-Checked against the source or another's account of it: the form of both laws, Matlock's 3 s_u, the wedge. Assumed: the
-factors k_p and k_f, said to be the most probable of the Notes (field tests found k_p less in medium dense sand); the 3
-of sand; gamma' = 9 kN/m^3 with a friction of 32 deg, steel on it two thirds of that; q_c in the first decimetres, 8
-MPa/m in sand, 12 s_u in mud of s_u = 2 kPa + 3 kPa/m; the quake. They are orders of magnitude, not a place.
+A blade cuts: it moves the plane wedge ahead of it. Weight, strength, and friction on blade and failure plane count
+[McKyes 1985], after the fundamental equation of earthmoving [Reece 1964]. The slip angle is that of least resistance.
+For a smooth upright blade the result is Rankine's K_p gamma' z and 2 s_u. The component along the tool, and the soil
+collected by a box, are neglected.
+
+Verified against the source or a secondary account: the form of both laws, Matlock's 3 s_u, the wedge. Assumed are:
+
+- the factors k_p and k_f, stated to be the most probable of the Notes (field tests found k_p less in medium dense
+  sand);
+- the factor 3 of sand;
+- gamma' = 9 kN/m^3 with a friction of 32 deg, and two thirds of that for steel;
+- q_c in the first decimetres: 8 MPa/m in sand, 12 s_u in mud of s_u = 2 kPa + 3 kPa/m;
+- the quake.
+
+They are orders of magnitude, not data of a place.
 """
 
 from dataclasses import dataclass, fields
@@ -25,24 +33,24 @@ from numpy.typing import ArrayLike
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-NARROW = 3.0  # times Rankine's pressure that a narrow tool feels in sand
-_SLIP_ANGLES = 3_000  # tried
+NARROW = 3.0  # pressure on a narrow tool in sand, as a multiple of Rankine's
+_SLIP_ANGLES = 3_000  # number of slip angles in the search for the least resistance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Soil:
-    """One soil; resistances grow linearly from the surface down."""
+    """Soil whose resistances grow linearly with depth."""
 
-    cone: float  # [Pa] cone resistance at the surface,
-    cone_growth: float  # [Pa/m]
+    cone: float  # [Pa] cone resistance q_0 at the surface
+    cone_growth: float  # [Pa/m] growth q_1 of the cone resistance with depth
     tip_factor: float  # k_p
     side_factor: float  # k_f
-    passive: float  # [Pa] pressure on a wide blade at the surface,
-    passive_growth: float  # [Pa/m]
-    narrow: float  # times as much on a narrow tool
-    friction: float = 0.0  # [rad] inner,
-    wall_friction: float = 0.0  # [rad] and of steel on it
-    quake: float = 1e-3  # [m] it gives way elastically before it yields
+    passive: float  # [Pa] passive pressure p_0 on a wide blade at the surface
+    passive_growth: float  # [Pa/m] growth p_1 of the passive pressure with depth
+    narrow: float  # multiple of that pressure on a narrow tool
+    friction: float = 0.0  # [rad] angle of internal friction
+    wall_friction: float = 0.0  # [rad] friction of steel on the soil
+    quake: float = 1e-3  # [m] elastic displacement before the soil yields
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -57,12 +65,12 @@ class Soil:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SoilTool:
-    """What of a tool meets the soil."""
+    """Geometry of the part of a tool that penetrates the soil."""
 
     edge: float  # [m^2] area of the cutting edge
-    skin: float  # [m] circumference that the soil rubs on, inside and outside
-    breadth: float  # [m] that faces the soil when it is moved sideways
-    rake: float | None = None  # [rad] of a blade, from level, ahead of which the soil is; None: a tube
+    skin: float  # [m] circumference in contact with soil, inside and outside
+    breadth: float  # [m] width across the direction of sideways motion
+    rake: float | None = None  # [rad] of a blade, from the horizontal; None: a tube
 
     def __post_init__(self) -> None:
         if not (self.edge > 0.0 and self.skin > 0.0 and self.breadth > 0.0):
@@ -101,7 +109,7 @@ def mud(strength: float = 2e3, growth: float = 3e3) -> Soil:
 
 
 def rankine(friction: float) -> float:
-    """K_p, passive over vertical pressure in soil of inner `friction` [rad] at a smooth wall."""
+    """Rankine's K_p: passive over vertical pressure in soil of internal `friction` [rad] at a smooth wall."""
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
@@ -109,7 +117,7 @@ SOILS = {"sand": sand(), "mud": mud()}
 
 
 def core_tube(radius: float, wall: float) -> SoilTool:
-    """An open tube of outer `radius` and `wall` [m]."""
+    """Open tube of outer `radius` and `wall` [m] as a soil tool."""
     if not 0.0 < wall < radius:
         raise ConfigurationError(f"core tube: 0 < wall < radius, got {wall} and {radius} m")
     inner = radius - wall
@@ -119,8 +127,20 @@ def core_tube(radius: float, wall: float) -> SoilTool:
 
 
 def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
-    """A box of `width` across its way and `length` along it, open below, of `wall` [m]; its cutting edge at `rake`
-    [rad] from level."""
+    """Box open below, as a soil tool that is dragged with its cutting edge ahead.
+
+    Args:
+        width: [m] across its way.
+        length: [m] along its way.
+        wall: [m] thickness.
+        rake: [rad] of the cutting edge, from the horizontal.
+
+    Returns:
+        The tool.
+
+    Raises:
+        ConfigurationError: walls thicker than half the box.
+    """
     if not 0.0 < 2.0 * wall < min(width, length):
         raise ConfigurationError(f"box: 0 < 2 wall < width, length; got {wall}, {width}, {length} m")
     outer, inner = 2.0 * (width + length), 2.0 * (width + length - 4.0 * wall)
@@ -129,31 +149,58 @@ def box(width: float, length: float, wall: float, rake: float) -> SoilTool:
 
 
 def push_resistance(soil: Soil, tool: SoilTool, depth: ArrayLike) -> Array:
-    """Force [N] with which `soil` stops `tool` from going deeper, its edge `depth` [m] below the surface."""
+    """Axial force [N] of the soil against further penetration.
+
+    Args:
+        soil: parameters.
+        tool: geometry.
+        depth: [m] of the edge below the surface, of any shape.
+
+    Returns:
+        Force, of the shape of `depth`.
+    """
     d = np.maximum(np.asarray(depth, dtype=np.float64), 0.0)
     tip = soil.tip_factor * tool.edge * (soil.cone + soil.cone_growth * d)
     return np.where(d > 0.0, tip + pull_resistance(soil, tool, d), 0.0)
 
 
 def pull_resistance(soil: Soil, tool: SoilTool, depth: ArrayLike) -> Array:
-    """Force [N] with which it holds the tool back on the way out."""
+    """Axial force [N] of the soil against extraction.
+
+    Args:
+        soil: parameters.
+        tool: geometry.
+        depth: [m] of the edge below the surface, of any shape.
+
+    Returns:
+        Force, of the shape of `depth`.
+    """
     d = np.maximum(np.asarray(depth, dtype=np.float64), 0.0)
     return soil.side_factor * tool.skin * (soil.cone * d + 0.5 * soil.cone_growth * d**2)
 
 
 def side_resistance(soil: Soil, tool: SoilTool, depth: ArrayLike) -> Array:
-    """Force [N] against which the tool moves sideways."""
+    """Force [N] of the soil against sideways motion of the tool.
+
+    Args:
+        soil: parameters.
+        tool: geometry.
+        depth: [m] of the edge below the surface, of any shape.
+
+    Returns:
+        Force, of the shape of `depth`.
+    """
     d = np.maximum(np.asarray(depth, dtype=np.float64), 0.0)
     factor = soil.narrow if tool.rake is None else cutting_factor(soil, tool.rake)
     return factor * tool.breadth * (soil.passive * d + 0.5 * soil.passive_growth * d**2)
 
 
 def cutting_factor(soil: Soil, rake: float) -> float:
-    """Level part of the force that cuts `soil` with a blade at `rake` [rad], over Rankine's passive pressure on it.
+    """Horizontal cutting force on a blade at `rake` [rad], as a multiple of Rankine's passive pressure on it.
 
-    Of the wedge's factors (McKyes 1985): N_gamma = (cot a + cot b) / 2 D, N_c = (1 + cot b cot(b + phi)) / D, with
-    D = cos(a + delta) + sin(a + delta) cot(b + phi), at the slip angle b of the least; a is the rake. Soil with inner
-    friction is taken as without strength of its own, other soil as without weight.
+    The wedge's factors are N_gamma = (cot a + cot b) / 2 D and N_c = (1 + cot b cot(b + phi)) / D, with D = cos(a +
+    delta) + sin(a + delta) cot(b + phi) [McKyes 1985]. Here a is the rake and b the slip angle of the least force. Soil
+    with internal friction is taken without cohesion, other soil without weight.
     """
     phi, out = soil.friction, rake + soil.wall_friction
     b = np.linspace(0.0, 0.5 * np.pi, _SLIP_ANGLES)[1:-1]
@@ -166,7 +213,16 @@ def cutting_factor(soil: Soil, rake: float) -> float:
 
 
 def depth_for(soil: Soil, tool: SoilTool, push: float) -> float:
-    """Depth [m] at which the soil stops `tool` under `push` [N]: where `push_resistance` reaches it."""
+    """Depth [m] at which the soil stops `tool`, where `push_resistance` reaches `push`.
+
+    Args:
+        soil: parameters.
+        tool: geometry.
+        push: [N] axial force.
+
+    Returns:
+        Depth of the edge, 0 where the surface already resists.
+    """
     a = 0.5 * soil.side_factor * tool.skin * soil.cone_growth
     b = soil.tip_factor * tool.edge * soil.cone_growth + soil.side_factor * tool.skin * soil.cone
     c = soil.tip_factor * tool.edge * soil.cone - push

@@ -1,1 +1,1 @@
-"""What an arm carries in place of the default pad: sampling tools, and the pin for calibration."""
+"""Tools that replace the arm's default pad: samplers, and the pin for calibration."""

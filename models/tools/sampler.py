@@ -1,7 +1,8 @@
-"""A tool on the arm in place of the pad, in a mount that gives way: a sampler with a domed nose, a corer, or a box.
+"""Sampling tools in a compliant mount that replace the pad: sampler with a domed nose, corer, box.
 
-The mount is three slides, each with a spring and a damper in N/m and N s/m, so the stiffness of a contact is known
-along the tool and across it: MuJoCo's own contact softness is no stiffness (its `solref` is scaled by the masses).
+The mount has three slides, each with a spring and a damper in N/m and N s/m. The stiffness of a contact is therefore
+known along the tool and across it. MuJoCo's own contact softness has no fixed stiffness, since `solref` scales with the
+masses.
 """
 
 from dataclasses import dataclass
@@ -16,26 +17,26 @@ from sim.interfaces.errors import ConfigurationError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tube:
-    """A round steel tube, half full of water."""
+    """Round steel tube, half full of water."""
 
-    radius: float  # [m] outside
+    radius: float  # [m] outer radius
     length: float  # [m] from the mount to the tip
     mass: float  # [kg]
-    domed: bool  # its tip, by `radius`
+    domed: bool  # hemispherical tip of the same radius
     wall: float = 0.002  # [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """A steel box, open below, that is dragged with its cutting edge ahead, along x of the tip."""
+    """Steel box, open below, dragged along x of the tip with its cutting edge ahead."""
 
-    width: float  # [m] across its way
-    breadth: float  # [m] along it
+    width: float  # [m] across the direction of motion
+    breadth: float  # [m] along the direction of motion
     length: float  # [m] from the mount to its edges
     mass: float  # [kg]
     wall: float = 0.0015  # [m]
-    rake: float = float(np.radians(69.0))  # [rad] of its cutting edge, from level: in sand it is neither drawn in
-    # nor thrown out, 90 deg less the friction of steel on it
+    rake: float = float(np.radians(69.0))  # [rad] of its cutting edge, from the horizontal: 90 deg minus the friction
+    # of steel on sand, so that the sand neither draws it in nor lifts it out
 
 
 SAMPLER = Tube(radius=0.018, length=0.14, mass=0.6, domed=True)
@@ -43,17 +44,20 @@ CORER = Tube(radius=0.03, length=0.25, mass=1.0, domed=False)
 BOX = Box(width=0.08, breadth=0.06, length=0.16, mass=0.9)
 STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
 DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
-GIVE = 0.02  # [m] that the mount can be pushed in, and
-SIDE_GIVE = 0.005  # [m] aside
-FRICTION = 0.3  # of the tool on what it touches
+GIVE = 0.02  # [m] axial travel of the mount
+SIDE_GIVE = 0.005  # [m] lateral travel of the mount, each way
+FRICTION = 0.3  # friction coefficient of the tool
 _MOUNT = 0.05  # [kg] of each of the mount's two intermediate plates
 
 
 def fit(spec: mujoco.MjSpec, tool: Tube | Box = SAMPLER) -> dict[str, BodyHydrodynamics]:
-    """Take the pad off the arm of `spec` and put the tool there; what the water does to it, by body.
+    """Replace the pad on the arm of `spec` by the tool in its mount; return the tool's hydrodynamics by body name.
 
-    The tool stands on the pad's body, along its slide; the tip site moves to its end, and the keyframes
-    gain the mount's joints, at rest. Raises ConfigurationError if `spec` has no pad that slides, or no tip.
+    The tool is mounted on the pad's body, along its slide. The tip site moves to its end, and the keyframes gain the
+    mount's joints, at rest.
+
+    Raises:
+        ConfigurationError: `spec` has no pad on a slide, or no tip.
     """
     pad = next((body for body in spec.bodies if body.name == PAD_BODY), None)
     tip = next((site for site in spec.sites if site.name == TIP_SITE), None)

@@ -1,7 +1,7 @@
-"""What an arm is calibrated on: a pin with a ball at its end in place of the tool, and nests of three balls.
+"""Calibration rig: a pin with a ball at its end in place of the tool, and nests of three balls.
 
-A ball on three balls rests in one place only, however the pin is tilted: the centre of the pin's ball is then the
-nest's point. The contact is without friction, so nothing holds the ball beside it.
+A ball on three balls rests in one position only, however the pin is tilted. The centre of the pin's ball then coincides
+with the nest's point. The contact is frictionless, so the ball always slides to this position.
 """
 
 import mujoco
@@ -14,16 +14,17 @@ from sim.interfaces.spatial import Array, checked, quat_wxyz_from_rotation, rota
 
 BALL = 0.017  # [m] radius of the pin's ball
 SEAT = 0.040  # [m] radius of each of a nest's balls
-# Normals of the three contacts at right angles to each other: none is favoured. A ball is caught from 23 mm aside,
-# which is the middle between two of the three; the three just clear each other.
-_SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)
-_DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)
+# The three contact normals are orthogonal, so all directions are held equally. A ball is caught from 23 mm aside, the
+# middle between two of the three balls, which just clear each other.
+_SPREAD = (BALL + SEAT) * np.sqrt(2.0 / 3.0)  # [m] of a nest's balls from its axis
+_DEPTH = (BALL + SEAT) * np.sqrt(1.0 / 3.0)  # [m] of a nest's balls below its point
 
 
 def add_pin(spec: mujoco.MjSpec) -> None:
-    """Put a ball whose centre is the tip site in place of the tool: what the last link carries touches nothing else.
+    """Replace the tool by a ball centred at the tip site; no other geom of the last link collides.
 
-    Raises ConfigurationError if the vehicle has no tip site.
+    Raises:
+        ConfigurationError: the vehicle has no tip site.
     """
     site = next((site for site in spec.sites if site.name == TIP_SITE), None)
     if site is None:
@@ -49,7 +50,13 @@ def add_pin(spec: mujoco.MjSpec) -> None:
 
 
 def add_nests(spec: mujoco.MjSpec, p_WN: ArrayLike, z_WN: ArrayLike) -> None:
-    """Fix nests at the points `p_WN` (k, 3) [m], open along `z_WN` (k, 3), both in world axes."""
+    """Fix nests of three balls to the world.
+
+    Args:
+        spec: scene.
+        p_WN: (k, 3) [m] points of the nests in W.
+        z_WN: (k, 3) directions in which they are open, in W.
+    """
     points = np.asarray(p_WN, dtype=np.float64)
     points = checked(points, (len(points), 3), "p_WN")
     axes = checked(z_WN, (len(points), 3), "z_WN")

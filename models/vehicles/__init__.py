@@ -1,1 +1,1 @@
-"""The named vehicles and arms, each with the source of every figure."""
+"""Named vehicles and arms, with the source of every figure."""

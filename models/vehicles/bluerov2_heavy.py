@@ -1,18 +1,17 @@
-"""BlueROV2 Heavy (Blue Robotics), by two published sets that differ up to tenfold in drag: choose one, and say which.
+"""BlueROV2 Heavy (Blue Robotics) by two published parameter sets, whose drag differs up to tenfold.
 
-von Benzon et al. 2022, An Open-Source Benchmark Simulator: Control of a BlueROV2 Underwater Robot, J. Mar. Sci. Eng.
-10(12):1898, doi 10.3390/jmse10121898, table A1; by its abstract validated in a test tank. Read in two transcriptions
-that agree (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script); a third (AndreasKing-Goks/0_THESIS) prints more
-digits of the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
+[VonBenzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
+(ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third (AndreasKing-Goks/0_THESIS) prints more digits of
+the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
 
-Wu 2018, 6-DoF Modelling and Control of a Remotely Operated Vehicle, thesis, Flinders University, tables 5.1 and 5.2.
-Read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in hkolano/PitchPrediction). The thesis
-itself was not read; that its inertia is about the origin, the centre of buoyancy, is as the transcription has it.
+[Wu 2018, tables 5.1 and 5.2] was read in one transcription (edxmorgan/diff_uv usage/blue_rov.py; its drag also in
+hkolano/PitchPrediction). The thesis itself was not read. That its inertia is about the origin, the centre of buoyancy,
+is as the transcription has it.
 
-Thrusters: eight T200 at 16 V (`models.water.thrusters.t200`). Their places are those of von Benzon's set, and give
-Wu's matrix too. The four level ones stand at 45 degrees 85 mm below the origin; the four upright ones push up in the
-one set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so there is none here.
-Both sets print a hull that floats up a little; here it is ballasted to be neutral
+Thrusters: eight T200 at 16 V (`models.water.thrusters.t200`). Their positions are those of Benzon's set, and reproduce
+Wu's matrix too. The four horizontal ones stand at 45 degrees 85 mm below the origin. The four vertical ones push up in
+Benzon's set, while Wu counts thrusts 6 and 7 downwards. Neither set has the torque of the propellers, so it is zero
+here. Both sets give a slightly buoyant hull; here it is ballasted to be neutral
 (`models.vehicles.published_hulls.ballast`).
 """
 
@@ -27,9 +26,9 @@ from models.vehicles import reach_alpha_5
 from models.vehicles.published_hulls import PublishedHull
 from models.water import thrusters
 
-LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] Blue Robotics, BlueROV2 Heavy Retrofit, specification table
-_FRESH_WATER = 1000.0  # [kg/m^3]
-_GRAVITY = 9.81  # [m/s^2]
+LENGTH, WIDTH, HEIGHT = 0.457, 0.575, 0.254  # [m] [BlueRobotics Heavy]
+_FRESH_WATER = 1000.0  # [kg/m^3] density for Wu's set
+_GRAVITY = 9.81  # [m/s^2] for Wu's buoyancy, which is printed in N
 
 BENZON_2022 = PublishedHull(
     mass=13.5,
@@ -53,7 +52,7 @@ WU_2018 = PublishedHull(
     quadratic_damping=[18.18, 21.66, 36.99, 1.55, 1.55, 1.55],
 )
 
-# Forward, starboard, down, as printed: place [m], direction of positive thrust. 1 to 4 level, 5 to 8 upright.
+# Forward, starboard, down, as printed: position [m], direction of positive thrust. 1-4 horizontal, 5-8 vertical.
 _D = math.sqrt(0.5)
 _LEVEL = (
     ((0.156, 0.111, 0.085), (_D, -_D, 0.0)),
@@ -68,20 +67,20 @@ WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
 
 
 def benzon_2022() -> mujoco.MjSpec:
-    """The vehicle by von Benzon et al. 2022."""
+    """The vehicle by [VonBenzon 2022]."""
     return _vehicle("bluerov2_heavy_benzon2022", BENZON_2022, BENZON_THRUSTERS)
 
 
 def wu_2018() -> mujoco.MjSpec:
-    """The vehicle by Wu 2018."""
+    """The vehicle by [Wu 2018]."""
     return _vehicle("bluerov2_heavy_wu2018", WU_2018, WU_THRUSTERS)
 
 
 def with_alpha_5() -> mujoco.MjSpec:
-    """The vehicle by von Benzon et al. 2022 with the Reach Alpha 5 under its bow, joint 1 pointing down.
+    """The vehicle by [VonBenzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
 
-    The arm's base as edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm") mounts it. Together the two were not
-    published; ballast makes up for the arm's weight.
+    The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm"). The combination is not
+    published; ballast compensates the arm's weight.
     """
     spec = published.new_spec("bluerov2_heavy_alpha5")
     hull = _add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
@@ -101,7 +100,7 @@ def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
 
 def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
     hull = published.add_hull(spec, figures)
-    # Looks and contact only: the frame as a box, the foam above it.
+    # For rendering and contact only: the frame as a box, the foam above it.
     frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
         name="frame",
@@ -134,7 +133,7 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
         conaffinity=0,
         rgba=[0.85, 0.87, 0.9, 1.0],
     )
-    # OpenCV axes, level: z forward, x to starboard.
+    # OpenCV axes, horizontal: z forward, x to starboard.
     hull.add_site(name=CAMERA_SITE, pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
     names = [
         published.add_thruster(spec, hull, str(i), published.from_ned(p), published.from_ned(direction))

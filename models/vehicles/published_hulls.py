@@ -1,8 +1,8 @@
-"""Hulls as the literature prints them, and the one place where their axes become ours.
+"""Hulls from published tables, and the single conversion of their axes to ours.
 
-Marine literature has body axes forward, starboard, down (SNAME 1950; Fossen 2011, section 2.1); ours are forward, port,
-up, the same after a half turn about x. `from_ned` is that turn. A table of a source is typed as it is printed, into a
-`PublishedHull`, and `add_hull` turns it once.
+Marine literature uses body axes forward, starboard, down [SNAME 1950], [Fossen 2011, section 2.1]. Ours are forward,
+port, up, the same after a half turn about x. `from_ned` is that turn. The table of a source is entered as printed in a
+`PublishedHull`, and `add_hull` converts it once.
 """
 
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from models.naming import HOME_KEY, HULL_BODY, READY_KEY
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z, skew
 
-TIMESTEP = 0.002  # [s]
-_HALF_TURN = np.diag([1.0, -1.0, -1.0])  # about x
+TIMESTEP = 0.002  # [s] of the simulation
+_HALF_TURN = np.diag([1.0, -1.0, -1.0])  # rotation about x
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PublishedHull:
-    """One hull in its source's own axes (forward, starboard, down), everything at the source's body origin."""
+    """Parameters of one hull in its source's axes (forward, starboard, down), at the source's body origin."""
 
     mass: float  # [kg] dry
     center_of_gravity: ArrayLike  # (3,) [m]
@@ -36,11 +36,14 @@ class PublishedHull:
 
 
 def from_ned(values: ArrayLike) -> Array:
-    """A vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) in forward-starboard-down axes, in ours.
+    """Convert a vector (3,), six-vector (6,) or matrix (3, 3), (6, 6) from forward-starboard-down axes to ours.
 
-    A half turn is its own inverse, so this is also the way back. A moment of inertia, an added mass and a damping
-    matrix turn as matrices: products of inertia, couplings x-y and x-z change sign, y-z does not. The diagonal stays,
-    and with it a diagonal quadratic damping. Raises ConfigurationError for another shape.
+    A half turn is its own inverse, so this is also the way back. Moments of inertia, added masses and damping turn as
+    matrices: the couplings x-y and x-z change sign, y-z does not. The diagonal stays, and with it a diagonal quadratic
+    damping.
+
+    Raises:
+        ConfigurationError: another shape.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.shape not in ((3,), (6,), (3, 3), (6, 6)):
@@ -50,7 +53,7 @@ def from_ned(values: ArrayLike) -> Array:
 
 
 def new_spec(name: str) -> mujoco.MjSpec:
-    """An empty spec with the options that all our vehicles share."""
+    """Empty spec with the options common to our vehicles."""
     spec = mujoco.MjSpec()
     spec.modelname = name
     spec.compiler.degree = False
@@ -61,7 +64,7 @@ def new_spec(name: str) -> mujoco.MjSpec:
 
 
 def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
-    """Add the free body `hull` with the mass, inertia and coefficients of `hull`; its origin is the source's."""
+    """Add the free body "hull" with mass, inertia and coefficients of `hull`; its origin is the source's."""
     body = spec.worldbody.add_body(name=HULL_BODY)
     body.add_freejoint(name=HULL_BODY)
     center = from_ned(hull.center_of_gravity)
@@ -79,7 +82,14 @@ def add_hull(spec: mujoco.MjSpec, hull: PublishedHull) -> mujoco.MjsBody:
 
 
 def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: ArrayLike) -> None:
-    """Give `body` its mass [kg], centre of mass (3,) [m] and inertia (3, 3) [kg m^2] about that centre, body axes."""
+    """Set mass and inertia of `body`, in body axes.
+
+    Args:
+        body: changed in place.
+        mass: [kg].
+        center: (3,) [m] centre of mass.
+        inertia: (3, 3) [kg m^2] about the centre of mass.
+    """
     about = np.asarray(inertia, dtype=np.float64)
     body.explicitinertial = True
     body.mass = mass
@@ -88,9 +98,17 @@ def set_inertial(body: mujoco.MjsBody, mass: float, center: ArrayLike, inertia: 
 
 
 def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayLike, direction: ArrayLike) -> str:
-    """Add a site and an actuator [N] for a thruster at `p` (3,) [m] that pushes along `direction` (3,), hull axes.
+    """Add the site and the actuator [N] of a thruster.
 
-    Returns the actuator's name, for `models.water.thrusters.attach`.
+    Args:
+        spec: model.
+        hull: body that carries it.
+        name: suffix of the actuator's name.
+        p: (3,) [m] position in hull axes.
+        direction: (3,) of positive thrust in hull axes.
+
+    Returns:
+        The actuator's name, for `models.water.thrusters.attach`.
     """
     axis = np.asarray(direction, dtype=np.float64)
     R = rotation_from_z(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])[:, [2, 0, 1]]  # x along the thrust
@@ -104,7 +122,7 @@ def add_thruster(spec: mujoco.MjSpec, hull: mujoco.MjsBody, name: str, p: ArrayL
 def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
     """Add six actuators `wrench_surge` to `wrench_yaw`: the wrench on the hull at its origin, hull axes [N, N m].
 
-    For vehicles whose source gives no thrusters.
+    For vehicles whose source has no thrusters.
     """
     hull.add_site(name="wrench", group=4, size=[0.01, 0.01, 0.01])
     for axis, name in enumerate(("surge", "sway", "heave", "roll", "pitch", "yaw")):
@@ -113,23 +131,30 @@ def add_wrench(spec: mujoco.MjSpec, hull: mujoco.MjsBody) -> None:
 
 
 def add_keys(spec: mujoco.MjSpec, home: ArrayLike = (), ready: ArrayLike | None = None) -> None:
-    """Add the keyframes `home` and `ready` of a vehicle at the origin with the arm at `home`, `ready` (n,) [rad]."""
+    """Add the keyframes `home` and `ready`: vehicle at the origin, arm at the given joint angles.
+
+    Args:
+        spec: model.
+        home: (n,) [rad] folded posture.
+        ready: (n,) [rad] working posture; by default `home`.
+    """
     rest = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
     spec.add_key(name=HOME_KEY, qpos=[*rest, *np.asarray(home, dtype=np.float64)])
     spec.add_key(name=READY_KEY, qpos=[*rest, *np.asarray(home if ready is None else ready, dtype=np.float64)])
 
 
 def ballast(spec: mujoco.MjSpec, water_density: float = SEA_WATER) -> BodyHydrodynamics:
-    """Trim the vehicle in its home pose, the centre of buoyancy of the hull as high as its source puts it.
+    """Trim the vehicle in its home pose, keeping the height of the hull's centre of buoyancy of the source.
 
-    What changes is the hull's volume, until the whole weighs nothing in water of `water_density` [kg/m^3], and where
-    its centre of buoyancy lies fore and aft, as foam on a real hull would. Returns the hull's coefficients.
+    The hull's volume changes until the whole is neutrally buoyant in water of `water_density` [kg/m^3]. Its centre of
+    buoyancy shifts fore and aft, as with foam on a real hull. Returns the hull's coefficients.
     """
     hydrodynamics.attach(spec, {}, water_density)
     home = next(key for key in spec.keys if key.name == HOME_KEY).qpos
     height = float(hydrodynamics.attached(spec)[HULL_BODY].center_of_buoyancy[2])
     flat = hydrodynamics.trim(spec, HULL_BODY, metacentric_height=0.0, qpos=home)
-    # Neutral, so the volumes say what all weighs; the hull's own height moves the whole by its share of the volume.
+    # At neutral buoyancy the volumes are in proportion to the buoyancy forces, so the hull's own height counts by its
+    # share of the volume.
     share = flat.volume / sum(body.volume for body in hydrodynamics.attached(spec).values())
     metacentric_height = share * (height - float(flat.center_of_buoyancy[2]))
     return hydrodynamics.trim(spec, HULL_BODY, metacentric_height=metacentric_height, qpos=home)

@@ -1,15 +1,15 @@
-"""Reach Alpha 5 (Reach Robotics), four joints and a gripper held shut, by published figures.
+"""Reach Alpha 5 (Reach Robotics) by published figures: four joints and a closed gripper.
 
 Masses, volumes, centres: hkolano/PitchPrediction (MagicNumAlpha.jl, urdf/blue_rov_hardware.urdf), the simulation that
-Kolano et al. compared with pool trials (arXiv 2209.13577). Its frames are used, since the inertias are in them:
-in the maker's URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn) the centres of mass lie beside the links.
-Inertias with their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
-(usage/alpha_reach.py). All read in code, second hand: the maker's own sheet was not found.
+[Kolano 2022] compared with pool trials. Its frames are used, since the inertias refer to them. In the manufacturer's
+URDF with inertias (edxmorgan/uvms-simulator, floating-KinDyn) the centres of mass lie beside the links. Inertias with
+their products: edxmorgan/floating-KinDyn, alpha_5_robot.urdf. Viscous friction: identified there
+(usage/alpha_reach.py). All were read in code, second hand; the manufacturer's own data sheet was not found.
 
-Added mass: what Kolano adds to the masses of the links, here across each link only (strip theory has none along), and
-in rotation that of a cylinder with this mass. Drag: Kolano's coefficients for uniform flow across and along each link,
-spread evenly over its length; an earlier version of that file has them a thousandfold, which a link of 40 mm cannot
-have. Torque limits and joint limits as there; no rotor inertia was found, so there is none.
+Added mass: the values that Kolano adds to the masses of the links. Here they act across each link only, since strip
+theory has none along, and in rotation as a cylinder with this mass. Drag: Kolano's coefficients for uniform flow across
+and along each link, spread evenly over its length. An earlier version of that file has them a thousandfold, which is
+impossible for a link of 40 mm. Torque limits and joint limits as there; no rotor inertia was found, so it is zero.
 """
 
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ from models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
 from models.vehicles import published_hulls as published
 from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 
-RADIUS = 0.020  # [m] of every link
-HOME = (0.0, 2.9, 0.4, 0.0)  # [rad] folded
-READY = (0.0, 1.6, 2.4, 0.0)  # [rad]
+RADIUS = 0.020  # [m] radius of every link
+HOME = (0.0, 2.9, 0.4, 0.0)  # [rad] folded posture
+READY = (0.0, 1.6, 2.4, 0.0)  # [rad] working posture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,15 +39,15 @@ class _Link:
     torque: float  # [N m]
     friction: float  # [N m s/rad]
     mass: float  # [kg]
-    center: tuple[float, float, float]  # [m] of mass
+    center: tuple[float, float, float]  # [m] centre of mass
     inertia: tuple[float, float, float, float, float, float]  # [1e-6 kg m^2] xx, yy, zz, xy, xz, yz
     volume: float  # [1e-3 m^3]
     buoyancy: tuple[float, float, float]  # [m] centre of buoyancy
-    added: float  # [kg]
-    across: float  # [N s^2/m^2]
-    along: float  # [N s^2/m^2]
-    start: tuple[float, float, float]  # [m] of the segment that stands for the link
-    end: tuple[float, float, float]  # [m]
+    added: float  # [kg] added mass across the link
+    across: float  # [N s^2/m^2] quadratic drag across the link
+    along: float  # [N s^2/m^2] quadratic drag along the link
+    start: tuple[float, float, float]  # [m] start of the segment that represents the link
+    end: tuple[float, float, float]  # [m] end of the segment
 
 
 _QUARTER = np.pi / 2
@@ -127,8 +127,8 @@ LINKS = (
     ),
 )
 BASE_MASS, BASE_CENTER, BASE_VOLUME = 0.341, (-0.075, -0.006, -0.003), 0.202e-3  # [kg], [m], [m^3]
-BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)  # [1e-6 kg m^2] as above
-_TIP = (0.0, 0.0, -0.190)  # [m] between the jaws, in the wrist
+BASE_INERTIA = (83.66, 998.81, 1003.60, 14.45, -38.27, 3.14)  # [1e-6 kg m^2] in the order of `_Link.inertia`
+_TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame
 
 
 def build() -> mujoco.MjSpec:
@@ -141,7 +141,14 @@ def build() -> mujoco.MjSpec:
 
 
 def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wxyz: list[float]) -> None:
-    """Add the arm to `parent`, its base at `p` (3,) [m] and `quat_wxyz`, with its coefficients and motors."""
+    """Add the arm to `parent`, with its coefficients and motors.
+
+    Args:
+        spec: model.
+        parent: body that carries it.
+        p: (3,) [m] position of the base in `parent`.
+        quat_wxyz: orientation of the base in `parent`.
+    """
     base = parent.add_body(name=ARM_BASE_BODY, pos=p, quat=quat_wxyz)
     published.set_inertial(base, BASE_MASS, BASE_CENTER, _inertia(BASE_INERTIA))
     _add_capsule(base, ARM_BASE_BODY, (-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0))
@@ -165,7 +172,7 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
 
 def _water(link: _Link) -> BodyHydrodynamics:
     length = float(np.linalg.norm(np.subtract(link.end, link.start)))
-    radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))  # of the cylinder that moves so much water along
+    radius = np.sqrt(link.added / (np.pi * SEA_WATER * length))  # [m] of the cylinder with this added mass
     return replace(
         cylinder(radius, link.start, link.end),
         volume=1e-3 * link.volume,

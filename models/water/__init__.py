@@ -1,1 +1,1 @@
-"""Thrusters in the water: static curves, and their table on the actuators of an MjSpec."""
+"""Thruster models: static curves, and their table on the actuators of an MjSpec."""

@@ -1,6 +1,6 @@
-"""Static curves of thrusters, command to thrust and back: a polynomial on either side of a dead band, or a table.
+"""Static thruster curves, command to thrust and inverse: a polynomial on each side of a dead band, or a table.
 
-One curve is one row of numbers, so that plant and controllers read the same in compiled code.
+One curve is one row of numbers, so that plant and controllers evaluate the same data in compiled code.
 """
 
 from collections.abc import Sequence
@@ -13,13 +13,24 @@ from sim.interfaces.spatial import Array
 
 QUADRATIC, POLYNOMIAL, TABLE = range(3)
 
-# A row: kind, number of points or coefficients, the dead band's ends, the least thrust [N]; then as many commands,
-# thrusts [N] and slopes of a table, or coefficients ahead and astern.
+# A row: kind, number of points or coefficients, ends of the dead band, least thrust [N]. Then as many commands, thrusts
+# [N] and slopes of a table, or coefficients ahead and astern.
 _KIND, _COUNT, _LOW, _HIGH, _LEAST, _FIRST = range(6)
 
 
 def pack_polynomial(kind: int, ahead: Sequence[float], astern: Sequence[float], band: float, least: float) -> Array:
-    """Row of a curve `c[0] r + c[1] r^2 + ...` [N]; QUADRATIC promises that of each only c[1] is not zero."""
+    """Row of a polynomial curve `c[0] r + c[1] r^2 + ...` [N].
+
+    Args:
+        kind: POLYNOMIAL, or QUADRATIC where only c[1] differs from zero.
+        ahead: coefficients [N] for positive commands.
+        astern: coefficients [N] of the magnitude for negative commands.
+        band: half width of the dead band, as a command.
+        least: [N] least thrust of a turning propeller.
+
+    Returns:
+        The row, for the kernels of this module.
+    """
     count = max(len(ahead), len(astern))
     coefficients = np.zeros((2, count))
     coefficients[0, : len(ahead)], coefficients[1, : len(astern)] = ahead, astern
@@ -27,7 +38,16 @@ def pack_polynomial(kind: int, ahead: Sequence[float], astern: Sequence[float], 
 
 
 def pack_table(command: Sequence[float], thrust: Sequence[float], least: float) -> Array:
-    """Row of a table; its dead band is where it gives zero."""
+    """Row of a tabled curve; its dead band is the range of zero thrust.
+
+    Args:
+        command: (k,) in [-1, 1], rising.
+        thrust: (k,) [N].
+        least: [N] least thrust of a turning propeller.
+
+    Returns:
+        The row, for the kernels of this module.
+    """
     x, y = np.array(command), np.array(thrust)
     still = x[y == 0.0]
     return np.array([TABLE, len(x), still[0], still[-1], least, *x, *y, *_slopes(x, y)])
@@ -58,16 +78,17 @@ def thrust_at(curve, command):
         thrust = _horner(curve[start:], count, reach)[0]
         if command < 0.0:
             thrust = -thrust
-    if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):  # a hair below, so that the inverse of the least thrust gives it
+    if abs(thrust) < curve[_LEAST] * (1.0 - 1e-9):  # tolerance, so that the inverse of the least thrust yields it
         return 0.0
     return thrust
 
 
 @numba.njit(cache=True)
 def command_for(curve, thrust):
-    """The command whose steady thrust in still water is `thrust` [N], to rounding; the nearest that there is beyond.
+    """Inverse curve: the command whose steady thrust in still water is `thrust` [N], to rounding.
 
-    Below the least thrust that is zero or the least one, whichever is nearer.
+    Beyond the ends of the curve it saturates. Below the least thrust the result gives zero or the least thrust,
+    whichever is nearer.
     """
     least = curve[_LEAST]
     if abs(thrust) < least:
@@ -111,7 +132,11 @@ def command_for(curve, thrust):
 
 @numba.njit(cache=True)
 def _closer(low, high, x, error, slope):
-    """One step of Newton's method on a rising function, bisection where it leaves the bracket; whether it is over."""
+    """One step of Newton's method on a rising function, bisection outside the bracket.
+
+    Returns:
+        The new bracket, the new argument, and True when converged.
+    """
     step = error / slope if slope > 0.0 else np.inf
     if error == 0.0 or abs(step) <= 4e-16 * abs(x):
         return low, high, x, True
@@ -127,7 +152,7 @@ def _closer(low, high, x, error, slope):
 
 @numba.njit(cache=True)
 def _horner(coefficients, count, r):
-    """`c[0] r + c[1] r^2 + ...` and its derivative."""
+    """Value and derivative of `c[0] r + c[1] r^2 + ...`."""
     value, slope = 0.0, 0.0
     for k in range(count - 1, -1, -1):
         slope = slope * r + value
@@ -145,7 +170,7 @@ def _segment(x, count, command):
 
 @numba.njit(cache=True)
 def _cubic(blocks, count, at, command):
-    """Value and slope of the Hermite cubic between points `at` and the next; beyond its ends the value stays."""
+    """Value and slope of the Hermite cubic between points `at` and the next; constant beyond its ends."""
     x0, x1 = blocks[at], blocks[at + 1]
     y0, y1 = blocks[count + at], blocks[count + at + 1]
     h = x1 - x0
@@ -175,7 +200,11 @@ def _slopes(x: Array, y: Array) -> Array:
 
 
 def check_polynomial(coefficients: Sequence[float]) -> float:
-    """Thrust [N] at its end; ConfigurationError unless it rises all the way."""
+    """Validate a rising polynomial, and return its thrust [N] at r = 1.
+
+    Raises:
+        ConfigurationError: coefficients that are not finite, or a curve that does not rise throughout.
+    """
     c = np.asarray(coefficients, dtype=np.float64)
     if c.ndim != 1 or c.size == 0 or not np.isfinite(c).all():
         raise ConfigurationError(f"thruster polynomial: expected finite coefficients, got {coefficients}")
@@ -191,7 +220,11 @@ def check_polynomial(coefficients: Sequence[float]) -> float:
 
 
 def check_table(command: Sequence[float], thrust: Sequence[float]) -> tuple[float, float]:
-    """Thrust magnitudes [N] at its upper and lower end; ConfigurationError unless it can be read both ways."""
+    """Validate an invertible table, and return its thrust magnitudes [N] at the upper and lower end.
+
+    Raises:
+        ConfigurationError: commands or thrusts that do not rise, or no zero thrust.
+    """
     x, y = np.asarray(command, dtype=np.float64), np.asarray(thrust, dtype=np.float64)
     if x.shape != y.shape or len(x) < 3 or not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ConfigurationError(f"thruster table: expected three or more finite pairs, got {command} and {thrust}")

@@ -1,10 +1,11 @@
-"""Thruster tables: what a propeller gives for a command. They ride on the actuators of an MjSpec.
+"""Thruster model, command to thrust, stored as a table on the actuators of an MjSpec.
 
-A command u in [-1, 1] is the normalised propeller speed (or pulse width) asked for; the propeller follows within its
-slew rate and with a first-order lag; its thrust is a static curve of that speed, lessened by inflow, the bilinear
-model T = T_nn |n| n - T_nu |n| u_a (Fossen 2011). The curve is quadratic, a polynomial, or a table, beyond a dead
-band. The hull feels the propeller's torque about the thrust axis in proportion to the thrust: it rides in the
-actuator's gear, so that the plant, the allocation and MuJoCo see the same column.
+A command u in [-1, 1] is the normalised propeller speed (or pulse width) that is demanded. The propeller follows within
+its slew rate and with a first-order lag. Its thrust is a static curve of that speed, reduced by inflow: the bilinear
+model T = T_nn |n| n - T_nu |n| u_a [Fossen 2011]. The curve is quadratic, a polynomial, or a table, beyond a dead band.
+
+The propeller's reaction torque on the hull about the thrust axis is proportional to the thrust. It is stored in the
+actuator's gear, so that plant, allocation and MuJoCo use the same column.
 """
 
 import math
@@ -28,12 +29,12 @@ from models.water.thruster_curves import (
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, number
 
-# Columns of a row; the data of the curve follow them.
+# Columns of a row; the data of the curve follow.
 FORWARD, REVERSE, DEAD_BAND, TIME_CONSTANT, INFLOW_LOSS, SLEW_RATE, TORQUE, LEAST, STAMP, COUNT = range(10)
-HEADER = 10
-_STAMP = 745510.0  # plus the kind of the curve: a row of another origin is not taken for ours
+HEADER = 10  # columns before the data of the curve
+_STAMP = 745510.0  # plus the kind of the curve: identifies our rows among foreign user data
 
-_XML = 1e-5  # a gear may come from a file of six digits
+_XML = 1e-5  # tolerance of a gear, which may come from a file of six digits
 _PLAIN: dict[str, Any] = {
     "trntype": mujoco.mjtTrn.mjTRN_SITE,
     "gaintype": mujoco.mjtGain.mjGAIN_FIXED,
@@ -45,21 +46,23 @@ _PLAIN: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thruster:
-    """One thruster: static curve, dynamics, inflow, reaction torque.
+    """Parameters of one thruster: static curve, dynamics, inflow, reaction torque.
 
     With neither `polynomial` nor `table` (see `of_polynomial`, `of_table`) thrust is quadratic beyond the dead band.
-    Raises ConfigurationError for a figure that is not finite or of the wrong sign, and for a curve that does not rise.
+
+    Raises:
+        ConfigurationError: a figure that is not finite or of the wrong sign, or a curve that does not rise.
     """
 
     forward: float  # [N] thrust at command +1 in still water
     reverse: float  # [N] thrust magnitude at command -1 in still water
-    dead_band: float = 0.0  # command magnitude below which there is no thrust, in [0, 1); a table has its own
+    dead_band: float = 0.0  # command magnitude below which thrust is zero, in [0, 1); a table has its own
     time_constant: float = 0.0  # [s] first-order lag of the propeller speed
     inflow_loss: float = 0.0  # [N]/[m/s] thrust lost at full speed per unit of inflow along the thrust
-    slew_rate: float = math.inf  # [1/s] fastest change of the command that the drive passes on
+    slew_rate: float = math.inf  # [1/s] largest rate of the command that the drive follows
     torque_per_thrust: float = 0.0  # [m] reaction torque about the thrust axis per thrust
-    handedness: int = 1  # +1: turns right-handed about the thrust axis ahead, so the hull is turned left-handed; or -1
-    least_thrust: float = 0.0  # [N] a propeller that turns gives this much; what is less does not exist
+    handedness: int = 1  # +1: right-handed about the thrust axis when ahead, so the hull turns left-handed; or -1
+    least_thrust: float = 0.0  # [N] least thrust of a turning propeller; smaller thrusts are impossible
     polynomial: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # [N] of r, r^2, ...: ahead, astern
     table: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # commands, thrusts [N]
 
@@ -104,9 +107,18 @@ class Thruster:
 
     @classmethod
     def of_polynomial(cls, ahead: ArrayLike, astern: ArrayLike | None = None, **figures: Any) -> Self:
-        """Thrust magnitude [N] `c[0] r + c[1] r^2 + ...` of r in [0, 1], the share of the command beyond the dead band.
+        """Thruster whose thrust magnitude [N] is `c[0] r + c[1] r^2 + ...`.
 
-        `astern` is as `ahead` by default; `figures` are the other fields. Raises ConfigurationError unless both rise.
+        Args:
+            ahead: coefficients [N]; r in [0, 1] is the share of the command beyond the dead band.
+            astern: coefficients [N]; by default as `ahead`.
+            **figures: the other fields.
+
+        Returns:
+            The thruster.
+
+        Raises:
+            ConfigurationError: a side that does not rise.
         """
         both = _pair((ahead, ahead if astern is None else astern), "polynomial")
         assert both is not None
@@ -117,11 +129,24 @@ class Thruster:
     def of_table(
         cls, command: ArrayLike, thrust: ArrayLike, *, neutral: float = 0.0, full: float | None = None, **figures: Any
     ) -> Self:
-        """Thrust [N] at tabled commands, pulse widths or speeds; between them a monotone cubic (Fritsch, Butland 1984).
+        """Thruster with thrusts [N] at tabled commands, pulse widths or speeds.
 
-        A command u in [-1, 1] stands at `neutral + u full` of the table, by default to its farther end; beyond an end
-        the thrust stays. Where several commands in a row give zero thrust, they are the dead band. `figures` are the
-        other fields. Raises ConfigurationError unless commands and thrusts rise, from below zero to above it by zero.
+        Between the points the curve is a monotone cubic [Fritsch 1984]. A command u in [-1, 1] corresponds to `neutral
+        + u full` of the table; beyond an end the thrust stays constant. Several successive commands with zero thrust
+        form the dead band.
+
+        Args:
+            command: (k,) in the unit of the table, rising.
+            thrust: (k,) [N], rising from below zero through zero.
+            neutral: table command of u = 0.
+            full: table range of u = 1; by default to the farther end.
+            **figures: the other fields.
+
+        Returns:
+            The thruster.
+
+        Raises:
+            ConfigurationError: commands or thrusts that do not rise, or thrusts of one sign.
         """
         neutral, full = number(neutral, "thruster neutral"), None if full is None else number(full, "thruster full")
         given = _pair((command, thrust), "table")
@@ -137,7 +162,7 @@ class Thruster:
         return cls(forward=forward, reverse=reverse, table=points, **figures)
 
 
-# Blue Robotics, T200 public performance data, September 2019, 16 V sheet: pulse width [us], thrust [N].
+# [BlueRobotics 2019], 16 V sheet: pulse width [us], thrust [N].
 _T200_PULSE = (1100, 1180, 1260, 1340, 1420, 1468, 1472, 1528, 1532, 1580, 1660, 1740, 1820, 1900)
 _T200_THRUST = (-39.91, -29.36, -19.04, -10.01, -3.16, -0.36, 0, 0, 0.40, 3.91, 12.54, 23.84, 37.45, 51.44)
 
@@ -153,9 +178,19 @@ def t200(
 ) -> Thruster:
     """Blue Robotics T200 at 16 V; command u is the pulse 1500 + 400 u us, with its dead band from 1472 to 1528 us.
 
-    Measured: the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). Assumed, as no measurement was
-    found: `time_constant` [s]; `inflow_loss` [N]/[m/s], from a fit T ~ 0.0113 - 0.0091 J by slim71 that stops
-    thrusting at 5 m/s; `torque_per_thrust` [m], 70 % of 24 A at 16 V reaching the shaft at 3533 rpm and 51.44 N.
+    Measured are the thrusts, and that a turning propeller gives 0.36 N or more (317 rpm). The other defaults are
+    assumptions, since no measurement was found.
+
+    Args:
+        handedness: +1 or -1, see `Thruster`.
+        time_constant: [s], assumed.
+        inflow_loss: [N]/[m/s], assumed: a fit T ~ 0.0113 - 0.0091 J by slim71, with zero thrust at 5 m/s.
+        torque_per_thrust: [m], assumed: 70 % of 24 A at 16 V reach the shaft at 3533 rpm and 51.44 N.
+        slew_rate: [1/s] largest rate of the command.
+        least_thrust: [N] of a turning propeller, measured.
+
+    Returns:
+        The thruster.
     """
     return Thruster.of_table(
         _T200_PULSE,
@@ -171,10 +206,11 @@ def t200(
 
 
 def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
-    """Store `table` (actuator name -> Thruster) on the actuators of `spec`, and their torque in the gears.
+    """Store `table` (actuator name -> Thruster) on the actuators of `spec`, and the reaction torques in their gears.
 
-    Raises ConfigurationError if a name is not an actuator of `spec`, its user data is taken by something else, or it
-    is not a plain motor on a site, without limits and with a gear of unit length: the control is the thrust in N.
+    Raises:
+        ConfigurationError: a name is not an actuator of `spec`, its user data is foreign, or it is not a plain motor on
+            a site, without limits and with a gear of unit length. The control is the thrust in N.
     """
     actuators = {actuator.name: actuator for actuator in spec.actuators}
     for name, thruster in table.items():
@@ -192,14 +228,17 @@ def attach(spec: mujoco.MjSpec, table: Mapping[str, Thruster]) -> None:
         _check_motor(name, lambda field, actuator=actuator: getattr(actuator, field), actuator.refsite != "")
         actuator.gear[3:] = row[TORQUE] * actuator.gear[:3]
         actuator.userdata = row
-    # Every actuator's row must have one length; absent values compile to zero, which reads as "no thruster".
+    # All rows must have one length; absent values compile to zero, which decodes as "no thruster".
     spec.nuser_actuator = max(spec.nuser_actuator, *(len(a.userdata) for a in spec.actuators), HEADER)
 
 
 def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
-    """ConfigurationError unless MuJoCo applies an actuator's control as it is, along a unit axis of a site.
+    """Raise ConfigurationError unless MuJoCo applies an actuator's control unchanged along a unit axis of a site.
 
-    `field` gives a field of it by the name that spec and model share; `refers` to a reference site or a plugin.
+    Args:
+        name: of the actuator, for the message.
+        field: returns a field of the actuator by the name that spec and model share.
+        refers: True with a reference site or a plugin.
     """
     along = np.array(field("gear")[:3])
     odd = [word for word, plain in _PLAIN.items() if np.any(np.ravel(field(word)) != plain)]
@@ -224,7 +263,7 @@ def _check_motor(name: str, field: Callable[[str], Any], refers: bool) -> None:
 
 
 def pack(thruster: Thruster) -> Array:
-    """The row of `thruster`: HEADER numbers, then its curve."""
+    """Encode `thruster` as a row: HEADER numbers, then its curve."""
     data: tuple[float, ...] = ()
     kind = QUADRATIC
     if thruster.polynomial is not None:
@@ -233,7 +272,7 @@ def pack(thruster: Thruster) -> Array:
     elif thruster.table is not None:
         kind, data = TABLE, (*thruster.table[0], *thruster.table[1])
     slew = thruster.slew_rate if np.isfinite(thruster.slew_rate) else 0.0
-    # A right-handed propeller is driven along the thrust axis, and its hull is turned the other way.
+    # A right-handed propeller is driven about the thrust axis; the reaction turns the hull the other way.
     torque = -thruster.handedness * thruster.torque_per_thrust
     header = (
         thruster.forward,
@@ -251,7 +290,11 @@ def pack(thruster: Thruster) -> Array:
 
 
 def unpack(row: Array) -> Thruster:
-    """The thruster of a row; ConfigurationError if its numbers have been changed to what cannot be."""
+    """Decode the thruster of a row.
+
+    Raises:
+        ConfigurationError: numbers that were changed to invalid values.
+    """
     kind, count = round(float(row[STAMP]) - _STAMP), round(float(row[COUNT]))
     data = tuple(np.asarray(row[HEADER : HEADER + count]).tolist())
     polynomial = table = None
@@ -278,15 +321,16 @@ def unpack(row: Array) -> Thruster:
 
 
 def carries(row: Array) -> bool:
-    """Whether a row of user data is one of ours."""
+    """True if a row of user data holds a thruster."""
     return len(row) >= HEADER and row[STAMP] - _STAMP in (QUADRATIC, POLYNOMIAL, TABLE)
 
 
 def read(model: mujoco.MjModel) -> tuple[np.ndarray, Array]:
-    """Actuators (m,) that are thrusters of `model`, and their rows (m, width), as `pack` makes them.
+    """Thrusters of a compiled model: actuator indices (m,) and their rows (m, width), as `pack` encodes them.
 
-    Raises ConfigurationError, with the actuator's name, for a row that cannot be, and for an actuator that would not
-    apply the thrust as it is (see `attach`).
+    Raises:
+        ConfigurationError: an invalid row, or an actuator that would not apply the thrust unchanged (see `attach`); the
+            message has the actuator's name.
     """
     rows = np.asarray(model.actuator_user)
     index = np.array([i for i in range(model.nu) if carries(rows[i])], dtype=np.int64)

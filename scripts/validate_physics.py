@@ -31,8 +31,8 @@ class Options:
 
     out: Path | None = None
     """Folder for table.md and table.json."""
-    readme: bool = False
-    """Put the table into the README as well."""
+    docs: bool = False
+    """Put the table into docs/results.md as well."""
 
 
 @dataclass
@@ -99,16 +99,16 @@ def _short(value: float, digits: int) -> str:
     return f"{value:.{digits}e}" if value else "0"
 
 
-def put_into_readme(lines: list[str]) -> None:
-    """Replace the title and the table below it, which are the README's only table of checks."""
-    readme = ROOT / "README.md"
+def put_into_docs(lines: list[str]) -> None:
+    """Replace the title and the table below it, which are the only table of checks in docs/results.md."""
+    page = ROOT / "docs" / "results.md"
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
-    text, count = old.subn(lambda _: "\n".join(lines), readme.read_text())
+    text, count = old.subn(lambda _: "\n".join(lines), page.read_text(encoding="utf-8"))
     if count != 1:
         raise ConfigurationError(
-            f"{readme}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
+            f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
         )
-    readme.write_text(text)
+    page.write_text(text, encoding="utf-8")
 
 
 def main() -> int:
@@ -146,8 +146,8 @@ def main() -> int:
     lines += [f"| {' | '.join([*row.columns(), row.verdict])} |" for row in rows]
     lines = [title, "", *lines, ""]
     (out / "table.md").write_text("\n".join(lines))
-    if options.readme:
-        put_into_readme(lines)
+    if options.docs:
+        put_into_docs(lines)
     figures = [
         {"check": r.name, "reference": r.reference, "cases": r.cases, "passed": r.passed, "skipped": r.skipped}
         | dict(zip(("quantity", "error", "tolerance"), r.worst or (None, None, None), strict=True))

@@ -105,9 +105,7 @@ def put_into_docs(lines: list[str]) -> None:
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
     text, count = old.subn(lambda _: "\n".join(lines), page.read_text(encoding="utf-8"))
     if count != 1:
-        raise ConfigurationError(
-            f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
-        )
+        raise ConfigurationError(f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}")
     page.write_text(text, encoding="utf-8")
 
 

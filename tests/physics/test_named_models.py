@@ -552,7 +552,9 @@ def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
     """The vehicle from scratch in docs/concepts.md, as it stands there."""
     section = (root / "docs" / "concepts.md").read_text(encoding="utf-8").partition("## Your own vehicle")[2]
     code = next(
-        block for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S) if "StationKeeping(" in block
+        block
+        for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S)
+        if "StationKeeping(" in block
     )
     assert len(code.splitlines()) < 32
     names: dict[str, Any] = {}

@@ -31,8 +31,8 @@ class Options:
 
     out: Path | None = None
     """Folder for table.md and table.json."""
-    readme: bool = False
-    """Also replace the table in README.md."""
+    docs: bool = False
+    """Put the table into docs/results.md as well."""
 
 
 @dataclass
@@ -106,20 +106,18 @@ def _short(value: float, digits: int) -> str:
     return f"{value:.{digits}e}" if value else "0"
 
 
-def put_into_readme(lines: list[str]) -> None:
-    """Replaces the README's table of checks, and the title above it, by `lines`.
+def put_into_docs(lines: list[str]) -> None:
+    """Replaces the table of checks in docs/results.md, and the title above it, by `lines`.
 
     Raises:
-        ConfigurationError: The README does not hold exactly one such table.
+        ConfigurationError: The page does not hold exactly one such table.
     """
-    readme = ROOT / "README.md"
+    page = ROOT / "docs" / "results.md"
     old = re.compile(r"^Physics on MuJoCo .*\n\n(\|.*\n)+", flags=re.MULTILINE)
-    text, count = old.subn(lambda _: "\n".join(lines), readme.read_text())
+    text, count = old.subn(lambda _: "\n".join(lines), page.read_text(encoding="utf-8"))
     if count != 1:
-        raise ConfigurationError(
-            f"{readme}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}"
-        )
-    readme.write_text(text)
+        raise ConfigurationError(f"{page}: expected one line 'Physics on MuJoCo ...' with a table below, found {count}")
+    page.write_text(text, encoding="utf-8")
 
 
 def main() -> int:
@@ -158,8 +156,8 @@ def main() -> int:
     lines += [f"| {' | '.join([*row.columns(), row.verdict])} |" for row in rows]
     lines = [title, "", *lines, ""]
     (out / "table.md").write_text("\n".join(lines))
-    if options.readme:
-        put_into_readme(lines)
+    if options.docs:
+        put_into_docs(lines)
     figures = [
         {"check": r.name, "reference": r.reference, "cases": r.cases, "passed": r.passed, "skipped": r.skipped}
         | dict(zip(("quantity", "error", "tolerance"), r.worst or (None, None, None), strict=True))

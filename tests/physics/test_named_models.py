@@ -546,27 +546,29 @@ def test_it_hovers(name, within):
     assert np.linalg.norm(wrench) > 1.0  # the current is felt
 
 
-# ------------------------------------------------------------------------------------------------- bring your own
+# ---------------------------------------------------------------------------------------------- your own vehicle
 
 
-def test_vehicle_of_the_readme_floats_and_hovers(root, within, capfd):
-    """The README's vehicle from scratch, as it stands there."""
-    section = (root / "README.md").read_text().partition("## Bring your own")[2]
+def test_vehicle_of_the_concepts_page_keeps_its_place(root, within, capfd):
+    """The vehicle from scratch in docs/concepts.md, as it stands there."""
+    section = (root / "docs" / "concepts.md").read_text(encoding="utf-8").partition("## Your own vehicle")[2]
     code = next(
-        block for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S) if "Hover(" in block
+        block
+        for block in re.findall(r"^```python\n(.*?)^```", section, flags=re.M | re.S)
+        if "StationKeeping(" in block
     )
-    assert len(code.splitlines()) < 30
+    assert len(code.splitlines()) < 32
     names: dict[str, Any] = {}
-    exec(compile(code, "README.md", "exec"), names)
+    exec(compile(code, "concepts.md", "exec"), names)
     assert "nan" not in capfd.readouterr().out
     plant = next(value for value in names.values() if isinstance(value, Plant))
     net, arm = lever(plant.model, plant.data)
-    within("README: net weight [N]", net, 1e-9)
+    within("concepts.md: net weight [N]", net, 1e-9)
     assert arm[2] > 0.01
     assert plant.truth.time > 20.0
     assert np.linalg.norm(plant.truth.current_W) > 0.1  # or to stay would be no feat
-    within("README: off the place [m]", np.linalg.norm(plant.truth.p_WB), 0.01)
-    within("README: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
+    within("concepts.md: off the place [m]", np.linalg.norm(plant.truth.p_WB), 0.01)
+    within("concepts.md: off the attitude [rad]", rotation_angle(np.eye(3), plant.truth.R_WB), 0.1)
 
 
 def test_script_lists_every_model(monkeypatch, capsys):

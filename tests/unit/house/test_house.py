@@ -1,4 +1,4 @@
-"""The house keeps its word: our rooms and no others, a leaf that stays a leaf, a README whose commands are true."""
+"""The house keeps its word: our rooms and no others, a leaf that stays a leaf, documents whose commands are true."""
 
 import ast
 import os
@@ -22,12 +22,15 @@ SCRIPTS = sorted(
     for path in (ROOT / "scripts" / folder).glob("*.py")
     if path.name != "__init__.py"
 )
+README = ROOT / "README.md"
+DOCUMENTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
 LEAF = "sim.interfaces"
 
 
-def readme_commands() -> list[str]:
-    """The ./uvw commands in the fenced blocks of the README, continued lines joined."""
-    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", (ROOT / "README.md").read_text(), flags=re.MULTILINE | re.DOTALL)
+def commands_in(document: Path) -> list[str]:
+    """The ./uvw commands in the fenced blocks of a document, continued lines joined."""
+    text = document.read_text(encoding="utf-8")
+    blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
     commands = [line.strip().removeprefix("$ ") for line in lines]
     return [command for command in commands if command.startswith("./uvw ")]
@@ -97,10 +100,11 @@ def without_uv_options(words: list[str]) -> list[str]:
     return words
 
 
-def test_readme_commands_are_true(script):
-    commands = readme_commands()
+def test_commands_of_the_documents_are_true(script):
+    commands = [command for document in DOCUMENTS for command in commands_in(document)]
     helps: dict[str, str] = {}  # by script
-    assert commands, "the README must tell a newcomer what to run"
+    assert commands_in(README), "the README must tell a newcomer what to run"
+    assert len(commands) > len(commands_in(README)), "docs/ must tell how its figures are made"
     for command in commands:
         words = shlex.split(command, comments=True)
         assert words[1] in ("run", "sync"), command
@@ -121,7 +125,7 @@ def test_readme_commands_are_true(script):
 
 
 def test_ci_runs_what_a_newcomer_is_told_to():
-    tests = [command for command in readme_commands() if " pytest" in command] or ["./uvw run pytest"]
+    tests = [command for command in commands_in(README) if " pytest" in command] or ["./uvw run pytest"]
     ci = ROOT / ".ci" / "run"
     assert os.access(ci, os.X_OK)
     assert tests[0] in ci.read_text().splitlines()

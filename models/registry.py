@@ -55,11 +55,12 @@ class Registry(Generic[T]):
             raise ConfigurationError(f"unknown {self.kind} {shown(name)}; there are {', '.join(self.names())}")
         return self._aliases.get(name, name)
 
-    def load(self, name: str, **options: Any) -> T:
+    def load(self, name: str, *given: Any, **options: Any) -> T:
         """Make the thing of that name.
 
         Args:
             name: one of `names()`.
+            given: positional arguments of its maker.
             options: keyword arguments of its maker.
 
         Returns:
@@ -74,13 +75,14 @@ class Registry(Generic[T]):
         make = self._built_in[name] if own else self._imported(self._of_packages()[name])
         if options:
             allowed = inspect.signature(make).parameters
-            if not set(options) <= set(allowed):
+            anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in allowed.values())
+            if not anything and not set(options) <= set(allowed):
                 unknown = sorted(set(options) - set(allowed))
                 raise ConfigurationError(f"{self.kind} {name!r} has no {unknown}; it has {list(allowed)}")
         if own:
-            return make(**options)
+            return make(*given, **options)
         try:
-            return make(**options)
+            return make(*given, **options)
         except UuvError:
             raise
         except Exception as error:

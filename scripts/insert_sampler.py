@@ -44,8 +44,8 @@ class Options(ScenarioOptions):
     vehicle: str = "uuv_puma"
     """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts (README), its
     geom `pad` a capsule."""
-    controller: str = "controllers.work_controller:WorkController"
-    """MODULE:CLASS of the controller."""
+    controller: str = "work"
+    """Controller: work, a registered name, or MODULE:CLASS."""
 
 
 def main() -> int:

@@ -55,8 +55,8 @@ class Options(ScenarioOptions):
     """Speed of the hull [m/s]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
-    controller: str = "controllers.work_controller:WorkController"
-    """MODULE:CLASS of the controller."""
+    controller: str = "work"
+    """Controller: work, a registered name, or MODULE:CLASS."""
 
 
 def prepare(options: Options) -> tuple[PreparedRun, TrueInspection]:

@@ -34,7 +34,7 @@ class Options(ScenarioOptions):
 
     terrain: Kind | Literal["any"] = "ripples"
     """Kind of terrain, drawn from the seed; any: the kinds in turn."""
-    soil: Literal["sand", "mud"] = "sand"
+    soil: str = "sand"
     """Kind of soil (models/site/soil.py)."""
     work: Literal["core", "drag"] = "core"
     """core: push a tube in and withdraw it; drag: drag a box along the profile between the targets."""
@@ -58,8 +58,8 @@ class Options(ScenarioOptions):
     """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
-    controller: str = "controllers.work_controller:WorkController"
-    """MODULE:CLASS of the controller."""
+    controller: str = "work"
+    """Controller: work, a registered name, or MODULE:CLASS."""
 
 
 def main() -> int:

@@ -1,9 +1,6 @@
 """Access to objects to work on: registry by name, mesh files, and the classes of `models.objects.target_model`."""
 
-import inspect
-from collections.abc import Callable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from models.meshes.closed_shells import revolve
@@ -15,6 +12,7 @@ from models.objects.rock import rock
 from models.objects.starfish import starfish
 from models.objects.target_model import ModelPath, Solid, Symmetry, TargetModel
 from models.objects.valve import valve
+from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import shown
 
@@ -40,7 +38,8 @@ __all__ = [
     "vertical",
 ]
 
-_OBJECTS: MappingProxyType[str, Callable[..., Any]] = MappingProxyType(
+OBJECTS: Registry[Any] = Registry(
+    "object",
     {
         "anode": anode,
         "barrel": barrel,
@@ -49,30 +48,30 @@ _OBJECTS: MappingProxyType[str, Callable[..., Any]] = MappingProxyType(
         "rock": rock,
         "starfish": starfish,
         "valve": valve,
-    }
+    },
 )
 
 
 def available() -> tuple[str, ...]:
-    """Names of the registered objects."""
-    return tuple(sorted(_OBJECTS))
+    """Names of the objects that `named` knows, those of other packages included."""
+    return OBJECTS.names()
 
 
 def named(name: str, **options: Any) -> TargetModel:
-    """Build a registered object, such as "starfish"; `options` go to its own function, such as a rock's `seed`.
+    """The object of that name, such as "starfish".
+
+    Args:
+        name: One of `available()`.
+        options: Options of the object's own function, such as a rock's `seed`.
 
     Raises:
-        ConfigurationError: an unknown name or option; the message lists the known ones.
+        ConfigurationError: Unknown name or option; the message lists the known ones.
     """
-    if not isinstance(name, str) or name not in _OBJECTS:
-        raise ConfigurationError(f"unknown object {shown(name)}; there are {', '.join(available())}")
-    allowed = inspect.signature(_OBJECTS[name]).parameters
-    if not set(options) <= set(allowed):
-        raise ConfigurationError(
-            f"object {name!r} has no {sorted(set(options) - set(allowed))}; it has {list(allowed)}"
-        )
-    made = _OBJECTS[name](**options)
-    return made if isinstance(made, TargetModel) else made.target
+    made = OBJECTS.load(name, **options)
+    made = made if isinstance(made, TargetModel) else getattr(made, "target", None)
+    if not isinstance(made, TargetModel):
+        raise ConfigurationError(f"object {name!r}: its maker gave no TargetModel")
+    return made
 
 
 def of(name_or_file: str | Path, scale: float | None = None) -> TargetModel:

@@ -30,6 +30,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
@@ -113,7 +114,7 @@ def rankine(friction: float) -> float:
     return float(np.tan(0.25 * np.pi + 0.5 * friction) ** 2)
 
 
-SOILS = {"sand": sand(), "mud": mud()}
+SOILS = Registry("soil", {"sand": sand, "mud": mud})
 
 
 def core_tube(radius: float, wall: float) -> SoilTool:

@@ -12,6 +12,7 @@ import numpy as np
 
 from models.hydrodynamics import BodyHydrodynamics, cylinder
 from models.naming import PAD_BODY, PAD_JOINT, TIP_SITE, TOOL_GEOM
+from models.registry import Registry
 from sim.interfaces.errors import ConfigurationError
 
 
@@ -42,6 +43,7 @@ class Box:
 SAMPLER = Tube(radius=0.018, length=0.14, mass=0.6, domed=True)
 CORER = Tube(radius=0.03, length=0.25, mass=1.0, domed=False)
 BOX = Box(width=0.08, breadth=0.06, length=0.16, mass=0.9)
+TOOLS: Registry[Tube | Box] = Registry("tool", {"sampler": lambda: SAMPLER, "corer": lambda: CORER, "box": lambda: BOX})
 STIFFNESS = 3e4  # [N/m] of the mount, in each direction; that of the pad
 DAMPING = 150.0  # [N s/m] of the mount; >= k dt / 2 = 30 keeps it stable at 2 ms
 GIVE = 0.02  # [m] axial travel of the mount

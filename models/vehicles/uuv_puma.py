@@ -52,7 +52,6 @@ DH = np.array(
 _THRUSTER = thrusters.Thruster(forward=300.0, reverse=220.0, dead_band=0.05, time_constant=0.15, inflow_loss=90.0)
 
 
-_TOOLS = {"sampler": sampler.SAMPLER, "corer": sampler.CORER, "box": sampler.BOX}
 _SLIDING_FRICTION = (6.0, 8.0, 4.8, 2.4, 1.2, 0.6)  # [N m] Coulomb, of the gears; viscous: in the XML file
 
 
@@ -83,9 +82,7 @@ def build_side() -> mujoco.MjSpec:
     return build(arm="side")
 
 
-def build(
-    tool: Literal["pad", "sampler", "corer", "box"] = "pad", arm: Literal["under", "side"] = "under"
-) -> mujoco.MjSpec:
+def build(tool: str = "pad", arm: Literal["under", "side"] = "under") -> mujoco.MjSpec:
     """The vehicle with `tool` on the arm, coefficients attached, trimmed in its home pose (arm folded).
 
     The `arm` is under the hull, or on the port side with the camera beside it.
@@ -109,7 +106,7 @@ def build(
         PAD_BODY: cylinder(0.045, (0.01, 0, 0), (0.05, 0, 0)),
     }
     if tool != "pad":
-        bodies |= sampler.fit(spec, _TOOLS[tool])
+        bodies |= sampler.fit(spec, sampler.TOOLS.load(tool))
     hydrodynamics.attach(spec, bodies)
     gears = {
         f"joint{i}": GearFriction(coulomb=dry, stiction=1.3 * dry, stribeck_speed=0.03)

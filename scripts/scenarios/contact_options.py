@@ -40,8 +40,8 @@ class ContactOptions(ScenarioOptions):
     looks: int = 1
     """Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are
     possible."""
-    sensor: Literal["camera", "sonar"] = "camera"
-    """Sensor for identification."""
+    sensor: str = "camera"
+    """Sensor for identification: camera, sonar, or one that an installed package registers."""
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     arm_errors: int | None = None
@@ -54,8 +54,8 @@ class ContactOptions(ScenarioOptions):
     """Range from camera to object at the scan [m]."""
     vehicle: str = "uuv_puma"
     """A name of models.available(), or an MJCF file with the named parts (README)."""
-    controller: str = "controllers.work_controller:WorkController"
-    """MODULE:CLASS of the controller."""
+    controller: str = "work"
+    """Controller: work, a registered name, or MODULE:CLASS."""
 
     def job(
         self,

@@ -2,8 +2,9 @@
 
 import importlib
 import traceback
-from collections.abc import Collection, Set
+from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ import mujoco
 import numpy as np
 
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.work_controller import WorkController
 from models.arms import dh_geometry as arm_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, check_parts
+from models.registry import Registry
 from models.site import scenes
 from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
@@ -21,14 +24,13 @@ from perception.target_finder import KnownObjectFinder
 from scenarios import deck_calibration as _deck_calibration
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.messages import Measurement, StateEstimate, Target
-from sim.interfaces.protocols import Controller
+from sim.interfaces.protocols import Controller, Sensor
 from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly, shown, whole_number
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
 _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 _FOREIGN = 100  # characters kept of the message of a foreign error
-SEES_WITH = ("camera", "sonar")
 
 
 def believed_and_built(
@@ -73,13 +75,11 @@ def believed_and_built(
     return believed, built, said
 
 
-def exteroceptive_sensor(
-    kind: str, model: mujoco.MjModel, X_BS: Array
-) -> tuple[DepthCamera | Sonar, SensorModel | None]:
-    """The vehicle's depth camera or sonar, and the sensor model that perception uses.
+def exteroceptive_sensor(kind: str, model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    """The vehicle's depth camera, sonar or registered sensor, and the sensor model that perception uses.
 
     Args:
-        kind: "camera" or "sonar".
+        kind: A name of SENSORS.
         model: The compiled world.
         X_BS: (4, 4) pose of the sensor on the hull.
 
@@ -87,13 +87,21 @@ def exteroceptive_sensor(
         The sensor, and its model; None: the default model.
 
     Raises:
-        ConfigurationError: `kind` is not in SEES_WITH.
+        ConfigurationError: There is no such sensor; the message lists those that there are.
     """
-    if kind == "camera":
-        return DepthCamera(model, HULL_BODY, X_BS), None
-    if kind == "sonar":
-        return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
-    raise ConfigurationError(f"sensor {shown(kind)}: allowed {', '.join(SEES_WITH)}")
+    return SENSORS.load(kind, model=model, X_BS=X_BS)
+
+
+def _camera(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    return DepthCamera(model, HULL_BODY, X_BS), None
+
+
+def _sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | None]:
+    return Sonar(model, HULL_BODY, X_BS), sonar_model(BEAMS.pitch)
+
+
+SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar})
+CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 
 def tool_radius(model: mujoco.MjModel) -> float:
@@ -108,10 +116,10 @@ def passive_joints(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
 
 
 def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
-    """The controller named MODULE:CLASS, made of the vehicle's own model and wrapped in SafetyWrapper.
+    """The controller of that name, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
-        name: MODULE:CLASS.
+        name: A name of CONTROLLERS, or MODULE:CLASS.
         own: The vehicle's model of itself.
         without: Methods to leave out (ablation).
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
@@ -119,15 +127,11 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
     """
-    module, _, word = name.partition(":")
-    if not (module and word):
-        raise ConfigurationError(f"--controller {shown(name)}: expected MODULE:CLASS")
+    kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name)
+    if ":" not in name:
+        CONTROLLERS.resolve(name)
     try:
-        kind = getattr(importlib.import_module(module), word)
-    except (Exception, SystemExit) as error:
-        raise ConfigurationError(f"--controller {shown(name)}: cannot be imported; {_told(error)}") from error
-    try:
-        made = kind(own, without=without, water_error=water_error)
+        made: Any = kind(own, without=without, water_error=water_error)
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:
@@ -137,6 +141,17 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     except (Exception, SystemExit) as error:
         raise ConfigurationError(f"--controller {shown(name)}: cannot be made of a model; {_told(error)}") from error
     return SafetyWrapper(made, own)
+
+
+def _class(name: str) -> Callable[..., Any]:
+    """The class named MODULE:CLASS."""
+    module, _, word = name.partition(":")
+    if not (module and word):
+        raise ConfigurationError(f"--controller {shown(name)}: expected MODULE:CLASS")
+    try:
+        return getattr(importlib.import_module(module), word)
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(f"--controller {shown(name)}: cannot be imported; {_told(error)}") from error
 
 
 def _told(error: BaseException) -> str:

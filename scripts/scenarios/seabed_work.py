@@ -60,7 +60,7 @@ class SeabedSetting:
     """Settings that all trials share."""
 
     kind: Kind | Literal["any"]  # any: the kinds in turn, by the seed
-    soil: str  # a name of models.site.soil.SOILS
+    soil: str  # of models.site.soil.SOILS
     job: SeabedJob
     cloud: Path | None  # replaces the scan; in axes of a level hull ALTITUDE above the terrain's middle
     targets: Path | None  # file with B_i and z, in the same axes
@@ -116,7 +116,7 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
         current=Current(setting.current),
         X_WB=X_WB_start @ offset,
         reaction_ticks=REACTION_TICKS if record else 0,
-        soil=SoilForce(ground, SOILS[setting.soil], tool_of(own)),
+        soil=SoilForce(ground, SOILS.load(setting.soil), tool_of(own)),
     )
     flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, arm))

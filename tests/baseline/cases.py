@@ -54,7 +54,7 @@ from studies.hover import POSTURES, flow
 __all__ = ["CASES", "run_all"]
 
 CURRENT, GUST = (0.15, 0.0, 0.0), 0.03  # [m/s] the sea of every scenario
-CONTROLLER = "controllers.work_controller:WorkController"
+CONTROLLER = "work"
 NO_BEHAVIOUR = ("timings", "run.seed")  # what metrics hold beside figures
 
 

@@ -11,7 +11,7 @@ In one step, at the rate of the drives (paper 002, third section):
 
 from collections.abc import Set
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -36,6 +36,7 @@ from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
+from controllers.tuning import HULL, ArmTuning, ObserverDeviations
 from models.arms.gear_friction import DryFriction
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.vehicle import Vehicle
@@ -45,50 +46,6 @@ from sim.interfaces.spatial import Array, inverse, skew
 Method = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
 ]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tuning:
-    """Gains of the arm's side; the hover has its own (`controllers.hull.station_keeping`)."""
-
-    joint_frequency: float = 60.0  # [rad/s] of the joint servo
-    joint_damping: float = 2.0  # less, and the tip chatters on a stiff surface, through what is lost in the gears
-    joint_integral_time: float = 0.2  # [s]; takes up friction at the tool and what the model lacks
-    force_filter: float = 0.012  # [s] first-order filter of the felt force
-    torque_source: Literal["sensor", "observer"] = "sensor"  # of the felt force; the observer needs no torque sensors
-    observer_lag: float = 0.012  # [s] of the observer, which is its filter too
-    acceleration_filter: float = 0.015  # [s] of the joint acceleration, from the encoders' speed
-    normal_softness: float = 0.7  # share of the servo's stiffness that is given up along the tool axis in force control
-    hardening_time: float = 0.3  # [s] to have it back once the force loop opens: at once, it throws the tool in
-    friction_feedforward: float = 0.8  # share of the felt force across the tool axis that the drives bear at once
-    torque_noise: float = 0.01  # share of the reading, as the sensors' makers state it
-    torque_floor: float = 0.1  # [N m]
-    weighing_after: float = 2.0  # [s] from the start, when drives and filters have settled
-    friction_filter: float = 0.003  # [s] of the gears' dry friction, as the torque sensors show it: a joint that
-    # turns back must lose it once and gain it once, and until then the tool presses by as much too hard
-    friction_reversal: float = 0.01  # [rad/s] of wanted speed over which friction is fed forward, without sensors
-    friction_known: float = 0.8  # share of the dry friction that is, where it slides
-    observer_floor: float = 0.4  # [N m] of the observer's torques
-    torque_drift: float = 0.3  # [N m] of the external torques since the tare, for what is said of the felt force alone
-    friction_excess: float = 1.5  # times the believed stiction that is compensated at most
-    hover_period: float = 0.02  # [s]
-    task_period: float = 0.004  # [s] of IK and force loop
-    joint_speed_limit: float = 0.8  # [rad/s]
-    integral_limit: float = 0.01  # [rad s] either way
-    compliance_period: float = 0.2  # [s] after which the servo's compliance is taken anew
-    blend_time: float = 0.2  # [s] in which the arm comes from held angles to a tool pose, critically damped
-    nominal_stiffness: float = 3e4  # [N/m] of the pad, for pressing without force control
-
-    @property
-    def servo_gains(self) -> Array:
-        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad s]."""
-        w = self.joint_frequency
-        return np.array([w**2, 2.0 * self.joint_damping * w, w**2 / self.joint_integral_time, self.integral_limit])
-
-    @property
-    def motion_filters(self) -> tuple[float, float]:
-        """Time constants [s] of the joint acceleration and of the felt force."""
-        return self.acceleration_filter, self.force_filter
 
 
 @dataclass(slots=True, eq=False)
@@ -136,7 +93,7 @@ class WorkController:
         *,
         period: float = 0.002,
         without: Set[Method] = frozenset(),
-        tuning: Tuning | None = None,
+        tuning: ArmTuning | None = None,
         displacement: ForceDisplacement | None = None,
         compliance: LateralCompliance | None = None,
         water_error: float = 0.0,
@@ -148,7 +105,7 @@ class WorkController:
         drags wrong by that share; `friction` is the gears' as it was identified (default: the model's).
         """
         self.period = period
-        self._tuning = tuning or Tuning()
+        self._tuning = tuning or ArmTuning()
         self._displacement = displacement or ForceDisplacement()
         self._compliance = compliance or LateralCompliance()
         self._without = frozenset(without)
@@ -183,7 +140,13 @@ class WorkController:
         self._home_wrench = self._wrench_at_rest(np.array(vehicle.q_home))
         self._terms = WrenchTerms(self._arm) if self._without & {"hydrodynamic-term", "dynamic-term"} else None
 
+    @property
+    def tunings(self) -> tuple[Any, ...]:
+        """The gains in use, for `controllers.tuning.table`."""
+        return self._tuning, self._displacement, self._compliance, HULL, ObserverDeviations()
+
     def init(self, estimate: StateEstimate) -> WorkControllerState:
+        """Initial state: the arm held where it is, thrusters off."""
         n = self._vehicle.joints.size
         return WorkControllerState(
             hover=self._hover.init(),
@@ -220,6 +183,16 @@ class WorkController:
     def step(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference
     ) -> tuple[WorkControllerState, Command]:
+        """One control step: contact force, tool motion, joint torques, and on its tick the thrusters.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: of the vehicle now.
+            reference: hull pose, tool pose or joint angles, set force and mode.
+
+        Returns:
+            The state, and the command with what the controller believes.
+        """
         tuning, vehicle, dt, arm, hull = self._tuning, self._vehicle, self.period, self._arm, self._hull
         f_tip_W = np.empty(3)
 

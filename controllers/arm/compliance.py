@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
+from controllers.tuning import ComplianceTuning
 from sim.interfaces.spatial import Array
 
 
@@ -31,21 +31,8 @@ class ComplianceState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LateralCompliance:
+class LateralCompliance(ComplianceTuning):
     """Admittance from the lateral contact force to the tool's position."""
-
-    admittance: float = 4e-4  # [m/(N s)] speed of the offset per lateral force
-    dead_band: float = 1.5  # [N] force that moves nothing
-    limit: float = 0.012  # [m] largest offset
-    speed: float = 0.02  # [m/s] largest speed of the offset
-    release_speed: float = 0.01  # [m/s] at which the offset returns to zero
-
-    def __post_init__(self) -> None:
-        for name in ("admittance", "limit", "speed", "release_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"compliance {name}: must be > 0, got {getattr(self, name)}")
-        if not self.dead_band >= 0.0:
-            raise ConfigurationError(f"compliance dead_band: must be >= 0 N, got {self.dead_band}")
 
     def step(self, state: ComplianceState, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
         """Offset of the tool for the measured contact force.

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.interfaces.errors import ConfigurationError
+from controllers.tuning import ForceLoopTuning
 from sim.interfaces.spatial import Array
 
 
@@ -34,27 +34,8 @@ class ForceDisplacementState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ForceDisplacement:
+class ForceDisplacement(ForceLoopTuning):
     """PID from the normal force error to the displacement, with anti-windup and a speed limit."""
-
-    bandwidth: float = 24.0  # [rad/s] of the closed loop on any surface
-    proportional_time: float = 0.0  # [s] proportional gain over integral gain
-    derivative_time: float = 0.0  # [s] derivative gain over proportional gain
-    response: float = 0.08  # [s] lag from set to measured force; gives no error meanwhile
-    limit: float = 0.04  # [m] largest displacement in either direction
-    speed: float = 0.03  # [m/s] largest speed of the displacement
-    softest: float = 2e-4  # [m/N] largest surface compliance, that of 5e3 N/m
-    smoothing: float = 0.05  # [s] filter of force and displacement before the slope
-    memory: float = 3.0  # [s] memory of the slope, counted while the set force changes
-    prior: float = 4.0  # [N] spread of the force at which the slope counts by half
-
-    def __post_init__(self) -> None:
-        for name in ("proportional_time", "derivative_time"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"displacement {name}: must be >= 0, got {getattr(self, name)}")
-        for name in ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"displacement {name}: must be > 0, got {getattr(self, name)}")
 
     def step(
         self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float

@@ -22,21 +22,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from controllers.tuning import ObserverDeviations
 from sim.interfaces.spatial import Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObserverDeviations:
-    """Standard deviations assumed by the observer."""
-
-    velocity_noise: float = 0.008  # [m/s] per step, including the smoothing error of the navigation filter
-    current: float = 0.3  # [m/s] initial
-    current_walk: float = 0.03  # [m/s/sqrt(s)] random walk: gusts of 5 cm/s within 5 s
-    gain: float = 0.1  # [-] share of the thrust, initial
-    gain_walk: float = 0.003  # [1/sqrt(s)] random walk
-    offset: float = 0.01  # [m/s^2] steady force over the hull's inertia, initial
-    offset_walk: float = 0.003  # [m/s^2/sqrt(s)] random walk
-    moment_bandwidth: float = 3.0  # [rad/s] of the Luenberger observer of the moment
 
 
 @dataclass(slots=True, eq=False)

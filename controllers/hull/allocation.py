@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from controllers.hull.priorities import solve_levels
+from controllers.tuning import HULL
 from models.vehicle import Vehicle
 from models.water.thruster_curves import command_for
 from models.water.thrusters import FORWARD, LEAST, REVERSE, curves
@@ -40,8 +41,6 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")  # order of a wrench o
 PRIORITIES = (("roll", "pitch"), ("surge", "sway", "heave"), ("yaw",))
 # After the loss of a thruster: a small tilt, which weight and buoyancy resist, is better than loss of depth control.
 PRIORITIES_AFTER_LOSS = (("heave", "roll", "pitch"), ("surge", "sway"), ("yaw",))
-HEADROOM = 0.98  # [-] share of full thrust that is used; the rest covers inflow losses and errors of the thrust curve
-GAP_WEIGHTS = (1.0, 1.0, 1.0, 4.0, 4.0, 0.5)  # [1/N, 1/(N m)] weights of the wrench error due to minimal thrusts
 _ROUNDING = 1e-12  # [-] share of the largest entry of B below which an entry is rounding noise and set to zero
 _ROUNDS = 4  # maximal number of passes over all thrusters in search of a better branch
 _EFFORT = 1e-10  # [-] weight of the effort, relative to the mean diagonal of A^T A
@@ -57,7 +56,7 @@ class Allocation:
         *,
         priorities: Sequence[Sequence[str]] = PRIORITIES,
         effort: ArrayLike | None = None,
-        headroom: float = HEADROOM,
+        headroom: float = HULL.headroom,
     ) -> None:
         """Set up the allocation for the thrusters of `vehicle`.
 
@@ -109,7 +108,7 @@ class Allocation:
         self._gaps = bool(np.any(self._least > 0.0))
         self._curves = curves(table)
         weights = np.zeros(6)
-        weights[self._order] = np.array(GAP_WEIGHTS)[self._order]
+        weights[self._order] = np.array(HULL.gap_weights)[self._order]
         self._H, right = normal_equations(weights[:, None] * self._B, effort)
         self._right = right * weights
 

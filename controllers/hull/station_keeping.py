@@ -11,11 +11,8 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.estimation.disturbance_observer import (
-    DisturbanceObserver,
-    DisturbanceObserverState,
-    ObserverDeviations,
-)
+from controllers.estimation.disturbance_observer import DisturbanceObserver, DisturbanceObserverState
+from controllers.tuning import HULL, ObserverDeviations
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -41,8 +38,8 @@ class StationKeeping:
         model: mujoco.MjModel,
         arm: ArmDynamics | None = None,
         *,
-        frequency: float = 1.6,
-        damping: float = 1.0,
+        frequency: float = HULL.frequency,
+        damping: float = HULL.damping,
         water_error: float = 0.0,
         beliefs: ObserverDeviations | None = None,
     ) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from controllers.tuning import HULL
 from models.vehicle import Vehicle
 from models.water.thruster_curves import reach_at, thrust_at
 from models.water.thrusters import INFLOW_LOSS, SLEW_RATE, TIME_CONSTANT, TORQUE, curves
@@ -21,7 +22,6 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array, fitting, number
 
-RESPONSE = 0.05  # [s] lag T_r of the thrust with compensation; command noise grows by about T / T_r
 _PARTS = 4  # number of instants in a period over which the thrust is averaged
 
 
@@ -37,7 +37,7 @@ class ThrusterLeadState:
 class ThrusterLead:
     """Thruster model of one vehicle, run in parallel and inverted."""
 
-    def __init__(self, vehicle: Vehicle, *, response: float = RESPONSE, lag_error: float = 0.0) -> None:
+    def __init__(self, vehicle: Vehicle, *, response: float = HULL.response, lag_error: float = 0.0) -> None:
         """Set up the model for the thrusters of `vehicle`.
 
         Args:

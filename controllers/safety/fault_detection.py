@@ -25,50 +25,14 @@ import numba
 import numpy as np
 
 from controllers.hull.station_keeping import hull_inertia
+from controllers.tuning import FaultLimits
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
-from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command, Fault, FaultKind, StateEstimate
 from sim.interfaces.spatial import Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FaultLimits:
-    """Thresholds of fault detection."""
-
-    vision_age: float = 1.0  # [s] largest age of the newest picture
-    warm_up: float = 4.0  # [s] initial learning, without detection except for the age of pictures
-    frozen_time: float = 0.05  # [s] for which a torque sensor may be frozen
-    frozen_encoder_time: float = 0.02  # [s] for which an encoder may be frozen; its drive is servoed on it meanwhile
-    frozen_factor: float = 5.0  # [-] and at least this times its longest frozen run while sound
-    torque_time: float = 0.1  # [s] filter of the difference of sensor and motor
-    torque_share: float = 0.08  # [-] torque bound: share of the reading
-    torque_floor: float = 0.05  # [-] plus this share of the drive's torque limit
-    friction: float = 2.5  # [-] plus this many times the gear's stiction, which acts in both directions
-    torque_confirm: float = 0.1  # [s] for which the torque bound must be exceeded
-    learning_time: float = 20.0  # [s] of the average with which a torque residual is compared
-    encoder_time: float = 1.0  # [s] window for angle against integrated speed
-    encoder_slip: float = 4e-3  # [rad] by which they may differ
-    hull_time: float = 0.15  # [s] filter of the hull's momentum balance
-    hull_learning_time: float = 6.0  # [s] of the average that counts as current, not as a fault
-    hull_force: float = 20.0  # [N] hull bound: missing force, moments divided by `lever`
-    hull_share: float = 0.12  # [-] plus this share of the thrust demanded, sum over all thrusters
-    hull_change: float = 0.1  # [-] plus this share of the thrust that differs from the usual: gains are uncertain
-    hull_speed: float = 250.0  # [N s/m] plus this times the hull's speed: its drag is uncertain
-    lever: float = 0.5  # [m] that converts moments to forces
-    thruster_loss: tuple[float, float] = (0.5, 1.3)  # [-] range of the missing share of its thrust that is a loss
-    thruster_moment: float = 0.3  # [-] moment over force of a column, at `lever`; below it a loss resembles a current
-    thruster_leftover: float = 0.4  # [-] share of the missing wrench that the thruster may leave unexplained
-    thruster_confirm: float = 0.35  # [s] for which a loss must persist
-    current_confirm: float = 0.8  # [s] where it may be a current; one that doubles in 1 s exceeds the bound for 0.5 s
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not np.all(np.asarray(getattr(self, name)) > 0.0):
-                raise ConfigurationError(f"health {name}: must be > 0, got {getattr(self, name)}")
 
 
 @dataclass(slots=True, eq=False)

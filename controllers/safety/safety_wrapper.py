@@ -22,16 +22,14 @@ import mujoco
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, FaultLimits, finite
+from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
+from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
 _LEFT_OUT = 1e3  # [N m] sigma of a replaced torque sensor: excludes its joint from the force estimate
-_OLD_IMU = 0.1  # [s] age of the newest IMU data from which on an estimate is rejected
-_BRAKING_SPEED = 0.4  # [rad/s] joint speed from which on the full braking torque acts
-_BRAKING_SHARE = 0.5  # [-] braking torque as a share of the drive's torque limit
 
 
 @dataclass(slots=True, eq=False)
@@ -76,6 +74,11 @@ class SafetyWrapper:
         self._health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
 
+    @property
+    def tunings(self) -> tuple[Any, ...]:
+        """The gains in use, those of the wrapped controller first, for `controllers.tuning.table`."""
+        return *getattr(self._controller, "tunings", ()), self._health.limits, SAFETY
+
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
         """Initial state at the first `estimate`, with a command of zero torque and thrust."""
         n = len(self._limits)
@@ -106,7 +109,7 @@ class SafetyWrapper:
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
-        if e.imu_age > _OLD_IMU:
+        if e.imu_age > SAFETY.old_imu:
             return state, self._without(state, estimate, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
@@ -180,7 +183,9 @@ class SafetyWrapper:
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             q, qd = state.sound.q, np.zeros(len(self._limits))
         borne = self._borne(q, state.sound.X_WB[:3, :3])
-        braked = borne - self._limits * np.clip(_BRAKING_SHARE * qd / _BRAKING_SPEED, -_BRAKING_SHARE, _BRAKING_SHARE)
+        braked = borne - self._limits * np.clip(
+            SAFETY.braking_share * qd / SAFETY.braking_speed, -SAFETY.braking_share, SAFETY.braking_share
+        )
         return np.clip(braked, -self._limits, self._limits)
 
     def _borne(self, q: Array, R_WB: Array) -> Array:

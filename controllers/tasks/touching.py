@@ -17,39 +17,13 @@ from controllers.hull.allocation import Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState
 from controllers.mkps import Chain, solve
-from controllers.work_controller import Tuning
+from controllers.tuning import TOUCH, TouchTuning
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
 
-LIFT = 0.05  # [m] height above a nest between touches
 _STILL_WATER = np.zeros(3)  # [m/s] the current's drag on the arm is small against the push
-
-
-# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).
-_DRIVES = Tuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TouchTuning:
-    """Motion, stiffness and force of the touches."""
-
-    lift: float = LIFT  # [m] height above the nest between touches
-    descent: float = 0.03  # [m/s] of the spring's end; upwards twice that
-    beyond: float = 0.012  # [m] by which the spring's end moves below the nest before it follows the tip
-    move_speed: float = 0.8  # [rad/s] of the fastest joint
-    settle: float = 1.5  # [s] pressed before the reading
-    reading: float = 0.5  # [s] over which encoders are averaged
-    believable: float = 0.03  # [m] a tip farther than this from the nest has missed it
-    stiffness: float = 600.0  # [N/m] of the spring at the tip
-    most: float = 12.0  # [N] largest force of the spring
-    push: float = 10.0  # [N] constant force into the nest
-    let_go: float = 0.3  # [s] time constant with which the spring's end approaches the tip, and the push grows
-    turn_stiffness: float = 60.0  # [N m/rad] of the spring that holds the pin's direction
-    turn_most: float = 8.0  # [N m] largest moment of that spring
-    damping: float = 1.0  # joint damping as a multiple of the gears' viscous friction
-    drives: Tuning = _DRIVES  # servo of free motion, and filters of the force estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +51,7 @@ def draw_touches(
     q_start: Array,
     *,
     cone: float = np.deg2rad(65.0),
-    lift: float = LIFT,
+    lift: float = TOUCH.lift,
     tries: int = 4000,
 ) -> list[Touch]:
     """Draw random, reachable tool directions for each nest.

@@ -13,7 +13,8 @@ import numpy as np
 from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
 from controllers.hull.allocation import PRIORITIES, Allocation
 from controllers.hull.station_keeping import StationKeeping
-from controllers.hull.thruster_lead import RESPONSE, ThrusterLead
+from controllers.hull.thruster_lead import ThrusterLead
+from controllers.tuning import HULL
 from models.naming import HOME_KEY
 from models.site import scenes
 from models.vehicle import Vehicle
@@ -53,7 +54,7 @@ class PushCase:
     water_error: float = 0.15  # share by which the controller's coefficients are wrong
     lag_error: float = 0.0  # share by which the controller's lag is wrong
     compensation: bool = True  # feed the arm's wrench forward
-    response: float = RESPONSE  # [s] response of the thruster lead; np.inf: no lead
+    response: float = HULL.response  # [s] response of the thruster lead; np.inf: no lead
     priorities: Sequence[Sequence[str]] = PRIORITIES
     lost: int | None = None  # index of the thruster that stops in the middle of the first push
     noticed: float = np.inf  # [s] after which the allocation excludes it

@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from controllers.tuning import table
 from perception.target_finder import FinderState
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
@@ -176,6 +177,7 @@ def run_with_report(
                     title=title,
                     options=asdict(options),
                     pictures=judging.pictures(ran),
+                    gains=table(*getattr(ready.parts.controller, "tunings", ())),
                 )
             console.print(f"written to {folder}/", highlight=False)
     finally:

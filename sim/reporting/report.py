@@ -22,6 +22,7 @@ def write_report(
     title: str,
     options: Mapping[str, Any],
     pictures: Iterable[tuple[str, str, Figure]] = (),
+    gains: Iterable[tuple[str, str, str, str]] = (),
 ) -> None:
     """Write the page.
 
@@ -32,6 +33,7 @@ def write_report(
         title: Title of the page.
         options: Options of the scenario, listed unchanged.
         pictures: Title, caption and figure of each picture.
+        gains: Part, name, value, unit and meaning of each gain of the controller.
 
     Raises:
         ConfigurationError: The folder does not exist.
@@ -48,10 +50,25 @@ def write_report(
             _segments(assessment),
             "</section>",
             drawn,
+            _gains(list(gains)),
             f"<section><h2>How the run was made</h2>{_provenance(recording, assessment, options)}</section>",
         )
     )
     write_whole(path, page(title, body))
+
+
+def _gains(rows: list[tuple[str, str, str, str]]) -> str:
+    if not rows:
+        return ""
+    cells = "".join(
+        f"<tr><td>{text(part)}</td><td>{text(name.replace('_', ' '))}</td><td class=n>{text(value)}</td>"
+        f"<td>{text(about)}</td></tr>"
+        for part, name, value, about in rows
+    )
+    head = "<tr><th>part</th><th>gain</th><th class=n>value</th><th>unit, meaning</th></tr>"
+    return (
+        f"<section><details><summary>Gains of the controller</summary><table>{head}{cells}</table></details></section>"
+    )
 
 
 def _headline(title: str, recording: Recording, assessment: Assessment) -> str:

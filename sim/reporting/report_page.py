@@ -71,7 +71,7 @@ def _class(column: int) -> str:
 STYLE = """
 body { font: 16px/1.5 system-ui, "Segoe UI", "DejaVu Sans", sans-serif; color: #222; background: #fff; margin: 0 }
 main { max-width: 1000px; margin: 2rem auto; padding: 0 1rem }
-h1 { font-size: 1.6rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
+h1 { font-size: 1.6rem; margin: 0 } h2, summary { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
 .accepted, .not-accepted { font-weight: 600; padding: .05em .5em; border-radius: .25em; white-space: nowrap }
 .accepted { color: #00563e; background: #d9f2e9 } .not-accepted { color: #8a3a00; background: #fde3d2 }
 .reasons { margin: .6rem 0; color: #8a3a00 } .caption { color: #555; font-size: .9rem; margin: .3rem 0 }

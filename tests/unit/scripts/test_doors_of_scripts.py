@@ -10,8 +10,7 @@ import pytest
 
 import models
 from calib.touch_files import read_touches
-from controllers.tasks.touching import TouchTuning
-from controllers.work_controller import Tuning
+from controllers.tuning import ArmTuning, TouchTuning
 from models.naming import check_parts
 from sim.interfaces.errors import LONGEST, ConfigurationError
 
@@ -111,7 +110,7 @@ def test_poses_are_no_touches(tmp_path: Path) -> None:
 
 def test_touching_feels_by_the_same_filters_as_work() -> None:
     """Sensors and gears are the same; only the servo of free motion is the touching's own."""
-    mine, shared = TouchTuning().drives, Tuning()
+    mine, shared = TouchTuning().drives, ArmTuning()
     own = ("joint_frequency", "joint_damping", "joint_integral_time")
     differing = [name for name in shared.__slots__ if getattr(mine, name) != getattr(shared, name)]
     assert sorted(differing) == sorted(own)

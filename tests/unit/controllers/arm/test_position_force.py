@@ -8,7 +8,8 @@ import pytest
 
 import models
 from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
-from controllers.work_controller import Tuning, WorkController
+from controllers.tuning import ArmTuning
+from controllers.work_controller import WorkController
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Reference, StateEstimate, WorkState
@@ -188,7 +189,7 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         scan=False,
         path_s=0.0,
     )
-    tuning = Tuning()
+    tuning = ArmTuning()
     controller = WorkController(own, tuning=tuning)
     state, softness = controller.init(estimate), []
     for asked in (press, *[replace(press, force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT)):

@@ -9,15 +9,8 @@ import pytest
 from scipy.optimize import linprog, lsq_linear, nnls
 
 import models
-from controllers.hull.allocation import (
-    AXES,
-    GAP_WEIGHTS,
-    Allocation,
-    bounded,
-    nearest_thrusts,
-    normal_equations,
-    preloads,
-)
+from controllers.hull.allocation import AXES, Allocation, bounded, nearest_thrusts, normal_equations, preloads
+from controllers.tuning import HULL
 from models.vehicle import Vehicle
 from models.water import thrusters
 from models.water.thrusters import TIME_CONSTANT, Thruster
@@ -25,7 +18,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 from sim.plant.thrusters import Thrusters
 
-W = np.array(GAP_WEIGHTS)
+W = np.array(HULL.gap_weights)
 
 
 @pytest.fixture(scope="module")

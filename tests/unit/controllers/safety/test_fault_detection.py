@@ -10,7 +10,8 @@ import pytest
 
 import models
 from controllers.hull.station_keeping import hull_inertia
-from controllers.safety.fault_detection import FaultDetection, FaultLimits
+from controllers.safety.fault_detection import FaultDetection
+from controllers.tuning import FaultLimits
 from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import curves

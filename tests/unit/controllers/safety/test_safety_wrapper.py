@@ -8,8 +8,8 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.safety.fault_detection import FaultLimits
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tuning import FaultLimits
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
 

@@ -1,0 +1,253 @@
+"""Gains, filters and limits of all controllers: default, unit, meaning, and what fails without them.
+
+    WorkController(model, tuning=ArmTuning(joint_frequency=40.0))
+
+Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; `table` lists them for a report.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+import numpy as np
+
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array
+
+
+def tuned(default: Any, about: str) -> Any:
+    """Field of a tuning: its default, and its unit in brackets with its meaning."""
+    return field(default=default, metadata={"about": about})
+
+
+def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
+    """Rows for a report: tuning, name, value, unit and meaning.
+
+    Args:
+        tunings: Instances of the dataclasses of this module, or of controllers that inherit from them.
+    """
+    for tuning in tunings:
+        for each in fields(tuning):
+            about = each.metadata.get("about")
+            if about:
+                yield tuning.title, each.name, str(getattr(tuning, each.name)), about
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmTuning:
+    """Joint servo, force estimate, and compensation of gear friction."""
+
+    title = "arm"
+
+    joint_frequency: float = tuned(60.0, "[rad/s] bandwidth of the joint servo")
+    joint_damping: float = tuned(
+        2.0, "[-] damping ratio; with less, gear friction makes the tip chatter on stiff surfaces"
+    )
+    joint_integral_time: float = tuned(0.2, "[s] of the servo's integral, for friction at the tool and model errors")
+    integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
+    joint_speed_limit: float = tuned(0.8, "[rad/s] of every joint")
+    force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
+    torque_source: Literal["sensor", "observer"] = tuned(
+        "sensor", "of the force estimate: torque sensors or load observer"
+    )
+    observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
+    acceleration_filter: float = tuned(0.015, "[s] of the joint acceleration, taken from the encoders' speed")
+    normal_softness: float = tuned(
+        0.7, "[-] share of the servo's stiffness that force control removes along the tool axis"
+    )
+    hardening_time: float = tuned(0.3, "[s] to restore it after force control; a step throws the tool into the surface")
+    friction_feedforward: float = tuned(0.8, "[-] share of the tangential tool force that the servo feeds forward")
+    torque_noise: float = tuned(0.01, "[-] standard deviation of a torque sensor as a share of its reading")
+    torque_floor: float = tuned(0.1, "[N m] least standard deviation of a torque sensor")
+    observer_floor: float = tuned(0.4, "[N m] least standard deviation of the load observer")
+    torque_drift: float = tuned(0.3, "[N m] standard deviation of the external torques since the tare")
+    weighing_after: float = tuned(2.0, "[s] after the start at which payload identification begins, filters settled")
+    friction_filter: float = tuned(0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard")
+    friction_reversal: float = tuned(0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign")
+    friction_known: float = tuned(0.8, "[-] share of the dry friction that is known while a joint slides")
+    friction_excess: float = tuned(1.5, "[-] most compensated friction over the believed stiction")
+    hover_period: float = tuned(0.02, "[s] of station keeping and allocation")
+    task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
+    compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
+    blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
+    nominal_stiffness: float = tuned(3e4, "[N/m] assumed of the pad, for pressing without force control")
+
+    @property
+    def servo_gains(self) -> Array:
+        """(4,) stiffness [1/s^2], damping [1/s], integral [1/s^3] of `joint_servo`, its limit [rad s]."""
+        w = self.joint_frequency
+        return np.array([w**2, 2.0 * self.joint_damping * w, w**2 / self.joint_integral_time, self.integral_limit])
+
+    @property
+    def motion_filters(self) -> tuple[float, float]:
+        """Time constants [s] of the joint acceleration and of the felt force."""
+        return self.acceleration_filter, self.force_filter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceLoopTuning:
+    """Force loop: PID from the normal force error to the displacement of the tool."""
+
+    title = "force loop"
+    bandwidth: float = tuned(24.0, "[rad/s] of the closed loop on any surface")
+    proportional_time: float = tuned(0.0, "[s] proportional gain over integral gain")
+    derivative_time: float = tuned(0.0, "[s] derivative gain over proportional gain")
+    response: float = tuned(0.08, "[s] lag from set to measured force; gives no error meanwhile")
+    limit: float = tuned(0.04, "[m] largest displacement in either direction")
+    speed: float = tuned(0.03, "[m/s] largest speed of the displacement")
+    softest: float = tuned(2e-4, "[m/N] largest surface compliance, that of 5e3 N/m")
+    smoothing: float = tuned(0.05, "[s] filter of force and displacement before the slope")
+    memory: float = tuned(3.0, "[s] memory of the slope, counted while the set force changes")
+    prior: float = tuned(4.0, "[N] spread of the force at which the slope counts by half")
+
+    def __post_init__(self) -> None:
+        for name in ("proportional_time", "derivative_time"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigurationError(f"displacement {name}: must be >= 0, got {getattr(self, name)}")
+        for name in ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"displacement {name}: must be > 0, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComplianceTuning:
+    """Lateral compliance: admittance from the lateral contact force to the tool's position."""
+
+    title = "lateral compliance"
+    admittance: float = tuned(4e-4, "[m/(N s)] speed of the offset per lateral force")
+    dead_band: float = tuned(1.5, "[N] force that moves nothing")
+    limit: float = tuned(0.012, "[m] largest offset")
+    speed: float = tuned(0.02, "[m/s] largest speed of the offset")
+    release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
+
+    def __post_init__(self) -> None:
+        for name in ("admittance", "limit", "speed", "release_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigurationError(f"compliance {name}: must be > 0, got {getattr(self, name)}")
+        if not self.dead_band >= 0.0:
+            raise ConfigurationError(f"compliance dead_band: must be >= 0 N, got {self.dead_band}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HullTuning:
+    """Station keeping, and the thrusters behind it."""
+
+    title = "hull"
+    frequency: float = tuned(
+        1.6, "[rad/s] natural frequency of the closed loop; higher, thruster lag makes it oscillate"
+    )
+    damping: float = tuned(1.0, "[-] damping ratio of the closed loop")
+    response: float = tuned(
+        0.05, "[s] lag of the thrust with lead compensation; command noise grows by about lag / response"
+    )
+    headroom: float = tuned(
+        0.98, "[-] share of full thrust that is used; the rest covers inflow and errors of the thrust curve"
+    )
+    gap_weights: tuple[float, ...] = tuned(
+        (1.0, 1.0, 1.0, 4.0, 4.0, 0.5), "[1/N, 1/(N m)] weights of the wrench error due to minimal thrusts"
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ObserverDeviations:
+    """Standard deviations assumed by the disturbance observer."""
+
+    title = "disturbance observer"
+
+    velocity_noise: float = tuned(0.008, "[m/s] per step, including the smoothing error of the navigation filter")
+    current: float = tuned(0.3, "[m/s] initial")
+    current_walk: float = tuned(0.03, "[m/s/sqrt(s)] random walk: gusts of 5 cm/s within 5 s")
+    gain: float = tuned(0.1, "[-] share of the thrust, initial")
+    gain_walk: float = tuned(0.003, "[1/sqrt(s)] random walk")
+    offset: float = tuned(0.01, "[m/s^2] steady force over the hull's inertia, initial")
+    offset_walk: float = tuned(0.003, "[m/s^2/sqrt(s)] random walk")
+    moment_bandwidth: float = tuned(3.0, "[rad/s] of the Luenberger observer of the moment")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultLimits:
+    """Thresholds of fault detection."""
+
+    title = "fault detection"
+
+    vision_age: float = tuned(1.0, "[s] largest age of the newest picture")
+    warm_up: float = tuned(4.0, "[s] initial learning, without detection except for the age of pictures")
+    frozen_time: float = tuned(0.05, "[s] for which a torque sensor may be frozen")
+    frozen_encoder_time: float = tuned(
+        0.02, "[s] for which an encoder may be frozen; its drive is servoed on it meanwhile"
+    )
+    frozen_factor: float = tuned(5.0, "[-] and at least this times its longest frozen run while sound")
+    torque_time: float = tuned(0.1, "[s] filter of the difference of sensor and motor")
+    torque_share: float = tuned(0.08, "[-] torque bound: share of the reading")
+    torque_floor: float = tuned(0.05, "[-] plus this share of the drive's torque limit")
+    friction: float = tuned(2.5, "[-] plus this many times the gear's stiction, which acts in both directions")
+    torque_confirm: float = tuned(0.1, "[s] for which the torque bound must be exceeded")
+    learning_time: float = tuned(20.0, "[s] of the average with which a torque residual is compared")
+    encoder_time: float = tuned(1.0, "[s] window for angle against integrated speed")
+    encoder_slip: float = tuned(4e-3, "[rad] by which they may differ")
+    hull_time: float = tuned(0.15, "[s] filter of the hull's momentum balance")
+    hull_learning_time: float = tuned(6.0, "[s] of the average that counts as current, not as a fault")
+    hull_force: float = tuned(20.0, "[N] hull bound: missing force, moments divided by `lever`")
+    hull_share: float = tuned(0.12, "[-] plus this share of the thrust demanded, sum over all thrusters")
+    hull_change: float = tuned(
+        0.1, "[-] plus this share of the thrust that differs from the usual: gains are uncertain"
+    )
+    hull_speed: float = tuned(250.0, "[N s/m] plus this times the hull's speed: its drag is uncertain")
+    lever: float = tuned(0.5, "[m] that converts moments to forces")
+    thruster_loss: tuple[float, float] = tuned(
+        (0.5, 1.3), "[-] range of the missing share of its thrust that is a loss"
+    )
+    thruster_moment: float = tuned(
+        0.3, "[-] moment over force of a column, at `lever`; below it a loss resembles a current"
+    )
+    thruster_leftover: float = tuned(0.4, "[-] share of the missing wrench that the thruster may leave unexplained")
+    thruster_confirm: float = tuned(0.35, "[s] for which a loss must persist")
+    current_confirm: float = tuned(
+        0.8, "[s] where it may be a current; one that doubles in 1 s exceeds the bound for 0.5 s"
+    )
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            if not np.all(np.asarray(getattr(self, name)) > 0.0):
+                raise ConfigurationError(f"health {name}: must be > 0, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafetyTuning:
+    """Safety wrapper: rejection of estimates, and the brake of the arm."""
+
+    title = "safety wrapper"
+
+    old_imu: float = tuned(0.1, "[s] age of the newest IMU data from which on an estimate is rejected")
+    braking_speed: float = tuned(0.4, "[rad/s] joint speed from which on the full braking torque acts")
+    braking_share: float = tuned(0.5, "[-] braking torque as a share of the drive's torque limit")
+
+
+# Softer servo than for work on a stiff surface; filters, noise and friction as there (same sensors and gears).
+_DRIVES = ArmTuning(joint_frequency=40.0, joint_damping=1.0, joint_integral_time=0.3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TouchTuning:
+    """Motion, stiffness and force of touches for calibration."""
+
+    title = "touching"
+
+    lift: float = tuned(0.05, "[m] height above the nest between touches")
+    descent: float = tuned(0.03, "[m/s] of the spring's end; upwards twice that")
+    beyond: float = tuned(0.012, "[m] by which the spring's end moves below the nest before it follows the tip")
+    move_speed: float = tuned(0.8, "[rad/s] of the fastest joint")
+    settle: float = tuned(1.5, "[s] pressed before the reading")
+    reading: float = tuned(0.5, "[s] over which encoders are averaged")
+    believable: float = tuned(0.03, "[m] a tip farther than this from the nest has missed it")
+    stiffness: float = tuned(600.0, "[N/m] of the spring at the tip")
+    most: float = tuned(12.0, "[N] largest force of the spring")
+    push: float = tuned(10.0, "[N] constant force into the nest")
+    let_go: float = tuned(0.3, "[s] time constant with which the spring's end approaches the tip, and the push grows")
+    turn_stiffness: float = tuned(60.0, "[N m/rad] of the spring that holds the pin's direction")
+    turn_most: float = tuned(8.0, "[N m] largest moment of that spring")
+    damping: float = tuned(1.0, "joint damping as a multiple of the gears' viscous friction")
+    drives: ArmTuning = _DRIVES  # servo of free motion, and filters of the force estimate
+
+
+HULL, SAFETY, TOUCH = HullTuning(), SafetyTuning(), TouchTuning()  # defaults, for signatures

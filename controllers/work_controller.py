@@ -19,19 +19,14 @@ import numpy as np
 from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from controllers.arm.compliance import ComplianceState, LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.joint_servo import (
-    estimate_tip_force,
-    force_from_external_torques,
-    resolve_tool_motion,
-    servo_joints,
-    track_gear_friction,
-)
+from controllers.arm.joint_servo import resolve_tool_motion, servo_joints, track_gear_friction
 from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
 from controllers.arm.tool_motion import bumpless, extrapolated
 from controllers.arm.wrench_terms import WrenchTerms
 from controllers.estimation.contact_force import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
+from controllers.estimation.tip_force import estimate_tip_force, force_from_external_torques
 from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState

@@ -23,7 +23,7 @@ from models.site import scenes
 from models.vehicle import pose_in_body
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
-from scenarios.campaigns.variation import NOMINAL
+from scenarios.campaigns.domain_randomisation import NOMINAL
 from scenarios.contact_options import coarse_detection
 from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints, scan_pose
 from scenarios.runner import Evaluation, PreparedRun, run_with_report

@@ -263,7 +263,7 @@ def doubts(model: mujoco.MjModel) -> list[str]:
     if blind:
         found.append(
             f"force and torque sensors that do not see the water: {', '.join(blind)}; "
-            "take the wrench on a wet body from sim.plant.reaction"
+            "take the wrench on a wet body from sim.plant.reaction_wrench"
         )
     return found
 

@@ -14,7 +14,7 @@ import pytest
 import sim
 from models.meshes import open3d_loader
 from sim.interfaces.errors import MissingLibraryError
-from sim.runs.startup import run_scenario
+from sim.runs.command_line import run_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 FIXED_SEEDS = (1, 2)

@@ -10,7 +10,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
-_PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
+PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
 
 
 def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
@@ -26,7 +26,7 @@ def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
     """
     A = J.T / sigma[:, None]
     information = A.T @ A
-    covariance = np.asarray(np.linalg.inv(information + _PRIOR * np.eye(3)), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(information + PRIOR * np.eye(3)), dtype=np.float64)
     return covariance @ (A.T @ (tau_e / sigma)), covariance
 
 
@@ -42,9 +42,9 @@ def force_covariance(J: Array, sigma: Array, torque_covariance: Array) -> Array:
         The covariance (3, 3) [N^2].
     """
     A = J.T / sigma[:, None]
-    stated = np.asarray(np.linalg.inv(A.T @ A + _PRIOR * np.eye(3)), dtype=np.float64)
+    stated = np.asarray(np.linalg.inv(A.T @ A + PRIOR * np.eye(3)), dtype=np.float64)
     gain = stated @ (J / sigma**2)
-    return gain @ torque_covariance @ gain.T + _PRIOR * stated @ stated
+    return gain @ torque_covariance @ gain.T + PRIOR * stated @ stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,8 +19,8 @@ from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement, PlacementSearch, middle_part, place_hull, tool_pose
 from controllers.planning.trajectories import JointMove, PoseMove, Progress
+from controllers.tasks.fault_reactions import Reaction, choose_reaction
 from controllers.tasks.pose_fusion import fuse_poses
-from controllers.tasks.reactions import Reaction, choose_reaction
 from controllers.tasks.surface_task_config import SupervisorState, SurfaceTaskConfig
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -480,7 +480,7 @@ class SurfaceWork:
         return 0.0
 
     def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float, last: Command | None) -> None:
-        """Apply the response of `controllers.tasks.reactions`: go on, pause, or break the work off."""
+        """Apply the response of `controllers.tasks.fault_reactions`: go on, pause, or break the work off."""
         time, faults = estimate.time, last.faults if last is not None else ()
         state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
         verdict = choose_reaction(self._job, state, estimate, felt, faults)

@@ -19,7 +19,7 @@ from models.vehicle import pose_in_body
 from perception.navigation.raw_navigation import RawNavigation
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import FinderState, KnownObjectFinder
-from scenarios.campaigns.variation import NOMINAL, Variation, slide, vary
+from scenarios.campaigns.domain_randomisation import NOMINAL, Variation, slide, vary
 from scenarios.contact_parts import (
     ShiftedFinder,
     believed_and_built,
@@ -49,7 +49,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, Parts, ticks_per_period
 from sim.plant.plant import Plant
-from sim.runs.startup import ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 from sim.sensors import proprioception as sensors
 from sim.water.current import Current
 

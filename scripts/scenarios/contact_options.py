@@ -10,7 +10,7 @@ from models.objects import deformed
 from models.objects.targets import TargetModel
 from scenarios.contact_job import ContactJob
 from sim.interfaces.spatial import Array, exp_so3, finite_number, whole_number
-from sim.runs.startup import ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 
 AblatedMethod = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"

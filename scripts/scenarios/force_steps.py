@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.barrel import Options, barrel_job
-from scenarios.campaigns.variation import Variation
+from scenarios.campaigns.domain_randomisation import Variation
 from scenarios.contact_job import build, run
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array

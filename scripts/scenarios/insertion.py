@@ -20,7 +20,7 @@ from models.vehicles import uuv_puma
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
 from scenarios.campaigns import trials as _trials
-from scenarios.campaigns.variation import NOMINAL
+from scenarios.campaigns.domain_randomisation import NOMINAL
 from scenarios.contact_options import coarse_detection
 from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints, scan_pose
 from scenarios.runner import REACTION_TICKS, Evaluation, PreparedRun, RunResult, rehearse, run_through, run_with_report
@@ -33,7 +33,7 @@ from sim.loop.recording import Recorder
 from sim.loop.rollout import Parts
 from sim.plant.plant import Plant
 from sim.reporting.insertion_figures import insertion_figures
-from sim.runs.startup import ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 from sim.sensors import proprioception as sensors
 from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current

@@ -21,8 +21,8 @@ from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, Parts, rollout
 from sim.plant.plant import Plant
 from sim.reporting.results_table import results_table
+from sim.runs.command_line import Interrupted, ScenarioOptions, signals
 from sim.runs.provenance import provenance
-from sim.runs.startup import Interrupted, ScenarioOptions, signals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -25,7 +25,7 @@ from perception.navigation.ground_plane import GroundPlaneEstimator
 from perception.navigation.strapdown_filter import Navigation
 from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
 from scenarios.campaigns import trials as _trials
-from scenarios.campaigns.variation import NOMINAL
+from scenarios.campaigns.domain_randomisation import NOMINAL
 from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints
 from scenarios.runner import REACTION_TICKS, PreparedRun, rehearse, run_through
 from sim import hydrodynamics

@@ -1,6 +1,6 @@
 """First import of every command: rejects a Python without the project, or a foreign module with a room's name.
 
-`sim.runs.startup` cannot do that alone: a user's `sim.py` would hide it too.
+`sim.runs.command_line` cannot do that alone: a user's `sim.py` would hide it too.
 """
 
 import sys
@@ -16,8 +16,8 @@ if Path(_found.origin).resolve() != _ours:
     print(f"error: {_found.origin} hides the room {_ours.parent}; rename it or take it off PYTHONPATH", file=sys.stderr)
     raise SystemExit(2)
 
+from sim.runs.command_line import ScenarioOptions, check, parse, run_scenario  # noqa: E402
 from sim.runs.run_folder import new_folder  # noqa: E402
-from sim.runs.startup import ScenarioOptions, check, parse, run_scenario  # noqa: E402
 
 check()
 

@@ -10,7 +10,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
-from sim.plant.reaction import ReactionWrench
+from sim.plant.reaction_wrench import ReactionWrench
 from sim.plant.readout import CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
 from sim.plant.soil_contact import SoilForce
 from sim.plant.thrusters import Thrusters
@@ -111,7 +111,7 @@ class Plant:
             model: Model compiled by `sim.hydrodynamics.compile`.
             current: Current of the water.
             X_WB: Initial hull pose (4, 4); default: the model's.
-            reaction_ticks: Measure the wrench of the arm on the hull (`sim.plant.reaction`) every so many steps; 0:
+            reaction_ticks: Measure the wrench of the arm on the hull (`reaction_wrench`) every so many steps; 0:
                 never.
             soil: Force of the soil on the body of the pad; it counts as contact.
             substeps: Physics steps per `timestep`, under one command and one current. Stiff contact needs short steps,

@@ -48,7 +48,7 @@ from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
 from sim.loop.recording import Recorder
-from sim.runs.startup import ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 from studies.hover import POSTURES, flow
 
 __all__ = ["CASES", "run_all"]

@@ -48,7 +48,7 @@ from perception.seabed.terrain_path import plan_seabed_work
 from perception.toolpath.path_shapes import circle, laid_on, line, raster
 from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
 from sim.interfaces.errors import UuvError
-from sim.runs import startup
+from sim.runs import command_line as startup
 from sim.water.current import Current
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -15,7 +15,7 @@ from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
 from sim import hydrodynamics
 from sim.interfaces.spatial import Array, pose
-from sim.plant.reaction import wrench
+from sim.plant.reaction_wrench import wrench
 from tests.physics.random_trees import semidefinite
 
 STATES = 3
@@ -234,7 +234,7 @@ def test_wrench_on_the_hull_moves_the_hull_alone_as_the_arm_does(vehicle_of, pus
     within("relative acceleration of the hull", worst, 2e-12)  # measured up to 2.2e-13 over 200 seeds of 6 cases
 
 
-@pytest.mark.check("wrench of the arm on the hull: measured by sim.plant.reaction", "own recursive Newton-Euler")
+@pytest.mark.check("wrench of the arm on the hull: measured by sim.plant.reaction_wrench", "own recursive Newton-Euler")
 @pytest.mark.parametrize("push", PUSHES)
 def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, within):
     worst = 0.0

@@ -15,7 +15,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import exp_so3, quat_wxyz_from_rotation
 from sim.plant.plant import Plant
-from sim.plant.reaction import wrench
+from sim.plant.reaction_wrench import wrench
 from sim.water.current import Current
 
 TILTED = exp_so3([0.3, -0.2, 0.5])

@@ -9,7 +9,7 @@ from models.hydrodynamics import BodyHydrodynamics
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
 from sim.interfaces.spatial import Array, exp_so3
-from sim.plant.reaction import ReactionWrench, wrench
+from sim.plant.reaction_wrench import ReactionWrench, wrench
 from tests.physics.random_trees import random_spec, semidefinite, set_in_motion
 
 LINK = """

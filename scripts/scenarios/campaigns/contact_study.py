@@ -10,13 +10,13 @@ import numpy as np
 
 from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
-from scenarios.campaigns.variation import Variation
+from scenarios.campaigns.domain_randomisation import Variation
 from scenarios.contact_job import ContactJob, Outcome, build, run
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recording
-from sim.runs.startup import ScenarioOptions
+from sim.runs.command_line import ScenarioOptions
 
 PATHS = ("longitudinal", "transverse")
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it

@@ -11,10 +11,10 @@ from typing import Any, Self
 
 from scenarios.campaigns.contact_study import CRASHED, RunTask
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import ROOMS
 from sim.runs.provenance import versions
 from sim.runs.run_folder import alone_in
 from sim.runs.saving import write_json
-from sim.runs.startup import ROOMS
 
 Row = dict[str, Any]
 _MADE_OF_IT = ("metrics.json", "report.html")  # files made from the runs in a log

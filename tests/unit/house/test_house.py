@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from sim.runs.startup import ROOMS
+from sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[3]
 SCRIPTS = sorted(

@@ -117,7 +117,7 @@ def test_touching_feels_by_the_same_filters_as_work() -> None:
 
 
 def test_a_reason_carries_its_figures() -> None:
-    from controllers.tasks import reactions as watch
+    from controllers.tasks import fault_reactions as watch
     from controllers.tasks.surface_task_config import SurfaceTaskConfig
     from sim.interfaces.messages import Fault, FaultKind
 

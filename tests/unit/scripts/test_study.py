@@ -27,7 +27,7 @@ from pool_tasks import deadly, ignores, squared, told_dead
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import STATES, Event, Recording, Series
-from sim.runs.startup import Interrupted, ScenarioOptions
+from sim.runs.command_line import Interrupted, ScenarioOptions
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[3] / "sim/schemas/study_contact.schema.json").read_text())
@@ -114,7 +114,7 @@ def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
     job, scenario = import_module("scenarios.contact_job"), import_module("clean_barrel")
     options = scenario.Options(record=False, quick=True)
     rng = np.random.default_rng(0)
-    varied = import_module("scenarios.campaigns.variation").Variation(stiffness=3e5)
+    varied = import_module("scenarios.campaigns.domain_randomisation").Variation(stiffness=3e5)
     built = job.build(scenario.barrel_job(options, rng), options, rng, varied)
     assert built.plant.timestep == pytest.approx(DT, rel=1e-12)
     assert built.plant.substeps > 4

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from sim.interfaces.kernels import imports_stamp
-from sim.runs.startup import ROOMS
+from sim.runs.command_line import ROOMS
 
 ROOT = Path(__file__).resolve().parents[4]
 

@@ -18,7 +18,7 @@ from sim.sensors import proprioception as sensors
 
 @pytest.fixture
 def variation() -> ModuleType:
-    return import_module("scenarios.campaigns.variation")
+    return import_module("scenarios.campaigns.domain_randomisation")
 
 
 def test_nominal_changes_nothing(variation):

@@ -13,8 +13,8 @@ from typing import Any, Literal
 import pytest
 
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import check, parse, run_scenario
 from sim.runs.run_folder import new_folder
-from sim.runs.startup import check, parse, run_scenario
 
 ROOT = Path(__file__).resolve().parents[4]
 

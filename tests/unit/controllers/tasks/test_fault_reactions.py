@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.tasks.reactions import Reaction, choose_reaction
+from controllers.tasks.fault_reactions import Reaction, choose_reaction
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from sim.interfaces.messages import WorkState
 

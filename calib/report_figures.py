@@ -35,7 +35,7 @@ def figures(
     yield (
         "Distances between the touches of a point",
         "Every pair of touches of one point, by the nominal arm (grey) and by the identified one (blue), point "
-        "after point (paper 000, figure 4).",
+        "after point [Yukhimets 2023, fig. 4].",
         _pairs(calibration, series, point_names),
     )
     if clouds:

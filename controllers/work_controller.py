@@ -1,12 +1,12 @@
-"""The controller of contact work: arm drives and thrusters together, from estimates and references.
+"""Position-force controller of contact work: composes joint servo, force loop, station keeping and allocation.
 
-In one step, at the rate of the drives (paper 002, third section):
-  1. the arm's inverse dynamics give the torques without contact; what the sensors show beyond them is the contact,
-     and J^T turned round gives the force on the tool, without a force sensor;
-  2. the tool's reference is corrected twice: by the displacement k along the tool axis from the force error, and for
-     the drift of the hull, p*_C = R^T (p*_O - r); MKPS gives the joint angles;
-  3. the drives get the inverse dynamics of the wanted motion, the felt contact included;
-  4. the thrusters get the arm's wrench on the hull, beside the closed loop of the hover.
+One step at the rate of the drives [Konoplin 2022, section 3]:
+  1. Inverse dynamics give the joint torques without contact. The residual of the measured torques is the contact;
+     J^T maps it to the force on the tool, without a force sensor.
+  2. Two corrections of the tool's reference: a displacement k along the tool axis from the force error, and the drift
+     of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint angles.
+  3. The drives get the inverse dynamics of the wanted motion, with the estimated contact force.
+  4. The thrusters get the arm's wrench on the hull, beside the closed loop of station keeping.
 """
 
 from collections.abc import Set
@@ -45,7 +45,7 @@ Method = Literal[
 
 @dataclass(slots=True, eq=False)
 class WorkControllerState:
-    """Everything that the controller remembers."""
+    """State of the controller; arrays change in place."""
 
     hover: StationKeepingState
     propellers: ThrusterLeadState
@@ -94,10 +94,17 @@ class WorkController:
         water_error: float = 0.0,
         friction: DryFriction | None = None,
     ) -> None:
-        """Take the controller's own model of the vehicle (not the plant's).
+        """Set up from the controller's own (believed) model of the vehicle.
 
-        `without` names methods to leave out, for ablation; `water_error` makes the controller's added masses and
-        drags wrong by that share; `friction` is the gears' as it was identified (default: the model's).
+        Args:
+            model: believed model, compiled.
+            period: [s] of a step.
+            without: methods to leave out, for ablation.
+            tuning: gains of the arm.
+            displacement: force loop along the tool axis.
+            compliance: lateral compliance.
+            water_error: [-] share by which added masses and drags are deliberately wrong.
+            friction: identified friction of the gears; None: the model's.
         """
         self.period = period
         self._tuning = tuning or ArmTuning()
@@ -191,7 +198,7 @@ class WorkController:
         tuning, vehicle, dt, arm, hull = self._tuning, self._vehicle, self.period, self._arm, self._hull
         f_tip_W = np.empty(3)
 
-        # 1. Contact from torques: what the sensors lack against the model is borne by the world.
+        # 1. Contact force from torques: the residual against the model without contact.
         floor = state.floor if estimate.tau_doubt is None else np.hypot(state.floor, estimate.tau_doubt)
         felt = estimate_tip_force(
             arm.layout,
@@ -270,7 +277,7 @@ class WorkController:
         if state.tick % self._hover_ticks == 0:
             self._doubt(state, estimate)
 
-        # 2. Where the tool should be.
+        # 2. Reference of the tool.
         since = state.tick % self._task_ticks
         if since == 0:
             self._task(state, estimate, reference, felt, f_tip_W)
@@ -339,7 +346,7 @@ class WorkController:
         estimate: StateEstimate,
         reference: Reference,
     ) -> None:
-        """Weigh the arm on its way to the work; once it follows a tool pose, still free of contact, believe it."""
+        """Identify the payload while the arm unfolds; adopt it at the first tool pose, still free of contact."""
         if reference.X_WG is not None:
             excess = self._weighing.excess(weighing)
             state.numbers, state.weighing = self._weighing.weighed(excess), None
@@ -348,7 +355,7 @@ class WorkController:
             self._weighing.add(weighing, estimate.q, estimate.qd, self._qdd, self._hull, self._tau_e)
 
     def _doubt(self, state: WorkControllerState, estimate: StateEstimate) -> None:
-        """How far each external torque is trusted, and so how well the force is felt."""
+        """Update the standard deviations of the external torques and of the force estimate."""
         tuning, dry = self._tuning, self._dry
         if tuning.torque_source == "observer":
             dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, tuning.friction_known, state.qd_slow, state.floor)
@@ -364,7 +371,7 @@ class WorkController:
     def _task(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, felt: float, f_tip_W: Array
     ) -> None:
-        """Joint angles and speeds wanted now, from the tool's reference corrected twice."""
+        """Wanted joint angles and speeds from the tool's reference, after both corrections."""
         tuning, dt = self._tuning, self._tuning.task_period
         since = estimate.time - reference.time
         if reference.X_WG is None:
@@ -426,7 +433,7 @@ class WorkController:
         return reference.force_control and "force-control" not in self._without
 
     def _servo_compliance(self, state: WorkControllerState, estimate: StateEstimate) -> float:
-        """How far [m]/[N] the servoed arm yields at the tip to a force along the tool axis."""
+        """Compliance [m/N] of the servoed arm at the tip along the tool axis."""
         every = max(1, round(self._tuning.compliance_period / self.period))
         if state.servo_compliance == 0.0 or state.tick % every < self._task_ticks:
             inertia = self._arm.inertia(estimate.q) + np.diag(self._armature)
@@ -439,9 +446,9 @@ class WorkController:
     def _thrusters(
         self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, in_contact: bool
     ) -> None:
-        """Thruster commands: the hover's wrench, with the arm's wrench on the hull cancelled."""
+        """Thruster commands: wrench of station keeping, less the arm's wrench on the hull."""
         contact_B = np.zeros(6)
-        if in_contact:  # C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e (paper 002)
+        if in_contact:  # C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e [Konoplin 2022]
             contact_B[:3] = state.f_tip_B
             contact_B[3:] = skew(self._X_BG[:3, 3]) @ state.f_tip_B
         arm_wrench_B = self._wrench_free_B + contact_B
@@ -465,7 +472,7 @@ class WorkController:
         }
 
     def _left_out(self, state: WorkControllerState, estimate: StateEstimate, contact_B: Array) -> Array:
-        """Ablation: what of the arm's wrench (6,) is not fed forward."""
+        """Part (6,) of the arm's wrench that an ablation does not feed forward."""
         if "compensation" in self._without:
             return self._wrench_free_B + contact_B - self._home_wrench
         left_out = contact_B.copy() if "contact-term" in self._without else np.zeros(6)
@@ -480,7 +487,7 @@ class WorkController:
         return left_out
 
     def _wrench_at_rest(self, q: Array) -> Array:
-        """Wrench (6,) of the arm on the hull, both still and level."""
+        """Wrench (6,) of the arm on the hull, both at rest and level."""
         rest = np.zeros(q.size)
         return self._arm.inverse(
             q,

@@ -1,6 +1,6 @@
 """BlueROV2 Heavy (Blue Robotics) by two published parameter sets, whose drag differs up to tenfold.
 
-[VonBenzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
+[Benzon 2022, table A1] is validated in a test tank, by its abstract. It was read in two transcriptions that agree
 (ViktorNfa/bluerov2_dynamics BlueROV2.py; a MATLAB script). A third (AndreasKing-Goks/0_THESIS) prints more digits of
 the added masses, and 0.1858 kg m^2 in roll where the others have 0.189. Of the paper, the abstract was read.
 
@@ -67,7 +67,7 @@ WU_THRUSTERS = (*_LEVEL, *zip(_UPRIGHT, (_UP, _DOWN, _DOWN, _UP), strict=True))
 
 
 def benzon_2022() -> mujoco.MjSpec:
-    """The vehicle by [VonBenzon 2022]."""
+    """The vehicle by [Benzon 2022]."""
     return _vehicle("bluerov2_heavy_benzon2022", BENZON_2022, BENZON_THRUSTERS)
 
 
@@ -77,7 +77,7 @@ def wu_2018() -> mujoco.MjSpec:
 
 
 def with_alpha_5() -> mujoco.MjSpec:
-    """The vehicle by [VonBenzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
+    """The vehicle by [Benzon 2022] with the Reach Alpha 5 under its bow, joint 1 pointing down.
 
     The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm"). The combination is not
     published; ballast compensates the arm's weight.

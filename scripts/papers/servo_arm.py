@@ -211,7 +211,7 @@ def main() -> int:
     q_initial = np.array(solve(chain, tool_pose(INITIAL), np.full(chain.n, 0.1), 1e-6, 1e-6).q)
     single = {method: solved(chain, GIVEN, q_initial, method, track=False) for method in METHODS}
 
-    table = Table(title="1. A single solution (paper 003, table 1)", title_justify="left")
+    table = Table(title="1. A single solution ([Danilov 2021], table 1)", title_justify="left")
     for heading in ("", "X mm", "Y mm", "Z mm", "course deg", "trim deg", "roll deg", "iterations"):
         table.add_column(heading, justify="right" if heading else "left")
     rows = {"initial": row_of(chain.forward(q_initial)), "given": GIVEN}

@@ -209,7 +209,7 @@ def simulated(
         if source.path.name == "ur10e":
             theta, a, d, alpha = PAPER_UR10E.T
             arm = Arm.from_dh(np.column_stack([np.deg2rad(theta), d * 1e-3, a * 1e-3, np.deg2rad(alpha)]))
-            title = "Calibration of a UR10e as of paper 000"
+            title = "Calibration of a UR10e as in [Yukhimets 2023]"
         else:
             arm = wrong_arm(source.arm, WORKSHOP, drawing)
             title = f"Calibration of {source.path.name}, built with workshop errors {errors}"

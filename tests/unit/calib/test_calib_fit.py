@@ -13,7 +13,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 from untyped import untyped
 
 H, DEG = np.pi / 2, np.pi / 180
-# UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that paper 000 identified.
+# UR10e, standard DH theta0, d, a, alpha (Universal Robots' table), and the arm that [Yukhimets 2023] identified.
 UR10E = np.array(
     [
         (0, 0.1807, 0, H),

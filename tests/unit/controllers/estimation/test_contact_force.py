@@ -29,7 +29,7 @@ def paper_arm(q: Array) -> tuple[Array, Array]:
 
 
 def test_closed_form_turns_the_transposed_jacobian_round(within):
-    """Paper 002, eq. (5), in 2000 random poses."""
+    """[Konoplin 2022, eq. 5] in 2000 random poses."""
     rng = np.random.default_rng(1)
     worst, tried = 0.0, 0
     while tried < 2000:

@@ -188,7 +188,7 @@ def test_single_precision_is_single_throughout() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_goals_of_the_history(method: Method) -> None:
-    """F_R, F_alpha1 and F_alpha2 of every iteration, by paper 003."""
+    """F_R, F_alpha1 and F_alpha2 of every iteration, by [Danilov 2021]."""
     chain = Chain.from_dh(PUMA)
     target = reachable(chain, 1, 5)[0]
     result = solve(chain, target, HOME, method=method, history=True)

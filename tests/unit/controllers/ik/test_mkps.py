@@ -219,7 +219,7 @@ def test_keep_says_when_the_branch_is_lost() -> None:
 
 
 def test_tracking_through_a_wrist_singularity() -> None:
-    """500 Hz steps of a joint path that takes the wrist of a PUMA through zero (paper 003, chapter 4)."""
+    """500 Hz steps of a joint path that takes the wrist of a PUMA through zero [Danilov 2021, ch. 4]."""
     chain = Chain.from_dh(ARMS["puma560"].dh)
     q = np.array([0.2, 0.5, 0.7, 0.4, 0.35, 0.1])
     for s in np.linspace(0.0, 1.0, 501):

@@ -62,7 +62,7 @@ def test_passing_a_gimbal_lock_keeps_the_speed_limits_and_comes_back(miss: float
 
 
 def test_the_way_of_passing_follows_nearness() -> None:
-    """Held where the arm is nearest to the lock, limited round about, free elsewhere (paper 003, chapter 4)."""
+    """Held where the arm is nearest to the lock, limited round about, free elsewhere [Danilov 2021, ch. 4]."""
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, 0.02)
     passed = track(chain, poses, q0, PERIOD, near=0.1)

@@ -1,4 +1,4 @@
-"""The surface of a seabed from a cloud: against eq. (4) of paper 004, planes in closed form, and seeded terrains."""
+"""The surface of a seabed from a cloud: against [Konoplin 2019, eq. 4], planes in closed form, and seeded terrains."""
 
 import itertools
 
@@ -25,7 +25,7 @@ def tilted(xy):
 
 
 def intersections(B, z, vertices, triangles):
-    """t (s,) by paper 004, eq. (4), over all triangles; inf if none is met."""
+    """t (s,) by [Konoplin 2019, eq. 4], over all triangles; inf if none is met."""
     t = np.full(len(B), np.inf)
     V0, V1, V2 = vertices[triangles[:, 0]], vertices[triangles[:, 1]], vertices[triangles[:, 2]]
     for i, b in enumerate(B):

@@ -56,7 +56,7 @@ def assert_well_formed(path: ToolPath, within) -> None:
 
 
 def moller_trumbore(start: Array, way: Array, corners: Array) -> float:
-    """Distance along `way` to the nearest of the triangles (T, 3, 3), in closed form (paper 004, reference 21)."""
+    """Distance along `way` to the nearest of the triangles (T, 3, 3), in closed form [Moller 1997]."""
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     h = np.cross(way, edge2)
     a = np.einsum("ij,ij->i", edge1, h)

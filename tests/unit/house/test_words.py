@@ -1,0 +1,134 @@
+"""The tree and its words: small folders, documented names, sources that exist, one class a name, readable sentences."""
+
+import ast
+import re
+import subprocess
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 19, 20, 40
+ROOMS = ("models", "sim", "perception", "controllers", "calib", "scripts")
+KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
+
+
+def tracked(*patterns: str) -> list[Path]:
+    """Files under version control; in a copy without one, all that there are."""
+    try:
+        listed = subprocess.run(["git", "ls-files", *patterns], cwd=ROOT, capture_output=True, text=True, check=True)
+        return [ROOT / name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
+    except (OSError, subprocess.CalledProcessError):
+        return [path for pattern in patterns for path in ROOT.rglob(pattern) if ".venv" not in path.parts]
+
+
+SOURCES = [path for path in tracked("*.py") if path.relative_to(ROOT).parts[0] in ROOMS]
+TREES = {path: ast.parse(path.read_text()) for path in SOURCES}
+
+
+def public(tree: ast.Module) -> list[tuple[str, ast.AST]]:
+    """Public functions and classes of a module, and the public methods of these, by name."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+    found: list[tuple[str, ast.AST]] = []
+    for node in tree.body:
+        if isinstance(node, kinds) and not node.name.startswith("_"):
+            found.append((node.name, node))
+            if isinstance(node, ast.ClassDef):
+                found += [
+                    (f"{node.name}.{item.name}", item)
+                    for item in node.body
+                    if isinstance(item, kinds) and not item.name.startswith("_")
+                ]
+    return found
+
+
+def sentences(path: Path) -> list[str]:
+    """Sentences of the docstrings of a module, or of a page without its code blocks and tables."""
+    if path.suffix == ".py":
+        kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+        texts = [ast.get_docstring(node) or "" for node in ast.walk(TREES[path]) if isinstance(node, kinds)]
+    else:
+        text = re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)
+        texts = [re.sub(r"^\s*\|.*$", " ", text, flags=re.MULTILINE)]
+    return [s for text in texts for s in re.split(r"(?<=[.!?:;])\s+|\n\s*\n|\n\s*[-*] |\n +\w+: ", text)]
+
+
+def test_no_folder_is_crowded():
+    count = Counter(path.parent.relative_to(ROOT).as_posix() for path in SOURCES)
+    assert {folder: n for folder, n in count.items() if n > FILES_A_FOLDER} == {}
+
+
+def test_every_folder_says_what_it_is_for():
+    silent = [
+        path.parent.relative_to(ROOT).as_posix()
+        for path in SOURCES
+        if path.name == "__init__.py" and not ast.get_docstring(TREES[path])
+    ]
+    assert silent == []
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_public_names_are_documented(path: Path):
+    assert ast.get_docstring(TREES[path]), "the module"
+    assert [name for name, node in public(TREES[path]) if not ast.get_docstring(node)] == []  # pyright: ignore[reportArgumentType]
+
+
+def test_a_class_name_has_one_meaning():
+    places = defaultdict(set)
+    for path, tree in TREES.items():
+        for name, node in public(tree):
+            if isinstance(node, ast.ClassDef) and name not in ("Options",):  # each command's own
+                places[name].add(path.relative_to(ROOT).as_posix())
+    assert {name: sorted(where) for name, where in places.items() if len(where) > 1} == {}
+
+
+def test_every_source_is_listed_once():
+    listed = re.findall(r"^- \*\*\[([^\]]+)\]\*\*", (ROOT / "docs" / "references.md").read_text(), flags=re.MULTILINE)
+    assert [key for key, n in Counter(listed).items() if n > 1] == []
+    cited = defaultdict(set)
+    for path in (*SOURCES, *tracked("README.md", "docs/*.md")):
+        for key in KEY.findall(path.read_text()):
+            cited[key].add(path.relative_to(ROOT).as_posix())
+    assert {key: sorted(where) for key, where in cited.items() if key not in listed} == {}
+
+
+def test_nothing_refers_to_what_a_stranger_cannot_open():
+    closed = re.compile(r"[Pp]apers? 00\d|\bfacts/|issue \d")
+    here = Path(__file__)
+    found = [path for path in tracked("*.py", "README.md", "docs/*.md") if closed.search(path.read_text())]
+    assert [path.relative_to(ROOT).as_posix() for path in found if path != here] == []
+
+
+def test_the_formatter_and_the_checkers_are_hardly_ever_switched_off():
+    switch = re.compile(r"#\s*(fmt: (skip|off)|noqa|type: ignore|pyright: ignore)")
+    assert sum(len(switch.findall(path.read_text())) for path in tracked("*.py")) <= SWITCHES
+
+
+def test_named_numbers_say_what_they_are():
+    number = re.compile(r"^(_?[A-Z][A-Z_0-9]+)(?:: [\w\[\], ]+)? = -?[\d.][\w.+-]*\s*$")
+    silent = []
+    for path in SOURCES:
+        lines = path.read_text().splitlines()
+        silent += [
+            f"{path.relative_to(ROOT)}:{i + 1} {line}"
+            for i, line in enumerate(lines)
+            if number.match(line) and not (i and lines[i - 1].startswith("#"))
+        ]
+    assert silent == []
+
+
+def test_sentences_can_be_read_at_once():
+    pages = [*SOURCES, *tracked("README.md", "CHANGELOG.md", "docs/*.md")]
+    long = [
+        f"{path.relative_to(ROOT)}: {' '.join(sentence.split())[:90]}"
+        for path in pages
+        for sentence in sentences(path)
+        if len(re.findall(r"[A-Za-z][A-Za-z'-]*", sentence)) > WORDS_A_SENTENCE
+    ]
+    assert long == []
+
+
+def test_the_first_page_is_short():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120
+    assert len((ROOT / "CHANGELOG.md").read_text().splitlines()) <= 60

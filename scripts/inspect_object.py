@@ -34,7 +34,7 @@ from sim.interfaces.spatial import exp_so3, pose, transform_points
 from sim.loop.recording import Recording
 from sim.loop.rollout import Parts
 from sim.plant.plant import Plant
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current
 
@@ -82,11 +82,11 @@ def prepare(options: Options) -> tuple[PreparedRun, TrueInspection]:
     camera = DepthCamera(model, HULL_BODY, X_BC)
     parts = Parts(
         sensors=[
-            sensors.Encoders(),
-            sensors.JointTorqueSensors(),
-            sensors.Imu(),
-            sensors.Dvl(),
-            sensors.VisionDrift(),
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
             camera,
         ],
         estimator=Navigation(),

@@ -57,8 +57,7 @@ from models.hydrodynamics import (
 )
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, PhysicsWarning
 from sim.interfaces.spatial import Array, skew
-from sim.water import mujoco_layout
-from sim.water import passive_callback as hydrodynamics_kernel
+from sim.water import mujoco_layout, passive_callback
 
 DRAG_SPEED = 2.0  # [m/s, rad/s] speed at which the drag rate is compared with the time step
 
@@ -94,13 +93,13 @@ def install() -> None:
     if mujoco.get_mjcb_passive() is not None:
         raise HydrodynamicsError("another passive callback is installed; MuJoCo has room for one")
     if _callback is None:
-        mujoco_layout.verify(hydrodynamics_kernel.MODEL_FIELDS, hydrodynamics_kernel.DATA_FIELDS)
+        mujoco_layout.verify(passive_callback.MODEL_FIELDS, passive_callback.DATA_FIELDS)
         library = mujoco_layout.library()
-        for symbol in hydrodynamics_kernel.SYMBOLS:
+        for symbol in passive_callback.SYMBOLS:
             address = ctypes.cast(getattr(library, symbol), ctypes.c_void_p).value
             llvmlite.binding.add_symbol(symbol, address)
         with event.install_listener("numba:compile", _Notice()):
-            _callback = hydrodynamics_kernel.build()
+            _callback = passive_callback.build()
     pointer = type(_callback.ctypes)(_callback.address)
     mujoco.set_mjcb_passive(pointer)
     (pointer._objects or {}).clear()  # MuJoCo's binding leaves a reference cycle there
@@ -210,7 +209,7 @@ def check_wet(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     Raises:
         HydrodynamicsError: The callback has been removed, replaced, or disabled by MuJoCo's flags.
     """
-    if _bodies(model) and data.crb[0, 0] != hydrodynamics_kernel.WET_MARK:
+    if _bodies(model) and data.crb[0, 0] != passive_callback.WET_MARK:
         problem = "moved dry: MuJoCo was kept from calling its callback" if is_installed() else _moves_dry()
         raise HydrodynamicsError(f"this model carries hydrodynamics but {problem}")
 

@@ -21,8 +21,7 @@ import mujoco
 import numpy as np
 
 from models.naming import CAMERA_SITE
-from models.vehicles import published_hulls as published
-from models.vehicles import reach_alpha_5
+from models.vehicles import published_hulls, reach_alpha_5
 from models.vehicles.published_hulls import PublishedHull
 from models.water import thrusters
 
@@ -82,24 +81,24 @@ def with_alpha_5() -> mujoco.MjSpec:
     The arm's base is mounted as in edxmorgan/floating-KinDyn (usage/alpha_reach.py, "underarm"). The combination is not
     published; ballast compensates the arm's weight.
     """
-    spec = published.new_spec("bluerov2_heavy_alpha5")
+    spec = published_hulls.new_spec("bluerov2_heavy_alpha5")
     hull = _add_hull(spec, BENZON_2022, BENZON_THRUSTERS)
     reach_alpha_5.add_arm(spec, hull, [0.19, 0.0, -0.12], [0.0, 1.0, 0.0, 0.0])
-    published.add_keys(spec, reach_alpha_5.HOME, reach_alpha_5.READY)
-    published.ballast(spec)
+    published_hulls.add_keys(spec, reach_alpha_5.HOME, reach_alpha_5.READY)
+    published_hulls.ballast(spec)
     return spec
 
 
 def _vehicle(name: str, figures: PublishedHull, places: tuple) -> mujoco.MjSpec:
-    spec = published.new_spec(name)
+    spec = published_hulls.new_spec(name)
     _add_hull(spec, figures, places)
-    published.add_keys(spec)
-    published.ballast(spec)
+    published_hulls.add_keys(spec)
+    published_hulls.ballast(spec)
     return spec
 
 
 def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> mujoco.MjsBody:
-    hull = published.add_hull(spec, figures)
+    hull = published_hulls.add_hull(spec, figures)
     # For rendering and contact only: the frame as a box, the foam above it.
     frame, foam = mujoco.mjtGeom.mjGEOM_BOX, [0.11, 0.38, 0.85, 1.0]
     hull.add_geom(
@@ -136,7 +135,9 @@ def _add_hull(spec: mujoco.MjSpec, figures: PublishedHull, places: tuple) -> muj
     # OpenCV axes, horizontal: z forward, x to starboard.
     hull.add_site(name=CAMERA_SITE, pos=[0.2, 0.0, 0.0], quat=[0.5, -0.5, 0.5, -0.5], group=4, size=[0.01, 0.01, 0.01])
     names = [
-        published.add_thruster(spec, hull, str(i), published.from_ned(p), published.from_ned(direction))
+        published_hulls.add_thruster(
+            spec, hull, str(i), published_hulls.from_ned(p), published_hulls.from_ned(direction)
+        )
         for i, (p, direction) in enumerate(places, start=1)
     ]
     thrusters.attach(spec, {name: thrusters.t200(torque_per_thrust=0.0) for name in names})

@@ -25,7 +25,7 @@ import numpy as np
 from models import hydrodynamics
 from models.hydrodynamics import BodyHydrodynamics, StripDrag, moved_added_mass
 from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.vehicles import published_hulls as published
+from models.vehicles import published_hulls
 from models.vehicles.published_hulls import PublishedHull
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, rotation_from_z
 
@@ -98,8 +98,8 @@ _TORQUE = (1500.0, 1500.0, 800.0, 300.0, 200.0, 100.0)  # [N m] our choice: abou
 
 def build() -> mujoco.MjSpec:
     """Vehicle and arm, ballasted in the arm's nominal posture."""
-    spec = published.new_spec("phoenix_smart3s")
-    hull = published.add_hull(spec, HULL)
+    spec = published_hulls.new_spec("phoenix_smart3s")
+    hull = published_hulls.add_hull(spec, HULL)
     hull.add_geom(
         name="hull",
         type=mujoco.mjtGeom.mjGEOM_ELLIPSOID,
@@ -109,9 +109,9 @@ def build() -> mujoco.MjSpec:
         conaffinity=2,
         rgba=[0.93, 0.72, 0.13, 1.0],
     )
-    published.add_wrench(spec, hull)
+    published_hulls.add_wrench(spec, hull)
     # A half turn about x: the base's axes are the hull's in the source.
-    base = hull.add_body(name=ARM_BASE_BODY, pos=published.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0])
+    base = hull.add_body(name=ARM_BASE_BODY, pos=published_hulls.from_ned(BASE), quat=[0.0, 1.0, 0.0, 0.0])
     bodies: dict[str, BodyHydrodynamics] = {}
     body = base
     for i in range(len(DH)):
@@ -119,8 +119,8 @@ def build() -> mujoco.MjSpec:
         bodies[body.name] = _water(i)
     body.add_site(name=TIP_SITE, group=4, size=[0.02, 0.02, 0.02])
     hydrodynamics.attach(spec, bodies)
-    published.add_keys(spec, HOME)
-    published.ballast(spec)
+    published_hulls.add_keys(spec, HOME)
+    published_hulls.ballast(spec)
     return spec
 
 
@@ -133,7 +133,7 @@ def _add_link(spec: mujoco.MjSpec, parent: mujoco.MjsBody, i: int) -> mujoco.Mjs
     body = parent.add_body(
         name=f"link{i + 1}", pos=[a, 0.0, d], quat=[np.cos(alpha / 2.0), np.sin(alpha / 2.0), 0.0, 0.0]
     )
-    published.set_inertial(body, MASS[i], _center(i), np.diag(INERTIA[i]))
+    published_hulls.set_inertial(body, MASS[i], _center(i), np.diag(INERTIA[i]))
     name = f"joint{i + 1}"
     body.add_joint(
         name=name,

@@ -20,7 +20,7 @@ import numpy as np
 from models import hydrodynamics
 from models.hydrodynamics import SEA_WATER, BodyHydrodynamics, StripDrag, cylinder
 from models.naming import ARM_BASE_BODY, HOME_KEY, READY_KEY, TIP_SITE
-from models.vehicles import published_hulls as published
+from models.vehicles import published_hulls
 from sim.interfaces.spatial import Array, exp_so3, quat_wxyz_from_rotation
 
 RADIUS = 0.020  # [m] radius of every link
@@ -133,7 +133,7 @@ _TIP = (0.0, 0.0, -0.190)  # [m] tip between the jaws, in the wrist frame
 
 def build() -> mujoco.MjSpec:
     """The arm alone, its base fixed to the world, joint 1 pointing up."""
-    spec = published.new_spec("reach_alpha_5")
+    spec = published_hulls.new_spec("reach_alpha_5")
     add_arm(spec, spec.worldbody, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     spec.add_key(name=HOME_KEY, qpos=HOME)
     spec.add_key(name=READY_KEY, qpos=READY)
@@ -150,7 +150,7 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
         quat_wxyz: orientation of the base in `parent`.
     """
     base = parent.add_body(name=ARM_BASE_BODY, pos=p, quat=quat_wxyz)
-    published.set_inertial(base, BASE_MASS, BASE_CENTER, _inertia(BASE_INERTIA))
+    published_hulls.set_inertial(base, BASE_MASS, BASE_CENTER, _inertia(BASE_INERTIA))
     _add_capsule(base, ARM_BASE_BODY, (-0.13, 0.0, 0.0), (-0.02, 0.0, 0.0))
     bodies = {
         ARM_BASE_BODY: replace(
@@ -160,7 +160,7 @@ def add_arm(spec: mujoco.MjSpec, parent: mujoco.MjsBody, p: list[float], quat_wx
     body = base
     for i, link in enumerate(LINKS, start=1):
         body = body.add_body(name=link.name, pos=link.p, quat=quat_wxyz_from_rotation(_rotation(link.rpy)))
-        published.set_inertial(body, link.mass, link.center, _inertia(link.inertia))
+        published_hulls.set_inertial(body, link.mass, link.center, _inertia(link.inertia))
         body.add_joint(name=f"joint{i}", axis=[0.0, 0.0, 1.0], range=link.limits, damping=[link.friction, 0.0, 0.0])
         motor = spec.add_actuator(name=f"joint{i}", trntype=mujoco.mjtTrn.mjTRN_JOINT, target=f"joint{i}")
         motor.ctrlrange = [-link.torque, link.torque]

@@ -26,7 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from controllers.mkps import Chain, IkResult, Method, solve
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.spatial import Array, exp_so3, pose
 from sim.runs.provenance import provenance
@@ -204,7 +204,7 @@ def main() -> int:
     options = parse(Options)
     count = max(2, options.poses // 8 if options.quick else options.poses)
     folder = new_folder("servo_arm", options.out)
-    arm = arms.SERVO_ARM
+    arm = published_arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)
     console = Console(width=None if sys.stdout.isatty() else 120)
     # All methods start from the same joint values, solved to a tight tolerance.

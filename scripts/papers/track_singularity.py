@@ -25,7 +25,7 @@ from rich.table import Table
 
 from controllers.ik.tracking import Passing
 from controllers.mkps import Chain, Method, Track, track
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from models.arms.published_arms import PublishedArm
 from models.arms.serial_arm import SerialArm
 from scenarios.arm_log import ArmLog
@@ -218,7 +218,7 @@ def main() -> int:
     if options.quick:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
     folder = new_folder("track_singularity", options.out)
-    arm = arms.load("era")
+    arm = published_arms.load("era")
     chain = Chain.from_arm(arm)
     q_lock = lock(arm)
     X_lock = arm.joint_frames(q_lock)[-1]

@@ -15,8 +15,7 @@ from calib.arm_files import ArmSource, read_arm
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import wrong_arm
 from calib.touch_files import Touches, read_touches
-from models.arms import dh_geometry
-from models.arms import published_arms as arms
+from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
@@ -99,14 +98,16 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
     Raises:
         ConfigurationError: The name is unknown, or the file is unusable.
     """
-    if name in arms.available():
-        return ArmSource(path=Path(name), kind="dh", arm=arms.load(name), base="base", tip="flange", sha256="")
+    if name in published_arms.available():
+        return ArmSource(
+            path=Path(name), kind="dh", arm=published_arms.load(name), base="base", tip="flange", sha256=""
+        )
     if name in models.available():
         file = folder / f"{name}.xml"
         file.write_text(models.load(name).to_xml(), encoding="utf-8")
         return read_arm(file, base=base, tip=tip)
     if not Path(name).suffix:
-        known = (*arms.available(), *models.available())
+        known = (*published_arms.available(), *models.available())
         raise ConfigurationError(f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file")
     return read_arm(name, base=base, tip=tip)
 

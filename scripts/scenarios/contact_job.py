@@ -50,7 +50,7 @@ from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, Parts, ticks_per_period
 from sim.plant.plant import Plant
 from sim.runs.command_line import ScenarioOptions
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.water.current import Current
 
 
@@ -188,11 +188,11 @@ def build(
     )
     parts = Parts(
         sensors=[
-            sensors.Encoders(),
-            sensors.JointTorqueSensors(noise=variation.torque_noise, bias=variation.torque_bias),
-            sensors.Imu(),
-            sensors.Dvl(),
-            sensors.VisionDrift(
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(noise=variation.torque_noise, bias=variation.torque_bias),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(
                 period=variation.vision_period, delay=variation.vision_delay, noise=variation.vision_noise
             ),
             eye,

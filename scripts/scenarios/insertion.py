@@ -34,7 +34,7 @@ from sim.loop.rollout import Parts
 from sim.plant.plant import Plant
 from sim.reporting.insertion_figures import insertion_figures
 from sim.runs.command_line import ScenarioOptions
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.sensors.depth_camera import DepthCamera
 from sim.water.current import Current
 
@@ -114,11 +114,11 @@ def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> In
     aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*setting.error, 0.0])
     parts = Parts(
         sensors=[
-            sensors.Encoders(),
-            sensors.JointTorqueSensors(),
-            sensors.Imu(),
-            sensors.Dvl(),
-            sensors.VisionDrift(),
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
             DepthCamera(model, HULL_BODY, X_BC),
         ],
         estimator=Navigation(),

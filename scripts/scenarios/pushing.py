@@ -25,7 +25,7 @@ from sim.interfaces.messages import Command, Reference, StateEstimate, Target, W
 from sim.interfaces.spatial import Array, rotation_angle, skew
 from sim.loop.rollout import Moment, Parts, rollout
 from sim.plant.plant import Plant, Truth
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.water.current import Current
 
 FELT_LAG = 0.012  # [s] time constant of the felt force
@@ -304,7 +304,13 @@ def run(case: PushCase, keeper: Callable[..., HullController] = HullController) 
     )
     seen = _Judge(case, plant, control, pushed)
     parts = Parts(
-        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
+        sensors=[
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
+        ],
         estimator=Navigation(),
         finder=None,
         planner=StayPut(case.q),

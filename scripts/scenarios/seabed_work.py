@@ -36,7 +36,7 @@ from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment, Parts
 from sim.plant.plant import Plant
 from sim.plant.soil_contact import SoilForce
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.sensors.dvl_ranges import DvlBeams, DvlRanges
 from sim.sensors.sonar import Sonar, SonarBeams
 from sim.water.current import Current
@@ -122,11 +122,11 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
     chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, arm))
     parts = Parts(
         sensors=[
-            sensors.Encoders(),
-            sensors.JointTorqueSensors(),
-            sensors.Imu(),
-            sensors.Dvl(),
-            sensors.VisionDrift(),
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
             Sonar(model, HULL_BODY, sonar_on_hull(hull), beams=BEAMS, range_limits=(OWN_ARM, 10.0)),
             DvlRanges.on(
                 model, HULL_BODY, dvl_on_hull(hull), DvlBeams(limits=(OWN_ARM, 50.0), dead=setting.dead_beams)

@@ -18,7 +18,7 @@ from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, pose
 from sim.loop.rollout import Moment, Observer, Parts, rollout
 from sim.plant.plant import Plant
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.water.current import Current
 
 MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
@@ -146,7 +146,13 @@ def touch(
     flow = Current(tuple(current), gust=gust, timestep=model.opt.timestep, rng=gusts)
     plant = Plant(model, current=flow, X_WB=X_WB)
     parts = Parts(
-        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
+        sensors=[
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
+        ],
         estimator=Navigation(),
         finder=None,
         planner=TouchSequence(vehicle, chain, rig, wanted, X_WB),

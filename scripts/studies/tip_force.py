@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from controllers.estimation.contact_force import tip_force, tip_force_closed_form, tip_wrench
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
@@ -172,7 +172,7 @@ def main() -> int:
         table.add_column(column)
     for column in ("median, RMS", "median near singular", "NEES / 3"):
         table.add_column(column, justify="right")
-    for name, arm in (("default", default_arm()), *((name, arms.load(name)) for name in ("ur10e", "panda"))):
+    for name, arm in (("default", default_arm()), *((name, published_arms.load(name)) for name in ("ur10e", "panda"))):
         for source, wrong, doubt in sources:
             for form in ("closed form", "least squares", "weighted", "force and moment"):
                 if form == "closed form" and name != "default":

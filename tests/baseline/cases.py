@@ -23,7 +23,7 @@ from clean_pile import Options as PileOptions
 from clean_pile import pile_job
 from controllers.mkps import Chain, solve
 from controllers.tasks.seabed_work import SeabedJob
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from perception import identify
 from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
@@ -222,7 +222,7 @@ def inverse_kinematics(seed: int) -> Figures:
     rng = np.random.default_rng(seed)
     figures: dict[str, float | None] = {}
     for name in ("puma560", "ur10e", "panda", "gen3"):
-        arm = arms.load(name)
+        arm = published_arms.load(name)
         limits = np.clip(arm.limits, -np.pi, np.pi)
         chain = Chain.from_arm(replace(arm, limits=limits))
         rows = []

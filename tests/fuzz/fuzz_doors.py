@@ -34,7 +34,7 @@ from calib import identify as calibrate
 from calib.arm_files import read_arm
 from calib.touch_files import read_touches
 from controllers.mkps import Chain, Tracker, solve, solve_many
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from models.objects import deformed, targets
 from models.objects.target_model import ModelPath, Symmetry, TargetModel
 from models.site import scenes
@@ -513,7 +513,7 @@ def _file_door(name: str) -> Door:
 # Python arguments
 
 _DH_ROWS = [[0.0, 0.3, 0.0, 1.57], [0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.3, 0.2]]
-_CHAIN = Chain.from_arm(arms.load("puma560"))
+_CHAIN = Chain.from_arm(published_arms.load("puma560"))
 _TARGET = _CHAIN.forward([0.1, 0.2, -0.3, 0.4, 0.5, 0.6])
 _BALL = targets.named("rock")
 _GRID = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.5, 0.5, 12)), axis=-1).reshape(-1, 2)
@@ -749,8 +749,8 @@ def _python_doors() -> Iterator[Door]:
     )
     yield door("vehicle_spec", scenes.vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
     yield door("models.load", models.load, {"name": "uuv_puma"}, 0.5)
-    yield door("arms.load", arms.load, {"name": "panda"})
-    yield door("Arm.joint_frames", arms.load("panda").joint_frames, {"q": np.zeros(7)})
+    yield door("arms.load", published_arms.load, {"name": "panda"})
+    yield door("Arm.joint_frames", published_arms.load("panda").joint_frames, {"q": np.zeros(7)})
 
 
 # Options

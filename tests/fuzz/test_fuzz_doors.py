@@ -22,7 +22,7 @@ from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 from calib import Arm
 from calib import identify as calibrate
 from controllers.mkps import Chain, solve
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from models.objects import targets
 from models.objects.targets import TargetModel
 from perception.toolpath.path_shapes import line, raster
@@ -34,7 +34,7 @@ _ASKED = os.environ.get("UUV_FUZZ_SEED", "0")
 SEED = int.from_bytes(os.urandom(4), "big") if _ASKED == "fresh" else int(_ASKED)
 CORPUS = Path(__file__).parent / "corpus"
 DH = [[0.0, 0.3, 0.0, 1.57], [0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.3, 0.2]]
-CHAIN = Chain.from_dh(arms.load("puma560").dh)
+CHAIN = Chain.from_dh(published_arms.load("puma560").dh)
 PUMA = fuzz_doors._PUMA
 TOUCHES = [np.random.default_rng(k).uniform(-1.0, 1.0, (6, 3)) for k in range(2)]
 

@@ -12,7 +12,7 @@ from jsonschema import validate
 from calib import Arm, simulation
 from calib.arm_files import read_arm
 from calib.touch_files import write_touches
-from models.arms import published_arms as arms
+from models.arms import published_arms
 
 # A clone of github.com/platonics-delft/kinematics_calibration: touches of real arms.
 REAL = os.environ.get("UUV_REAL_TOUCHES", "")
@@ -28,7 +28,7 @@ def calibrate(script):
 def touched() -> tuple[Arm, list[np.ndarray]]:
     """A UR10e with errors, and touches of it."""
     rng = np.random.default_rng(5)
-    nominal = arms.load("ur10e")
+    nominal = published_arms.load("ur10e")
     true = simulation.wrong_arm(nominal, {"theta": 2e-3, "a": 1e-3, "alpha": 2e-3}, rng)
     return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
 

@@ -11,7 +11,7 @@ from models.meshes.closed_shells import sphere
 from models.meshes.ply_files import write_ply
 from models.objects.targets import TargetModel, barrel, rock
 from sim.interfaces.errors import ConfigurationError
-from studies import paths as study_paths
+from studies import paths
 from surface_distance import signed_distance
 
 
@@ -20,7 +20,7 @@ def test_true_surface_of_a_ball(within):
     radius = 0.5
     unit, triangles = sphere(5)
     ball = TargetModel(name="ball", vertices=radius * unit, triangles=triangles)
-    surface = study_paths.TrueSurface(ball)
+    surface = paths.TrueSurface(ball)
     rng = np.random.default_rng(2)
     outward, aside = rng.standard_normal((2, 20, 3))
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
@@ -29,10 +29,10 @@ def test_true_surface_of_a_ball(within):
     height = rng.uniform(-0.03, 0.03, 20)
     p = (radius + height)[:, None] * outward
     within("distance [m]", surface.distances(p, -outward) - height, 3e-3)  # the sagitta of a side: 0.25 mm
-    within("normal [rad]", study_paths.angles(surface.normals(p), outward), 1e-2)
+    within("normal [rad]", paths.angles(surface.normals(p), outward), 1e-2)
     within("distance beside the axis [m]", surface.distances(1.2 * radius * outward, x) - 0.2 * radius, 3e-3)
     on = radius * outward
-    within("mean normal [rad]", study_paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
+    within("mean normal [rad]", paths.angles(surface.mean_normals(on, x, -outward), outward), 1e-2)
 
 
 def test_row_tells_refused_and_unseen():
@@ -47,19 +47,19 @@ def test_row_tells_refused_and_unseen():
         "turn_in_pad_rad": spread,
     }
     blind = dict.fromkeys(path) | {"seen": 0.0, "unseen_m": {"rms": 0.05, "max": 0.06}}
-    row = study_paths.row_of([path, blind, {"refused": "a hole"}], trials=4)
+    row = paths.row_of([path, blind, {"refused": "a hole"}], trials=4)
     assert row[:8] == ["50%", "25%", "10.0", "30.0", "1.0", "2.0", "100.0%", "60.0"]
-    assert study_paths.row_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
+    assert paths.row_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
 
 
 def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPatch):
     """Measured: 0.6 to 0.9 mm RMS where the model is 4 to 10 mm off; the tilt of the tool 2.3 to 2.8 deg RMS."""
-    monkeypatch.setattr(study_paths, "_PATCHES", 1)
+    monkeypatch.setattr(paths, "_PATCHES", 1)
     known = rock()
     path = known.path("across")
     view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
-    case = study_paths.PathCase(known, "fouled", (0.02, 0.03), {"across": path}, view)
-    found = study_paths.trial(case, 1, study_paths.Options(looks=4, judged=False))["paths"]["across"]
+    case = paths.PathCase(known, "fouled", (0.02, 0.03), {"across": path}, view)
+    found = paths.trial(case, 1, paths.Options(looks=4, judged=False))["paths"]["across"]
     assert found["seen"] == 1.0
     assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3
     assert found["path_m"]["rms"] < 0.5 * found["model_m"]["rms"]

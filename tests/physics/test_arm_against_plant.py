@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm import joint_servo as drive
 from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
-from controllers.estimation import contact_force as force_estimate
+from controllers.arm.joint_servo import resolve_tool_motion
+from controllers.estimation import contact_force
+from controllers.estimation.tip_force import estimate_tip_force, unfiltered_tip_force
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
@@ -286,13 +287,13 @@ def test_joints_that_do_not_rest_at_zero(rng, within):
 
 
 def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
-    """`drive.tip_force` with all of the motion known: force (3,) in hull axes, external torques, Jacobian."""
+    """`unfiltered_tip_force` with all of the motion known: force (3,) in hull axes, external torques, Jacobian."""
     arm, n = moving.arm, moving.arm.n
     nu_B, a_B = moving.hull_motion()
     a_B[:3] -= np.cross(nu_B[3:], nu_B[:3])
     hull = np.concatenate([moving.X_WB[:3, :3].ravel(), nu_B, a_B, moving.model.opt.wind])
     tau_e, J_B = np.empty(n), np.empty((6, n))
-    f_B = drive.tip_force(
+    f_B = unfiltered_tip_force(
         arm.layout,
         arm.numbers,
         arm.stations,
@@ -333,7 +334,7 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
         bias = 0.3 * rng.normal(size=moving.arm.n)
         f_B, tau_e, J_B = felt(moving, bias)
         sigma = FLOOR + NOISE * np.abs(moving.tau)
-        expected, _ = force_estimate.tip_force(tau_e - bias, J_B[:3], sigma)
+        expected, _ = contact_force.tip_force(tau_e - bias, J_B[:3], sigma)
         # Weighted by the information, since some postures hardly let the force be felt in some direction.
         information = (J_B[:3] / sigma**2) @ J_B[:3].T
         within("relative force", relative(information @ f_B, information @ expected), 1e-9)  # measured up to 7e-12
@@ -347,7 +348,7 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     lag, qd_slow, w_slow_B, J_B = 0.01, qd - 0.01 * qdd, nu_B[3:] - 0.01 * a_B[3:], np.empty((6, n))
     tau_e, wrench_B, f_B, f_G, f_W = np.empty(n), np.empty(6), np.zeros(3), np.empty(3), np.empty(3)
     felt_qdd = np.empty(n)
-    normal = drive.estimate_tip_force(
+    normal = estimate_tip_force(
         arm.layout,
         arm.numbers,
         arm.stations,
@@ -384,7 +385,7 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     within("torques", relative(tau_e, expected_tau - moving.tau), 1e-12)  # measured up to 2e-14: a lag is a difference
     within("wrench", relative(wrench_B, expected_wrench), 1e-12)  # measured up to 3e-14
     sigma = FLOOR + NOISE * np.abs(moving.tau)
-    expected, _ = force_estimate.tip_force(tau_e, J_B[:3], sigma)
+    expected, _ = contact_force.tip_force(tau_e, J_B[:3], sigma)
     # Weighted by the information, since some postures hardly let the force be felt in some direction.
     information = (J_B[:3] / sigma**2) @ J_B[:3].T
     within("force, hull axes", relative(information @ f_B, information @ expected), 1e-11)  # measured up to 9e-14
@@ -418,7 +419,7 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         hull[9:15] = change if moving_hull else 0.0
         hull[15:21] = 0.0 if moving_hull else change
         qd, qdd, yielding = np.empty(n), np.empty(n), np.empty((2, n))
-        drive.resolve_tool_motion(
+        resolve_tool_motion(
             np.eye(4),
             X_WB,
             X_WG,

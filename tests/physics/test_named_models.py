@@ -21,7 +21,7 @@ from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, unpack
 from models.naming import ARM_BASE_BODY, HOME_KEY, HULL_BODY, TIP_SITE
 from models.vehicle import Vehicle
-from models.vehicles import published_hulls as published
+from models.vehicles import published_hulls
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, StateEstimate
@@ -161,15 +161,17 @@ def test_axes_turn_as_wrenches_and_twists_do(rng):
     M = rng.normal(size=(6, 6))
     M = M + M.T
     nu, wrench, p, f = rng.normal(size=6), rng.normal(size=6), rng.normal(size=3), rng.normal(size=3)
-    turned = published.from_ned(nu)
-    assert turned @ published.from_ned(wrench) == pytest.approx(nu @ wrench, abs=1e-13)
-    assert turned @ published.from_ned(M) @ turned == pytest.approx(nu @ M @ nu, abs=1e-12)
-    assert np.cross(published.from_ned(p), published.from_ned(f)) == pytest.approx(published.from_ned(np.cross(p, f)))
-    assert published.from_ned([1.0, 2.0, 3.0]).tolist() == [1.0, -2.0, -3.0]  # forward, starboard, down
-    assert published.from_ned(M) == pytest.approx(SIGNS[:, None] * M * SIGNS)
-    assert published.from_ned(published.from_ned(M)) == pytest.approx(M)
+    turned = published_hulls.from_ned(nu)
+    assert turned @ published_hulls.from_ned(wrench) == pytest.approx(nu @ wrench, abs=1e-13)
+    assert turned @ published_hulls.from_ned(M) @ turned == pytest.approx(nu @ M @ nu, abs=1e-12)
+    assert np.cross(published_hulls.from_ned(p), published_hulls.from_ned(f)) == pytest.approx(
+        published_hulls.from_ned(np.cross(p, f))
+    )
+    assert published_hulls.from_ned([1.0, 2.0, 3.0]).tolist() == [1.0, -2.0, -3.0]  # forward, starboard, down
+    assert published_hulls.from_ned(M) == pytest.approx(SIGNS[:, None] * M * SIGNS)
+    assert published_hulls.from_ned(published_hulls.from_ned(M)) == pytest.approx(M)
     with pytest.raises(ConfigurationError, match=r"got shape \(4, 4\)"):
-        published.from_ned(np.eye(4))
+        published_hulls.from_ned(np.eye(4))
 
 
 @pytest.mark.parametrize("name", SOURCES)

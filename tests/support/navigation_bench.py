@@ -10,7 +10,7 @@ import numpy as np
 from perception.navigation.strapdown_filter import Navigation, NavigationState
 from sim.interfaces.messages import EncoderMeasurement, Measurement, StateEstimate, TorqueMeasurement
 from sim.interfaces.spatial import GRAVITY, Array, exp_so3
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 UP = np.array([0.0, 0.0, GRAVITY])
 
@@ -76,9 +76,9 @@ class Course:
 class Rig:
     """Sensors and filter; a function of the tick and its measurements may spoil them on their way (`spoil`)."""
 
-    imu: sensors.Imu = field(default_factory=sensors.Imu)
-    dvl: sensors.Dvl | None = field(default_factory=sensors.Dvl)
-    vision: sensors.VisionDrift = field(default_factory=sensors.VisionDrift)
+    imu: proprioception.Imu = field(default_factory=proprioception.Imu)
+    dvl: proprioception.Dvl | None = field(default_factory=proprioception.Dvl)
+    vision: proprioception.VisionDrift = field(default_factory=proprioception.VisionDrift)
 
     def run(
         self,

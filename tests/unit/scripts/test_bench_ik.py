@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from sim.interfaces.spatial import exp_so3, pose
 
 
@@ -22,9 +22,9 @@ def fellows(bench: ModuleType) -> ModuleType:
     return import_module("benchmarks.peers.inverse_kinematics")
 
 
-@pytest.mark.parametrize("name", arms.available())
+@pytest.mark.parametrize("name", published_arms.available())
 def test_answers_are_checked_by_the_right_kinematics(bench: ModuleType, name: str) -> None:
-    arm = arms.load(name)
+    arm = published_arms.load(name)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, arm.n))
     frames = [arm.joint_frames(row)[-1] for row in q]
     np.testing.assert_allclose(bench.dh_forward(arm, q), frames, atol=1e-13 * (1.0 + np.abs(frames).max()))
@@ -48,7 +48,7 @@ def test_wrong_answers_are_not_counted(bench: ModuleType) -> None:
 @pytest.mark.parametrize("name", ["puma560_tool", "stanford", "era"])
 def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
     """The URDF and the MuJoCo model that peers get, by MuJoCo's kinematics."""
-    arm = arms.load(name)
+    arm = published_arms.load(name)
     limits = np.where(np.isfinite(arm.limits), arm.limits, [-3.0, 3.0])
     task = fellows.SolverTask(arm=arm, limits=limits, bar=(1e-4, 1e-3))
     q = np.random.default_rng(2).uniform(*limits.T)
@@ -92,7 +92,7 @@ def test_cases_are_the_same_under_a_seed(bench: ModuleType) -> None:
 @pytest.mark.parametrize("limits", [(47.0, 313.0), (-1.0, 215.0), (-225.0, 45.0), (-360.0, 360.0), (-400.0, -100.0)])
 def test_angles_of_peers_are_turned_into_uneven_limits(fellows: ModuleType, limits: tuple[float, float]) -> None:
     """Whatever whole turn a peer answers with, an angle that the joint can have is one within its limits."""
-    arm = arms.load("puma560")
+    arm = published_arms.load("puma560")
     task = fellows.SolverTask(arm=arm, limits=np.tile(np.radians(limits), (6, 1)), bar=(1e-4, 1e-3))
     q = np.random.default_rng(3).uniform(*task.limits.T, size=(200, 6))
     turned = q + 2.0 * np.pi * np.random.default_rng(4).integers(-2, 3, q.shape)

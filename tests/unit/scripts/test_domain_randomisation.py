@@ -13,7 +13,7 @@ from models.vehicle import Vehicle
 from models.water import thrusters
 from sim import hydrodynamics as hydrodynamics_of_plant
 from sim.interfaces.errors import ConfigurationError
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 
 @pytest.fixture
@@ -34,10 +34,12 @@ def test_nominal_changes_nothing(variation):
 
 def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(variation):
     nominal = variation.Variation()
-    vision = sensors.VisionDrift(period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise)
-    assert vision == sensors.VisionDrift()
-    torque = sensors.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
-    assert torque == sensors.JointTorqueSensors()
+    vision = proprioception.VisionDrift(
+        period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise
+    )
+    assert vision == proprioception.VisionDrift()
+    torque = proprioception.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
+    assert torque == proprioception.JointTorqueSensors()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -10,7 +10,7 @@ import pytest
 from models.water import thrusters
 from models.water.thrusters import Thruster
 from sim.interfaces.errors import ConfigurationError
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 
 def spec(actuator: str) -> mujoco.MjSpec:
@@ -73,5 +73,5 @@ def test_what_is_no_number_is_refused(value):
     with pytest.raises(ConfigurationError, match="neutral"):
         Thruster.of_table([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], neutral=value)
     with pytest.raises(ConfigurationError, match=re.escape("Dvl noise")):
-        sensors.Dvl(noise=value)
+        proprioception.Dvl(noise=value)
     assert Thruster(forward=np.float64(3.0), reverse=3) == Thruster(forward=3.0, reverse=3.0)

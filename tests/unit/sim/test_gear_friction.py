@@ -13,7 +13,7 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.plant.plant import Plant
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.water.current import Current
 
 JOINT = "joint1"  # about the vertical: no weight
@@ -66,7 +66,7 @@ def test_it_slides_along_the_curve_of_stribeck(plant, within):
 def test_sensors_on_the_gear_outputs_do_not_see_it(plant, within):
     """What passes is what the drive gives less rotor and friction: nothing, at a held joint without load."""
     plant.reset(current=Current([0.0, 0.0, 0.0]))
-    sensor = sensors.JointTorqueSensors(noise=0.0, bias=0.0)
+    sensor = proprioception.JointTorqueSensors(noise=0.0, bias=0.0)
     state = sensor.init(np.random.default_rng(1))
     drive(plant, 0.9 * plant.vehicle.dry_friction.stiction[0], 2.0)
     tau = sensor.step(state, plant.truth)[1].tau
@@ -77,7 +77,7 @@ def test_sensors_on_the_gear_outputs_do_not_see_it(plant, within):
 def test_drives_learn_what_the_gears_take(plant, within):
     """A held joint and one that slides, from motor torque and sensor alone."""
     plant.reset(current=Current([0.0, 0.0, 0.0]))
-    sensor, vehicle = sensors.JointTorqueSensors(noise=0.0, bias=0.0), plant.vehicle
+    sensor, vehicle = proprioception.JointTorqueSensors(noise=0.0, bias=0.0), plant.vehicle
     state, n = sensor.init(np.random.default_rng(1)), plant.vehicle.joints.size
     for torque in (5.0, 9.0):
         friction = np.zeros(n)

@@ -13,7 +13,7 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 from sim.loop.rollout import Moment, Parts, rollout
 from sim.plant.plant import Plant
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 from sim.water.current import Current
 
 TRUE = np.array([0.2, 8.0, 5.0, 6.5, 0.04])  # bias, viscous, coulomb, stiction, Stribeck's speed
@@ -75,7 +75,13 @@ def test_gears_of_the_hovering_vehicle_are_identified():
     vehicle = Vehicle.of(own)
     planner, record = FrictionMotion(vehicle, np.eye(4), slow=8.0, fast=3.0), Record()
     parts = Parts(
-        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
+        sensors=[
+            proprioception.Encoders(),
+            proprioception.JointTorqueSensors(),
+            proprioception.Imu(),
+            proprioception.Dvl(),
+            proprioception.VisionDrift(),
+        ],
         estimator=Navigation(),
         finder=None,
         planner=planner,

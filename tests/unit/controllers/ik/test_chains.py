@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers.ik import damped_descent as mkps_descent
-from controllers.ik import kinematics
-from controllers.ik import paper_stages as mkps_stages
-from controllers.ik import sweeps as mkps_sweeps
+from controllers.ik import damped_descent, kinematics, paper_stages, sweeps
 from controllers.mkps import Chain, Method, solve, solve_many
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
@@ -68,17 +65,17 @@ def test_single_precision_is_single_throughout() -> None:
     one = np.float32(1.0)
     kinematics.trace(table, q, work)
     kinematics.turn_left(goal, one, one, one, one, one, one, one, one, one)
-    mkps_descent.damped_step(table, q, True, one, one, one, one, one, one, one, one, one, one, work)
-    mkps_sweeps.sweep(table, goal, one, kinematics.WITHIN, q, work)
-    mkps_stages.place(table, goal, one, q, work)
-    mkps_stages.align(table, one, one, one, one, one, one, one, q, work)
+    damped_descent.damped_step(table, q, True, one, one, one, one, one, one, one, one, one, one, work)
+    sweeps.sweep(table, goal, one, kinematics.WITHIN, q, work)
+    paper_stages.place(table, goal, one, q, work)
+    paper_stages.align(table, one, one, one, one, one, one, one, q, work)
     for loop in (
         kinematics.trace,
         kinematics.turn_left,
-        mkps_descent.damped_step,
-        mkps_sweeps.sweep,
-        mkps_stages.place,
-        mkps_stages.align,
+        damped_descent.damped_step,
+        sweeps.sweep,
+        paper_stages.place,
+        paper_stages.align,
     ):
         returned = [str(s.return_type) for s in loop.nopython_signatures if "float32" in str(s.args[0])]
         assert returned

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Branch, Chain, Method, solve, solve_many
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
 from untyped import untyped
 
 H = np.pi / 2
-ARMS = {name: arms.load(name) for name in arms.available()}
+ARMS = {name: published_arms.load(name) for name in published_arms.available()}
 HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2, 0.1])
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
 

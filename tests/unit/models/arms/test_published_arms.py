@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Chain
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import pose, quat_wxyz_from_rotation
 
@@ -25,13 +25,13 @@ from sim.interfaces.spatial import pose, quat_wxyz_from_rotation
     ],
 )
 def test_tip_stands_where_the_maker_says(name: str, q_deg: list[float], tip: list[float]) -> None:
-    np.testing.assert_allclose(arms.load(name).joint_frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5)
+    np.testing.assert_allclose(published_arms.load(name).joint_frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", arms.available())
+@pytest.mark.parametrize("name", published_arms.available())
 def test_frames_are_those_of_a_mujoco_model(name: str) -> None:
     """Each joint's frame as a body of MuJoCo's, which turns it; and the tip as the solver's chain has it."""
-    arm = arms.load(name)
+    arm = published_arms.load(name)
     spec = mujoco.MjSpec()
     body = spec.worldbody
     *joints, _ = arm.origins()
@@ -52,9 +52,9 @@ def test_frames_are_those_of_a_mujoco_model(name: str) -> None:
     np.testing.assert_allclose(frames[-1], Chain.from_arm(arm).forward(q), atol=1e-13)
 
 
-@pytest.mark.parametrize("name", arms.available())
+@pytest.mark.parametrize("name", published_arms.available())
 def test_tables_are_whole(name: str) -> None:
-    arm = arms.load(name)
+    arm = published_arms.load(name)
     assert arm.dh.shape == (arm.n, 4)
     assert arm.limits.shape == (arm.n, 2)
     assert np.all(arm.limits[:, 0] < arm.limits[:, 1])
@@ -64,13 +64,13 @@ def test_tables_are_whole(name: str) -> None:
 
 def test_the_european_arm_is_the_same_from_both_ends() -> None:
     """It walks end over end: turned round, its lengths and kinds of joints are the same."""
-    points = arms.load("era").joint_frames(np.zeros(7))[:, :3, 3]
+    points = published_arms.load("era").joint_frames(np.zeros(7))[:, :3, 3]
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(np.sort(lengths[lengths > 0.0]), [0.34, 0.34, 1.228, 1.228, 4.072, 4.072], atol=1e-12)
 
 
 def test_the_servo_arm_hangs_straight_down() -> None:
-    arm = arms.SERVO_ARM
+    arm = published_arms.SERVO_ARM
     chain = Chain.from_vectors(arm.M, arm.e, arm.p, arm.L)
     assert chain.n == 8
     np.testing.assert_allclose(chain.forward(np.zeros(8))[:3, 3], [0.0, -0.53, 0.0], atol=1e-12)
@@ -78,6 +78,6 @@ def test_the_servo_arm_hangs_straight_down() -> None:
 
 def test_an_unknown_arm_is_refused_by_name() -> None:
     with pytest.raises(ConfigurationError, match=r"unknown arm 'puma'; there are .*era.*puma560"):
-        arms.load("puma")
+        published_arms.load("puma")
     with pytest.raises(ConfigurationError, match="q: expected shape"):
-        arms.load("panda").joint_frames(np.zeros(6))
+        published_arms.load("panda").joint_frames(np.zeros(6))

@@ -7,14 +7,14 @@ import pytest
 
 from controllers.mkps import Chain
 from dh_product import tips_here
-from models.arms import published_arms as arms
+from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 from untyped import untyped
 
 DEG = np.pi / 180
-UR10E = arms.load("ur10e").dh
+UR10E = published_arms.load("ur10e").dh
 OFF_AXIS = np.array([0.08, 0.0, 0.15])  # [m] tool point
 
 

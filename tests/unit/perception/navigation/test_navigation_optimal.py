@@ -16,7 +16,7 @@ from sim.interfaces.messages import (
     VisionNoise,
 )
 from sim.interfaces.spatial import Array, exp_so3
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 STEP = 0.02  # [s] of the IMU
 STILL = ImuNoise(
@@ -173,13 +173,17 @@ def test_covariance_settles_at_the_solution_of_the_riccati_equation(within):
 @pytest.mark.parametrize(
     "rig",
     [
-        Rig(imu=sensors.Imu(period=0.02)),
+        Rig(imu=proprioception.Imu(period=0.02)),
         Rig(
-            imu=sensors.Imu(period=0.02, acceleration_noise=5e-3, rate_bias=5e-4),
-            dvl=sensors.Dvl(noise=6e-3, bias=2e-3),
-            vision=sensors.VisionDrift(period=0.2, delay=0.25, noise=5e-3, bias=3e-3, bias_time=30.0),
+            imu=proprioception.Imu(period=0.02, acceleration_noise=5e-3, rate_bias=5e-4),
+            dvl=proprioception.Dvl(noise=6e-3, bias=2e-3),
+            vision=proprioception.VisionDrift(period=0.2, delay=0.25, noise=5e-3, bias=3e-3, bias_time=30.0),
         ),
-        Rig(imu=sensors.Imu(period=0.02), dvl=None, vision=sensors.VisionDrift(period=0.05, delay=0.05, noise=1e-3)),
+        Rig(
+            imu=proprioception.Imu(period=0.02),
+            dvl=None,
+            vision=proprioception.VisionDrift(period=0.05, delay=0.05, noise=1e-3),
+        ),
     ],
     ids=["nominal", "coarse, biased, wandering", "no DVL"],
 )
@@ -200,7 +204,7 @@ def test_errors_are_as_large_as_the_filter_believes(rig, fresh_seeds):
 
 def test_bias_stays_with_the_hull_when_it_turns():
     """A tilt of the attitude reference couples gravity in, across the hull; it is not found anew at each heading."""
-    rig = Rig(imu=sensors.Imu(period=0.01, acceleration_bias=0.0, attitude_bias=1e-3))
+    rig = Rig(imu=proprioception.Imu(period=0.01, acceleration_bias=0.0, attitude_bias=1e-3))
     course = rig.run(60.0, np.random.default_rng(3), hull=Hull(0.01, turn=3.0))
     assert np.abs(course.bias_B[:2]).max() > 3e-3  # [m/s^2] there is something to find
     error = np.abs(course.state.x[6:9] - course.bias_B)

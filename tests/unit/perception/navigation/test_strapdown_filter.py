@@ -20,7 +20,7 @@ from sim.interfaces.messages import (
     VisionNoise,
 )
 from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 STEP, LATE = 0.002, 0.1  # [s]
 UP = np.array([0.0, 0.0, GRAVITY])
@@ -170,7 +170,7 @@ def test_vision_older_than_the_history_is_of_no_use():
 
 def test_attitude_is_as_good_as_gyro_and_reference_allow(within):
     """Angle random walk q [rad^2/s] and white reference r [rad^2 s]: the error has the variance sqrt(q r)."""
-    imu = sensors.Imu(rate_bias=1e-3, attitude_bias=0.0)
+    imu = proprioception.Imu(rate_bias=1e-3, attitude_bias=0.0)
     course = Rig(imu=imu).run(40.0, np.random.default_rng(4))
     settled = course.R_error[round(20.0 / STEP) :]
     theory = np.sqrt(imu.rate_noise * imu.attitude_noise * STEP)
@@ -189,7 +189,7 @@ def late_error(course: Course, since: float = 20.0) -> float:
 
 def slow(**vision: float) -> Rig:
     """The usual sensors on an IMU of 100 Hz, for speed."""
-    return Rig(imu=sensors.Imu(period=0.01), vision=sensors.VisionDrift(**vision))
+    return Rig(imu=proprioception.Imu(period=0.01), vision=proprioception.VisionDrift(**vision))
 
 
 def with_pictures(change: Callable[[int, VisionMeasurement], VisionMeasurement | None]):

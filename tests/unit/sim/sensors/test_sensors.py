@@ -13,17 +13,17 @@ from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import GRAVITY, exp_so3, log_so3
 from sim.loop.rollout import Parts, rollout
 from sim.plant.plant import Truth
-from sim.sensors import proprioception as sensors
+from sim.sensors import proprioception
 
 SAMPLES = 20_000  # one sigma of a standard deviation is 0.5 %, less where axes are taken together
 R_WB = exp_so3([0.2, -0.1, 0.7])
 ALL: list[Any] = [
-    sensors.Encoders(),
-    sensors.JointTorqueSensors(),
-    sensors.Imu(),
-    sensors.Dvl(),
-    sensors.PressureDepth(),
-    sensors.VisionDrift(),
+    proprioception.Encoders(),
+    proprioception.JointTorqueSensors(),
+    proprioception.Imu(),
+    proprioception.Dvl(),
+    proprioception.PressureDepth(),
+    proprioception.VisionDrift(),
 ]
 
 
@@ -60,44 +60,44 @@ def biases(sensor: Sensor, field: str) -> np.ndarray:
 
 
 def test_encoders():
-    sensor = sensors.Encoders(resolution=1e-3)
+    sensor = proprioception.Encoders(resolution=1e-3)
     q, qd = sample(sensor, "q", count=10), sample(sensor, "qd")
     assert q == pytest.approx(np.tile(np.round(truth().q, 3), (10, 1)), abs=1e-15)
-    assert np.abs(sample(sensors.Encoders(), "q", count=1)[0] - truth().q).max() <= np.pi / 2**19
+    assert np.abs(sample(proprioception.Encoders(), "q", count=1)[0] - truth().q).max() <= np.pi / 2**19
     assert (qd - truth().qd).std(axis=0) == pytest.approx(2e-4, rel=0.03)
     assert qd.mean(axis=0) == pytest.approx(truth().qd, abs=1e-5)
 
 
 def test_torque_noise_is_a_share_of_the_reading_at_the_gear():
-    tau = sample(sensors.JointTorqueSensors(bias=0.0), "tau")
+    tau = sample(proprioception.JointTorqueSensors(bias=0.0), "tau")
     assert tau.std(axis=0) == pytest.approx(0.01 * np.abs(TAU_GEAR), rel=0.03)
     assert tau.mean(axis=0) == pytest.approx(TAU_GEAR, abs=0.01)
 
 
 def test_torque_bias_is_even_within_its_bound_and_constant_over_a_run():
-    bias = biases(sensors.JointTorqueSensors(noise=0.0), "tau") - TAU_GEAR
+    bias = biases(proprioception.JointTorqueSensors(noise=0.0), "tau") - TAU_GEAR
     assert np.abs(bias).max() <= 0.5
     assert bias.std() == pytest.approx(0.5 / np.sqrt(3.0), rel=0.03)
     assert bias.mean() == pytest.approx(0.0, abs=0.01)
-    assert not np.ptp(sample(sensors.JointTorqueSensors(noise=0.0), "tau", count=100), axis=0).any()
+    assert not np.ptp(sample(proprioception.JointTorqueSensors(noise=0.0), "tau", count=100), axis=0).any()
 
 
 def test_inertial_unit():
     quiet = {"acceleration_bias": 0.0, "attitude_bias": 0.0}
-    force, w = (sample(sensors.Imu(**quiet), name) for name in ("specific_force_B", "w_WB_B"))
+    force, w = (sample(proprioception.Imu(**quiet), name) for name in ("specific_force_B", "w_WB_B"))
     expected = R_WB.T @ [0.3, 0.2, -0.1 + GRAVITY]
     assert force.mean(axis=0) == pytest.approx(expected, abs=1e-4)
     assert force.std(axis=0) == pytest.approx(2e-3, rel=0.03)
     assert w.mean(axis=0) == pytest.approx(truth().w_WB_B, abs=1e-5)
     assert w.std(axis=0) == pytest.approx(2e-4, rel=0.03)
-    turned = sample(sensors.Imu(**quiet), "R_WB", count=5000)
+    turned = sample(proprioception.Imu(**quiet), "R_WB", count=5000)
     phi = np.array([log_so3(R_WB.T @ R) for R in turned])
     assert phi.std(axis=0) == pytest.approx(5e-5, rel=0.06)
     assert np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max() < 1e-9
 
 
 def test_inertial_biases():
-    silent = sensors.Imu(acceleration_noise=0.0, rate_noise=0.0, attitude_noise=0.0)
+    silent = proprioception.Imu(acceleration_noise=0.0, rate_noise=0.0, attitude_noise=0.0)
     force = biases(silent, "specific_force_B") - R_WB.T @ [0.3, 0.2, -0.1 + GRAVITY]
     phi = np.array([log_so3(R_WB.T @ R) for R in biases(silent, "R_WB")])
     assert force.std(axis=0) == pytest.approx(0.005, rel=0.08)  # 2000 runs: 1.6 % is one sigma
@@ -105,21 +105,21 @@ def test_inertial_biases():
 
 
 def test_doppler_log_measures_in_hull_axes():
-    v = sample(sensors.Dvl(), "v_WB_B")
+    v = sample(proprioception.Dvl(), "v_WB_B")
     assert v.mean(axis=0) == pytest.approx(R_WB.T @ truth().v_WB_W, abs=1e-4)
     assert v.std(axis=0) == pytest.approx(3e-3, rel=0.03)
 
 
 def test_vision():
-    p = sample(sensors.VisionDrift(), "p_WB")
+    p = sample(proprioception.VisionDrift(), "p_WB")
     assert p.mean(axis=0) == pytest.approx(truth().p_WB, abs=1e-4)
     assert p.std(axis=0) == pytest.approx(2e-3, rel=0.03)
-    assert (sensors.VisionDrift().period, sensors.VisionDrift().delay) == (0.1, 0.1)
+    assert (proprioception.VisionDrift().period, proprioception.VisionDrift().delay) == (0.1, 0.1)
 
 
 def test_wandering_vision_is_a_gauss_markov_process():
     """Its spread over runs, and over one run how long it remembers: exp(-t / T), the noise aside."""
-    sensor = sensors.VisionDrift(noise=0.0, bias=0.05, bias_time=0.5)
+    sensor = proprioception.VisionDrift(noise=0.0, bias=0.05, bias_time=0.5)
     spread = biases(sensor, "p_WB") - truth().p_WB
     assert spread.std(axis=0) == pytest.approx(0.05, rel=0.08)
     error = sample(sensor, "p_WB", count=15_000) - truth().p_WB  # 3000 times its memory
@@ -127,13 +127,13 @@ def test_wandering_vision_is_a_gauss_markov_process():
     for lag in (1, 3, 5):
         seen = np.mean(error[lag:] * error[:-lag], axis=0) / error.var(axis=0)
         assert seen == pytest.approx(np.exp(-lag * 0.1 / 0.5), abs=0.06)
-    still, wandering = (sample(sensors.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05))
-    assert np.array_equal(still, sample(sensors.VisionDrift(), "p_WB", count=50))
+    still, wandering = (sample(proprioception.VisionDrift(bias=b), "p_WB", count=50) for b in (0.0, 0.05))
+    assert np.array_equal(still, sample(proprioception.VisionDrift(), "p_WB", count=50))
     assert np.abs(np.diff(wandering - still, axis=0)).max() < 0.05  # the same noise, and a slow drift
 
 
 def test_pressure_is_that_of_the_water_above_the_gauge():
-    quiet = sensors.PressureDepth(noise=0.0, bias=0.0, resolution=0.0, p_BS=(0.5, -0.2, 0.3))
+    quiet = proprioception.PressureDepth(noise=0.0, bias=0.0, resolution=0.0, p_BS=(0.5, -0.2, 0.3))
     depth = 3.0 - R_WB[2] @ [0.5, -0.2, 0.3]
     assert sample(quiet, "depth", count=3) == pytest.approx(depth, abs=1e-10)
     assert sample(quiet, "pressure", count=3) == pytest.approx(101325.0 + 1025.0 * GRAVITY * depth, abs=1e-8)
@@ -147,13 +147,13 @@ def test_pressure_is_that_of_the_water_above_the_gauge():
 
 
 def test_pressure_noise_bias_and_steps():
-    pressure = sample(sensors.PressureDepth(bias=0.0, resolution=0.0), "pressure")
+    pressure = sample(proprioception.PressureDepth(bias=0.0, resolution=0.0), "pressure")
     true = 101325.0 + 1025.0 * GRAVITY * 3.0
     assert pressure.std() == pytest.approx(20.0, rel=0.03)
     assert pressure.mean() == pytest.approx(true, abs=1.0)
-    spread = [sample(sensors.PressureDepth(noise=0.0), "pressure", seed, 1)[0] - true for seed in range(2000)]
+    spread = [sample(proprioception.PressureDepth(noise=0.0), "pressure", seed, 1)[0] - true for seed in range(2000)]
     assert np.std(spread) == pytest.approx(100.0, rel=0.08)
-    steps = sample(sensors.PressureDepth(), "pressure", count=200) / 20.0
+    steps = sample(proprioception.PressureDepth(), "pressure", count=200) / 20.0
     assert steps == pytest.approx(np.round(steps), abs=1e-9)
     assert len(np.unique(steps)) > 3
 
@@ -161,9 +161,9 @@ def test_pressure_noise_bias_and_steps():
 @pytest.mark.parametrize(
     ("sensor", "field", "change", "expected"),
     [
-        (sensors.Encoders(), "q", "bias", 0.01),
-        (sensors.Imu(), "w_WB_B", "rate_bias", 0.01),
-        (sensors.Dvl(), "v_WB_B", "bias", 0.01),
+        (proprioception.Encoders(), "q", "bias", 0.01),
+        (proprioception.Imu(), "w_WB_B", "rate_bias", 0.01),
+        (proprioception.Dvl(), "v_WB_B", "bias", 0.01),
     ],
 )
 def test_biases_that_are_off_by_default(sensor, field, change, expected):
@@ -180,12 +180,12 @@ def test_biases_that_are_off_by_default(sensor, field, change, expected):
 @pytest.mark.parametrize(
     ("sensor", "field", "change"),
     [
-        (sensors.Encoders(), "qd", "rate_resolution"),
-        (sensors.JointTorqueSensors(), "tau", "resolution"),
-        (sensors.Imu(), "specific_force_B", "acceleration_resolution"),
-        (sensors.Imu(), "w_WB_B", "rate_resolution"),
-        (sensors.Dvl(), "v_WB_B", "resolution"),
-        (sensors.VisionDrift(), "p_WB", "resolution"),
+        (proprioception.Encoders(), "qd", "rate_resolution"),
+        (proprioception.JointTorqueSensors(), "tau", "resolution"),
+        (proprioception.Imu(), "specific_force_B", "acceleration_resolution"),
+        (proprioception.Imu(), "w_WB_B", "rate_resolution"),
+        (proprioception.Dvl(), "v_WB_B", "resolution"),
+        (proprioception.VisionDrift(), "p_WB", "resolution"),
     ],
 )
 def test_quantisation(sensor, field, change):
@@ -294,7 +294,7 @@ def test_noise_is_white_and_of_its_seed(sensor, field):
     assert np.array_equal(one, same)
     assert not np.array_equal(one, other)
     noise = (one - one.mean(axis=0)).reshape(SAMPLES, -1)
-    if isinstance(sensor, sensors.PressureDepth):
+    if isinstance(sensor, proprioception.PressureDepth):
         noise = noise + np.random.default_rng(9).uniform(
             -10.0, 10.0, noise.shape
         )  # its steps are as great as its noise

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import sim.interfaces  # noqa: F401  sets where numba keeps its compiled kernels
 
 if TYPE_CHECKING:
-    from calib.arm import Arm
     from calib.identification import Calibration, identify
     from calib.loads import Loads
+    from models.arms.serial_arm import SerialArm as Arm
 
-_HOME = {
-    "Arm": "calib.arm",
-    "Calibration": "calib.identification",
-    "Loads": "calib.loads",
-    "identify": "calib.identification",
+_HOME = {  # of each name: the module, and the name there
+    "Arm": ("models.arms.serial_arm", "SerialArm"),
+    "Calibration": ("calib.identification", "Calibration"),
+    "Loads": ("calib.loads", "Loads"),
+    "identify": ("calib.identification", "identify"),
 }
 __all__ = ["Arm", "Calibration", "Loads", "identify"]
 
@@ -25,7 +25,8 @@ __all__ = ["Arm", "Calibration", "Loads", "identify"]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'calib' has no attribute {name!r}; it has {__all__}")
-    return getattr(import_module(_HOME[name]), name)
+    module, own = _HOME[name]
+    return getattr(import_module(module), own)
 
 
 def __dir__() -> list[str]:

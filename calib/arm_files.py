@@ -1,16 +1,15 @@
-"""Arms from files: a Denavit-Hartenberg table as CSV or YAML, a URDF, an MJCF.
+"""Arms from files: Denavit-Hartenberg tables as CSV or YAML, the YAML of Universal Robots, URDF, MJCF.
 
     source = read_arm("arm.urdf", tip="ball_link")
-    source.arm, source.tcp, source.joint_names
+    source.arm, source.tcp
 
-What a URDF or MJCF says with six numbers a joint becomes rows of four (`calib.arm`); the tip is the flange.
+A URDF or MJCF has six numbers a joint. They become rows of a table (`models.arms.serial_arm`), and the tip the flange.
 """
 
 import hashlib
 import re
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,9 +17,9 @@ import mujoco
 import numpy as np
 import yaml
 
-from calib.arm import Arm
-from calib.kernels import ROW
-from models.arms import dh_geometry as arm_geometry
+from models.arms import dh_geometry, urdf
+from models.arms.kinematics import ROW
+from models.arms.serial_arm import SerialArm
 from models.mjcf_files import read_mjcf
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from sim.interfaces.errors import ConfigurationError
@@ -30,7 +29,6 @@ from sim.interfaces.spatial import (
     checked,
     checked_place,
     checked_pose,
-    exp_so3,
     number,
     pose,
     readonly,
@@ -52,32 +50,37 @@ _DH_NAMES = {
     "beta": 4,
 }
 _UNITS = {"angle": ("rad", "deg"), "length": ("m", "mm")}
-_LONGEST = 1e4  # [m] or [rad] in a URDF or calibration: more is a slip, or millimetres
 _LONGEST_KEY = 60  # characters of a column's name
-_DRIVEN = {"revolute": "r", "continuous": "r", "prismatic": "p"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ArmSource:
-    """An arm with where it is from."""
+    """An arm with the file that it is from."""
 
     path: Path
     kind: Kind
-    arm: Arm
-    joint_names: tuple[str, ...]
-    base: str  # link or body that the arm's base frame is of
-    tip: str  # link or site that the arm's flange is
-    tcp: Array  # (3,) [m] tool point in the flange, as the file says; zero if it does not
-    limits: Array  # (n, 2) [rad] or [m], infinite where the file has none
+    arm: SerialArm  # with the limits and joint names of the file
+    base: str  # link or body whose frame is the arm's base
+    tip: str  # link or site whose frame is the arm's flange
+    tcp: Array = field(default_factory=lambda: readonly(np.zeros(3)))  # (3,) [m] tool point in the flange, if stated
     sha256: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was assumed while reading
 
 
 def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = None) -> ArmSource:
-    """The arm of a file: .csv (DH), .yaml (DH, or what `calib.results` wrote), .urdf, .xml or .mjcf (MuJoCo).
+    """Read the arm of a file.
 
-    `base` and `tip` name links of a URDF (default: its root, and its only driven leaf), or a body and a site of an MJCF
-    (default: arm_base, tip). Raises ConfigurationError for what cannot be read or is no serial arm.
+    Args:
+        path: .csv or .txt (DH table), .yaml or .yml (DH table, what `calib.results` wrote, or the calibration of a
+            Universal Robots arm), .urdf, .xml or .mjcf (MuJoCo).
+        base: link of a URDF (default: its root) or body of an MJCF (default: arm_base).
+        tip: link of a URDF (default: its only leaf) or site of an MJCF (default: tip).
+
+    Returns:
+        The arm with its source.
+
+    Raises:
+        ConfigurationError: the file cannot be read, or holds no serial arm.
     """
     raw = bytes_of(path, "arm")
     file = Path(path)
@@ -101,25 +104,6 @@ def read_arm(path: Path | str, *, base: str | None = None, tip: str | None = Non
     except UnicodeDecodeError as error:
         raise ConfigurationError(f"arm {file}: not a text file in UTF-8") from error
     return readers[suffix](file, text, digest, base, tip)
-
-
-def of_geometry(geometry: arm_geometry.ArmGeometry) -> Arm:
-    """The arm of an MJCF's rows, its tip site as flange, for `calib`."""
-    arm = Arm.from_dh(geometry.dh, beta=geometry.beta)
-    return _placed(arm, geometry.X_A0, geometry.X_nG)
-
-
-def to_geometry(arm: Arm, tcp: Array, like: arm_geometry.ArmGeometry) -> arm_geometry.ArmGeometry:
-    """The identified `arm`, its tip at `tcp` (3,) [m] in the nominal one, as rows that `arm_geometry.move` takes."""
-    X_nG = np.array(arm.X_n_flange)
-    X_nG[:3, 3] += X_nG[:3, :3] @ tcp
-    return replace(
-        like, X_A0=arm.X_base_0, dh=readonly(arm.table[:, :4]), beta=readonly(arm.table[:, 4]), X_nG=readonly(X_nG)
-    )
-
-
-def _placed(arm: Arm, X_base_0: Array, X_n_flange: Array) -> Arm:
-    return replace(arm, X_base_0=readonly(X_base_0), X_n_flange=readonly(X_n_flange))
 
 
 # DH tables
@@ -237,21 +221,21 @@ def _of_rows(
         table[:, [1, 2]] *= 1e-3
     n = len(table)
     letters = str(about.get("joint_types") or "".join(types) or "r" * n)
-    arm = Arm.from_dh(table[:, :4], letters, beta=table[:, 4])
+    arm = SerialArm.from_dh(table[:, :4], letters, beta=table[:, 4], name=f"arm {file}")
     X_base_0 = checked_pose(about.get("X_base_0", np.eye(4)), f"arm {file}: X_base_0")
     X_n_flange = checked_pose(about.get("X_n_flange", np.eye(4)), f"arm {file}: X_n_flange")
     joint_names = _joint_names(file, about, n)
     if not joint_names and len(names) == n and len(set(names)) == n and not all(name.isdigit() for name in names):
         joint_names = tuple(names)
+    tcp = checked(about.get("tcp", np.zeros(3)), (3,), f"arm {file}: tcp")
+    limits = _limits(file, about, n)
     return ArmSource(
         path=file,
         kind=kind,
-        arm=_placed(arm, X_base_0, X_n_flange),
-        joint_names=joint_names or tuple(f"joint{k + 1}" for k in range(n)),
+        arm=replace(arm, X_base_0=X_base_0, X_n_flange=X_n_flange, limits=limits, joint_names=joint_names),
         base=base or str(about.get("base", "base")),
         tip=tip or str(about.get("tip", "flange")),
-        tcp=checked(about.get("tcp", np.zeros(3)), (3,), f"arm {file}: tcp"),
-        limits=_limits(file, about, n),
+        tcp=tcp,
         sha256=digest,
         notes=tuple(notes),
     )
@@ -295,23 +279,19 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
             given = [float(values[key]) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
         except (TypeError, KeyError, ValueError, OverflowError) as error:
             raise ConfigurationError(f"arm {file}: {shown(name)}: expected x, y, z, roll, pitch, yaw") from error
-        figures = checked_place(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw", _LONGEST)
-        X = X @ pose(_rpy(figures[3:]), figures[:3])
+        figures = checked_place(given, (6,), f"arm {file}: {shown(name)}: x, y, z, roll, pitch, yaw", urdf.LONGEST)
+        X = X @ pose(urdf.rotation_from_rpy(figures[3:]), figures[:3])
         axes.append(X[:3, 2])
         points.append(X[:3, 3])
         names.append(str(name))
     if not axes:
         raise ConfigurationError(f"arm {file}: kinematics holds no joints")
-    n = len(axes)
     return ArmSource(
         path=file,
         kind="yaml",
-        arm=Arm.from_axes(axes, points, X),
-        joint_names=tuple(names),
+        arm=replace(SerialArm.from_axes(axes, points, X), joint_names=tuple(names)),
         base=base or "base",
         tip=tip or "flange",
-        tcp=readonly(np.zeros(3)),
-        limits=readonly(np.tile([-np.inf, np.inf], (n, 1))),
         sha256=digest,
     )
 
@@ -319,150 +299,30 @@ def _of_ur(file: Path, joints: Any, digest: str, base: str | None, tip: str | No
 # URDF
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class UrdfChain:
-    """The joints of a URDF from one link to another, at zero."""
-
-    joints: tuple[ET.Element, ...]  # base to tip, fixed ones too
-    X_parent_child: tuple[Array, ...]  # (4, 4) of each
-
-    @property
-    def driven(self) -> tuple[int, ...]:
-        """Places of the joints that move."""
-        return tuple(i for i, joint in enumerate(self.joints) if joint.get("type") in _DRIVEN)
-
-    @property
-    def X_base_child(self) -> list[Array]:
-        """The link after each joint in the base link (4, 4), at zero."""
-        X, out = np.eye(4), []
-        for step in self.X_parent_child:
-            X = X @ step
-            out.append(X)
-        return out
-
-
-def urdf_chain(root: ET.Element, file: Path, base: str | None, tip: str | None) -> UrdfChain:
-    """The chain between two links of a URDF; by default its root and its only leaf."""
-    joints = {child.get("link"): joint for joint in root.iter("joint") if (child := joint.find("child")) is not None}
-    links = [str(link.get("name")) for link in root.iter("link")]
-    if not links:
-        raise ConfigurationError(f"arm {file}: the URDF has no links")
-    for name, word in ((base, "base"), (tip, "tip")):
-        if name is not None and name not in links:
-            raise ConfigurationError(f"--{word}: the URDF has no link {name!r}; it has {', '.join(links)}")
-    if tip is None:
-        parents = {up.get("link") for joint in joints.values() if (up := joint.find("parent")) is not None}
-        leaves = [link for link in links if link not in parents and link in joints]
-        if len(leaves) != 1:
-            raise ConfigurationError(f"arm {file}: --tip: which link touches? the leaves are {', '.join(leaves)}")
-        tip = leaves[0]
-    path: list[ET.Element] = []
-    link: str | None = tip
-    while link != base and link in joints:
-        joint = joints[link]
-        parent = joint.find("parent")
-        if parent is None or joint in path:
-            raise ConfigurationError(
-                f"arm {file}: joint {joint.get('name')!r} has no parent, or the tree closes on itself"
-            )
-        path.insert(0, joint)
-        link = parent.get("link")
-    if base is not None and link != base:
-        raise ConfigurationError(f"arm {file}: link {tip!r} is not carried by link {base!r}")
-    for joint in path:
-        if joint.get("type") not in (*_DRIVEN, "fixed") or joint.find("mimic") is not None:
-            raise ConfigurationError(
-                f"arm {file}: joint {joint.get('name')!r} between base and tip is "
-                f"{'a mimic' if joint.find('mimic') is not None else joint.get('type')}; allowed revolute, continuous, "
-                "prismatic, fixed"
-            )
-    chain = UrdfChain(joints=tuple(path), X_parent_child=tuple(_origin(joint, file) for joint in path))
-    if not chain.driven:
-        raise ConfigurationError(f"arm {file}: no driven joint on the way to link {tip!r}")
-    return chain
-
-
 def _from_urdf(file: Path, raw: bytes, digest: str, base: str | None, tip: str | None) -> ArmSource:
-    try:
-        root = ET.fromstring(raw)
-    except (ET.ParseError, ValueError, LookupError) as error:  # the latter two of encodings it does not know
-        raise ConfigurationError(f"arm {file}: no XML ({error})") from error
-    chain = urdf_chain(root, file, base, tip)
-    X = chain.X_base_child
-    axes, points, types, names, limits = [], [], "", [], []
-    for i in chain.driven:
-        joint = chain.joints[i]
-        element = joint.find("axis")
-        axis = _numbers(element.get("xyz") if element is not None else None, (1.0, 0.0, 0.0), file, joint)
-        if not np.linalg.norm(axis) > 0.0:
-            raise ConfigurationError(f"arm {file}: joint {joint.get('name')!r}: its axis has no length")
-        axes.append(X[i][:3, :3] @ axis)
-        points.append(X[i][:3, 3])
-        types += _DRIVEN[str(joint.get("type"))]
-        names.append(str(joint.get("name")))
-        limits.append(_urdf_limits(joint, file))
-    first, last = chain.joints[0].find("parent"), chain.joints[-1].find("child")
-    assert first is not None
-    assert last is not None
-    return ArmSource(
-        path=file,
-        kind="urdf",
-        arm=Arm.from_axes(axes, points, X[-1], types),
-        joint_names=tuple(names),
-        base=str(first.get("link")),
-        tip=str(last.get("link")),
-        tcp=readonly(np.zeros(3)),
-        limits=readonly(np.array(limits)),
-        sha256=digest,
-    )
-
-
-def _urdf_limits(joint: ET.Element, file: Path) -> tuple[float, float]:
-    limit = joint.find("limit")
-    if limit is None or joint.get("type") == "continuous":
-        return -np.inf, np.inf
-    try:
-        lower, upper = float(limit.get("lower", "-inf")), float(limit.get("upper", "inf"))
-    except ValueError as error:
-        raise ConfigurationError(f"arm {file}: joint {joint.get('name')!r}: limits must be numbers") from error
-    return (lower, upper) if lower < upper else (-np.inf, np.inf)
-
-
-def _origin(joint: ET.Element, file: Path) -> Array:
-    element = joint.find("origin")
-    if element is None:
-        return np.eye(4)
-    p = _numbers(element.get("xyz"), (0.0, 0.0, 0.0), file, joint)
-    return pose(_rpy(_numbers(element.get("rpy"), (0.0, 0.0, 0.0), file, joint)), p)
-
-
-def _numbers(text: str | None, default: tuple[float, float, float], file: Path, joint: ET.Element) -> Array:
-    if text is None:
-        return np.array(default)
-    try:
-        values = [float(word) for word in text.split()]
-        return checked_place(values, (3,), f"arm {file}: joint {joint.get('name')!r}", _LONGEST)
-    except ConfigurationError:
-        raise
-    except ValueError as error:
-        raise ConfigurationError(
-            f"arm {file}: joint {joint.get('name')!r}: three numbers, got {shown(text)}"
-        ) from error
-
-
-def _rpy(angles: Sequence[float] | Array) -> Array:
-    """URDF's roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)."""
-    roll, pitch, yaw = angles
-    return exp_so3([0.0, 0.0, yaw]) @ exp_so3([0.0, pitch, 0.0]) @ exp_so3([roll, 0.0, 0.0])
+    chain = urdf.parse(raw, f"arm {file}").chain(base, tip, ("--base", "--tip"))
+    return ArmSource(path=file, kind="urdf", arm=chain.arm(), base=chain.base, tip=chain.tip, sha256=digest)
 
 
 # MJCF
 
 
-def mjcf_geometry(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSpec, arm_geometry.ArmGeometry]:
-    """Spec and arm of an MJCF; joints without actuator (springs, pads) stay out of it if others have one."""
+def mjcf_arm(file: Path, base: str | None, tip: str | None) -> tuple[mujoco.MjSpec, SerialArm]:
+    """Read the spec and the arm of an MJCF; joints without actuator (springs, pads) take no part if others have one.
+
+    Args:
+        file: path.
+        base: name of the body whose frame is the base; default `arm_base`.
+        tip: name of the site that is the flange; default `tip`.
+
+    Returns:
+        The spec, and the arm.
+
+    Raises:
+        ConfigurationError: as `models.mjcf_files.read_mjcf` and `models.arms.dh_geometry.read`.
+    """
     spec, model = read_mjcf(file, "arm")
-    return spec, arm_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
+    return spec, dh_geometry.read(model, base or ARM_BASE_BODY, tip or TIP_SITE, exclude=_passive(model))
 
 
 def _passive(model: mujoco.MjModel) -> list[str]:
@@ -478,15 +338,5 @@ def _passive(model: mujoco.MjModel) -> list[str]:
 
 
 def _from_mjcf(file: Path, _text: str, digest: str, base: str | None, tip: str | None) -> ArmSource:
-    _, geometry = mjcf_geometry(file, base, tip)
-    return ArmSource(
-        path=file,
-        kind="mjcf",
-        arm=of_geometry(geometry),
-        joint_names=geometry.joint_names,
-        base=geometry.base_body,
-        tip=tip or TIP_SITE,
-        tcp=readonly(np.zeros(3)),
-        limits=geometry.limits,
-        sha256=digest,
-    )
+    _, arm = mjcf_arm(file, base, tip)
+    return ArmSource(path=file, kind="mjcf", arm=arm, base=base or ARM_BASE_BODY, tip=tip or TIP_SITE, sha256=digest)

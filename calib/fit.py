@@ -17,9 +17,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from calib import kernels
-from calib.arm import Arm
-from calib.kernels import ROW, THETA, D
 from calib.parameters import Parameters
+from models.arms.kinematics import NO_JACOBIAN, ROW, THETA, D, tips
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.spatial import Array
 
 FIRST_NOISE = 1e-4  # [m] initial noise of a touch, kept where too few touches are left to estimate it
@@ -72,7 +72,7 @@ class Fit:
     converged: bool
 
 
-def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
+def tips_of(arm: SerialArm, full: Array, data: Data) -> tuple[Array, Array]:
     """Tip positions (M, 3) [m] and their derivatives (M, 5 n + 3 + n, 3) by the full vector.
 
     Args:
@@ -95,7 +95,9 @@ def tips_of(arm: Arm, full: Array, data: Data) -> tuple[Array, Array]:
     return p, np.concatenate([J, J[:, moved] * tau[:, :, None]], axis=1)
 
 
-def linearised(arm: Arm, full: Array, data: Data, parameters: Parameters) -> tuple[Array, Array, Array, Array, Array]:
+def linearised(
+    arm: SerialArm, full: Array, data: Data, parameters: Parameters
+) -> tuple[Array, Array, Array, Array, Array]:
     """Linearised touches at `full`, centred in each series (`kernels.centred_rows`).
 
     Args:
@@ -167,7 +169,7 @@ def distance_rows(c: Array, C: Array, data: Data, noise: float) -> tuple[Array, 
 class Problem:
     """Estimation problem: free `parameters` of `arm` from `data`, the prior centred at the full vector `mean`."""
 
-    def __init__(self, arm: Arm, data: Data, parameters: Parameters, mean: Array) -> None:
+    def __init__(self, arm: SerialArm, data: Data, parameters: Parameters, mean: Array) -> None:
         self.arm, self.data, self.parameters, self.mean = arm, data, parameters, mean
         self.index = parameters.index
         self._slides = arm.slides
@@ -224,7 +226,7 @@ class Problem:
         data = self.data
         table, tcp, compliance = self._split(full)
         q = data.q if data.load is None else data.q + compliance * data.load(table)
-        p = kernels.tips(table, self._slides, self.arm.X_base_0, self.arm.X_n_flange, tcp, q, kernels.NO_JACOBIAN)
+        p = tips(table, self._slides, self.arm.X_base_0, self.arm.X_n_flange, tcp, q, NO_JACOBIAN)
         residuals = centred(p, data)
         total = float(data.weights @ np.einsum("mi,mi->m", residuals, residuals)) / (noise * self.scale(full)[0]) ** 2
         if data.distances:

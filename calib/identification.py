@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2, t
 
-from calib.arm import Arm
 from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, solve, solve_robustly, tips_of
-from calib.kernels import ROW
 from calib.loads import BoundLoads, Loads
 from calib.paper import WARNING, paper_run
 from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
 from calib.verification import kabsch
+from models.arms.kinematics import ROW
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
     Array,
@@ -82,8 +82,8 @@ class Calibration:
     beta: Array  # (n,) [rad] Hayati's angles; they belong to `arm.table`, not to `dh`
     tcp: Array  # (3,) [m] tool point in the flange
     compliance: Array  # (n,) [rad/(N m)] zero where not identified
-    arm: Arm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
-    nominal: Arm
+    arm: SerialArm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
+    nominal: SerialArm
     nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
     cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
     cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
@@ -175,7 +175,7 @@ class Calibration:
 
 def identify(
     series: Sequence[ArrayLike],
-    nominal: ArrayLike | Arm,
+    nominal: ArrayLike | SerialArm,
     *,
     free: Iterable[str] | str | None = None,
     prior: Mapping[str, float] | None = None,
@@ -194,7 +194,8 @@ def identify(
 
     Args:
         series: joint values (m_i, n) [rad], slides [m], one array per touched point.
-        nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or an `Arm` (from axes, with slides).
+        nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or a `SerialArm` (from axes, with
+            slides).
         free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2").
             By default all but compliance, which joins where `loads` are given. Beta applies between near-parallel axes
             only; unless named, it is dropped again where it is not significant.
@@ -227,7 +228,7 @@ def identify(
         raise ConfigurationError(f"robust: must be True or False, got {shown(robust)}")
     if loads is not None and not isinstance(loads, Loads):
         raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
-    arm = nominal if isinstance(nominal, Arm) else Arm.from_dh(nominal, joint_types)
+    arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, joint_types, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
         raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
     touches = checked_series(series, arm)
@@ -262,7 +263,7 @@ def identify(
 
 
 def _map_fit(
-    arm: Arm,
+    arm: SerialArm,
     data: Data,
     mean: Array,
     free: Iterable[str] | str | None,
@@ -332,7 +333,7 @@ def _checked_distances(
 
 
 def _assemble(
-    arm: Arm,
+    arm: SerialArm,
     touches: list[Array],
     kept: list[np.ndarray],
     live: list[int],

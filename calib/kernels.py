@@ -1,10 +1,6 @@
-"""Compiled kernels of the calibration: forward kinematics with first derivatives, and joint torques of hanging loads.
+"""Compiled kernels of the calibration: size of the arm, centred touches, loads of hanging bodies, inverse kinematics.
 
-A joint's row in `table` is (theta0, d, a, alpha, beta). Its frame moves by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha)
-Ry(beta); for a slide by Rz(theta0) Tz(d + q) instead of the first two. beta is the angle of [Hayati 1985], zero except
-between near-parallel axes. Angles in rad, lengths in m, all vectors in base axes.
-
-Derivatives are analytic: a turn about an axis through o moves the tip p by axis x (p - o), a shift by its direction.
+Tables are those of `models.arms.kinematics`. Angles in rad, lengths in m, all vectors in base axes.
 """
 
 import math
@@ -12,87 +8,16 @@ import math
 import numpy as np
 from numba import boolean, float64, int64, njit, types
 
-THETA, D, A, ALPHA, BETA, ROW = 0, 1, 2, 3, 4, 5  # columns of a table row, and their number
-NO_JACOBIAN = np.empty((0, 0, 0))  # as `J` of `tips`: compute no derivatives
+from models.arms.kinematics import ALPHA, BETA, ROW, A, D, cross_into, frame_step
+from sim.interfaces.kernels import keyed_by_imports
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.
 _V, _M, _T, _X4 = (types.Array(float64, d, "C", readonly=True) for d in (1, 2, 3, 4))
 _FLAGS, _PLACES = types.Array(boolean, 1, "C", readonly=True), types.Array(int64, 1, "C", readonly=True)
 
 
-@njit(cache=True)
-def _frame_step(R, o, row, q, slide, axes):
-    """Advance the frame (R, o) in place over one joint; `axes` (4, 3) receives z and o before it, x and y after."""
-    theta = row[THETA] + (0.0 if slide else q)
-    d = row[D] + (q if slide else 0.0)
-    c, s = math.cos(theta), math.sin(theta)
-    ca, sa = math.cos(row[ALPHA]), math.sin(row[ALPHA])
-    cb, sb = math.cos(row[BETA]), math.sin(row[BETA])
-    for i in range(3):
-        x, y, z = R[i, 0], R[i, 1], R[i, 2]
-        axes[0, i], axes[1, i] = z, o[i]
-        x, y = c * x + s * y, c * y - s * x
-        o[i] += d * z + row[A] * x
-        y, z = ca * y + sa * z, ca * z - sa * y
-        axes[2, i], axes[3, i] = x, y
-        R[i, 0], R[i, 1], R[i, 2] = cb * x - sb * z, y, cb * z + sb * x
-
-
-@njit(cache=True)
-def _cross_into(out, a, b, c):
-    """Write a x (b - c) into `out` (3,)."""
-    x, y, z = b[0] - c[0], b[1] - c[1], b[2] - c[2]
-    out[0] = a[1] * z - a[2] * y
-    out[1] = a[2] * x - a[0] * z
-    out[2] = a[0] * y - a[1] * x
-
-
-@njit(float64[:, ::1](_M, _FLAGS, _M, _M, _V, _M, float64[:, :, ::1]), cache=True)
-def tips(table, slides, X_base, X_flange, tcp, q, J):
-    """Tip positions (M, 3) [m] for joint values q (M, n), optionally with their Jacobian.
-
-    Args:
-        table: (n, 5) rows (theta0, d, a, alpha, beta).
-        slides: (n,) bool, True for a slide.
-        X_base: (4, 4) frame 0 in the base.
-        X_flange: (4, 4) flange in the last frame.
-        tcp: (3,) [m] tool point in the flange.
-        q: (M, n) joint values [rad], slides [m].
-        J: (M, 5 n + 3, 3), written: derivatives by the table row by row, then by the tool point. (0, 0, 0) skips them.
-
-    Returns:
-        Tip positions in the base.
-    """
-    touches, n = q.shape
-    p = np.empty((touches, 3))
-    R = np.empty((3, 3))
-    o = np.empty(3)
-    axes = np.empty((n, 4, 3))
-    after = np.empty((n, 3))
-    offset = X_flange[:3, 3] + tcp[0] * X_flange[:3, 0] + tcp[1] * X_flange[:3, 1] + tcp[2] * X_flange[:3, 2]
-    for m in range(touches):
-        R[:, :] = X_base[:3, :3]
-        o[:] = X_base[:3, 3]
-        for k in range(n):
-            _frame_step(R, o, table[k], q[m, k], slides[k], axes[k])
-            after[k] = o
-        for i in range(3):
-            p[m, i] = o[i] + R[i, 0] * offset[0] + R[i, 1] * offset[1] + R[i, 2] * offset[2]
-        if J.shape[0] == 0:
-            continue
-        for k in range(n):
-            _cross_into(J[m, ROW * k + THETA], axes[k, 0], p[m], axes[k, 1])
-            J[m, ROW * k + D] = axes[k, 0]
-            J[m, ROW * k + A] = axes[k, 2]
-            _cross_into(J[m, ROW * k + ALPHA], axes[k, 2], p[m], after[k])
-            _cross_into(J[m, ROW * k + BETA], axes[k, 3], p[m], after[k])
-        for j in range(3):
-            for i in range(3):
-                J[m, ROW * n + j, i] = R[i, 0] * X_flange[0, j] + R[i, 1] * X_flange[1, j] + R[i, 2] * X_flange[2, j]
-    return p
-
-
 @njit(types.Tuple((float64, float64[::1]))(_M, _M, _V), cache=True)
+@keyed_by_imports
 def arm_size(table, X_flange, tcp):
     """Size of the arm [m], the root of the summed squares of all lengths that touching observes, and its derivative.
 
@@ -145,6 +70,7 @@ def arm_size(table, X_flange, tcp):
     ),
     cache=True,
 )
+@keyed_by_imports
 def centred_rows(p, J, weights, starts, index):
     """Tips and their derivatives about the weighted mean of each series.
 
@@ -190,42 +116,13 @@ def centred_rows(p, J, weights, starts, index):
     return residuals, r, rows, c, C
 
 
-@njit(float64[:, :, :, ::1](_M, _FLAGS, _M, _M), cache=True)
-def frames(table, slides, X_base, q):
-    """Link frames 0..n in the base at each pose, X (M, n + 1, 4, 4); frame k has the axis of joint k + 1 as its z.
-
-    Args:
-        table: (n, 5) rows (theta0, d, a, alpha, beta).
-        slides: (n,) bool, True for a slide.
-        X_base: (4, 4) frame 0 in the base.
-        q: (M, n) joint values [rad], slides [m].
-
-    Returns:
-        Frames (M, n + 1, 4, 4).
-    """
-    touches, n = q.shape
-    X = np.zeros((touches, n + 1, 4, 4))
-    R = np.empty((3, 3))
-    o = np.empty(3)
-    axes = np.empty((4, 3))
-    for m in range(touches):
-        R[:, :] = X_base[:3, :3]
-        o[:] = X_base[:3, 3]
-        for k in range(n + 1):
-            X[m, k, :3, :3] = R
-            X[m, k, :3, 3] = o
-            X[m, k, 3, 3] = 1.0
-            if k < n:
-                _frame_step(R, o, table[k], q[m, k], slides[k], axes)
-    return X
-
-
 @njit(float64[:, ::1](_X4, _FLAGS, _T, _T, _T, _T), cache=True)
+@keyed_by_imports
 def joint_loads(X, slides, forces, points, extra_forces, extra_points):
     """Load (M, n) of hanging bodies on each joint along its axis: [N m] of hinges, [N] of slides.
 
     Args:
-        X: (M, n + 1, 4, 4) link frames as of `frames`.
+        X: (M, n + 1, 4, 4) link frames as of `models.arms.kinematics.frames`.
         slides: (n,) bool, True for a slide.
         forces: (n, B, 3) [N] on each link, in base axes.
         points: (n, B, 3) [m] where they act, fixed in frame k + 1.
@@ -251,16 +148,17 @@ def joint_loads(X, slides, forces, points, extra_forces, extra_points):
                     place[i] = X[m, k, i, 3]
                     for j in range(3):
                         place[i] += X[m, k, i, j] * local[j]
-                _cross_into(moment, place, f, zero)
+                cross_into(moment, place, f, zero)
                 force += f
                 about += moment
-            _cross_into(moment, X[m, k - 1, :3, 3], force, zero)
+            cross_into(moment, X[m, k - 1, :3, 3], force, zero)
             for i in range(3):
                 tau[m, k - 1] += X[m, k - 1, i, 2] * (force[i] if slides[k - 1] else about[i] - moment[i])
     return tau
 
 
 @njit(boolean(_M, _FLAGS, _M, _M, _V, _V, _M, float64[::1], boolean, int64), cache=True)
+@keyed_by_imports
 def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, iterations):
     """Inverse kinematics by damped least squares: joint values for a tip at `goal`, optionally with an orientation.
 
@@ -292,7 +190,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
         R[:, :] = X_base[:3, :3]
         o[:] = X_base[:3, 3]
         for k in range(n):
-            _frame_step(R, o, table[k], q[k], slides[k], axes[k])
+            frame_step(R, o, table[k], q[k], slides[k], axes[k])
         F = R @ np.ascontiguousarray(X_flange[:3, :3])
         for i in range(3):
             p[i] = o[i]
@@ -322,7 +220,7 @@ def reach_pose(table, slides, X_base, X_flange, tcp, goal, R_goal, q, orient, it
                 if orient:
                     J[3:, k] = 0.0
             else:
-                _cross_into(column, z, p, axes[k, 1])
+                cross_into(column, z, p, axes[k, 1])
                 J[:3, k] = column
                 if orient:
                     J[3:, k] = z

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import kernels
-from calib.arm import Arm
-from calib.kernels import A, D
+from models.arms.kinematics import A, D, frames
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import GRAVITY, Array, checked
 
@@ -37,7 +37,7 @@ class Loads:
     water_density: float = 0.0  # [kg/m^3] 0 in air
     gravity: ArrayLike = (0.0, 0.0, -GRAVITY)  # (3,) [m/s^2] in the arm's base frame
 
-    def bind(self, arm: Arm, counts: Sequence[int]) -> "BoundLoads":
+    def bind(self, arm: SerialArm, counts: Sequence[int]) -> "BoundLoads":
         """Evaluate the loads for `arm` over series of `counts` touches.
 
         Raises:
@@ -93,7 +93,7 @@ class Loads:
 class BoundLoads:
     """Loads of one arm at given touches, ready for the joint-load kernel."""
 
-    arm: Arm
+    arm: SerialArm
     forces: Array  # (n, 2, 3) [N] weight and buoyancy of each link
     points: Array  # (n, 2, 3) [m] where they act, in the link's frame
     payload: Array  # (M,) [kg]
@@ -123,16 +123,16 @@ class BoundLoads:
         slides, X_base_0 = self.arm.slides, self.arm.X_base_0
 
         def load(table: Array) -> Array:
-            X = kernels.frames(table, slides, X_base_0, q)
+            X = frames(table, slides, X_base_0, q)
             return kernels.joint_loads(X, slides, self.forces, self.points, extra, point)
 
         return load
 
 
-def _middles(arm: Arm) -> tuple[Array, Array]:
+def _middles(arm: SerialArm) -> tuple[Array, Array]:
     """Middle of each link in its own frame (n, 3) [m], and link length (n,) [m] between consecutive frame origins."""
     middles = np.empty((arm.n, 3))
-    X = kernels.frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
+    X = frames(arm.table, arm.slides, arm.X_base_0, np.zeros((1, arm.n)))[0]
     for k in range(arm.n):
         start, end = X[k, :3, 3], X[k + 1, :3, 3]
         middles[k] = 0.5 * X[k + 1, :3, :3].T @ (start - end)

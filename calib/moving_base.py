@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from calib.arm import Arm
 from calib.identification import Calibration
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, inverse, readonly
 
@@ -18,7 +18,7 @@ _LETTERS = "abcdefghijklmnopqrstuvwxyz"
 _NAMES = ("theta", "d", "a", "alpha")
 
 
-def on_moving_base(arm: Arm, X_BA: Array) -> Arm:
+def on_moving_base(arm: SerialArm, X_BA: Array) -> SerialArm:
     """Extend `arm` by six base joints, three slides along x, y, z and three hinges about z, y, x of B.
 
     Args:
@@ -31,11 +31,16 @@ def on_moving_base(arm: Arm, X_BA: Array) -> Arm:
     axes, points, X_A_flange = arm.axes()
     R, p = X_BA[:3, :3], X_BA[:3, 3]
     unit = np.eye(3)
-    return Arm.from_axes(
+    longer = SerialArm.from_axes(
         np.vstack([unit, unit[::-1], axes @ R.T]),
         np.vstack([np.zeros((BASE_JOINTS, 3)), points @ R.T + p]),
         X_BA @ X_A_flange,
         "ppprrr" + arm.joint_types,
+    )
+    return replace(
+        longer,
+        limits=readonly(np.vstack([longer.limits[:BASE_JOINTS], arm.limits])),
+        joint_names=("base x", "base y", "base z", "base yaw", "base pitch", "base roll", *arm.joint_names),
     )
 
 
@@ -60,7 +65,7 @@ def with_base(series: Array, X_WB: Array) -> Array:
     return np.column_stack([X_WB[:, :3, 3], yaw, pitch, roll, series])
 
 
-def own_parameters(longer: Arm) -> list[str]:
+def own_parameters(longer: SerialArm) -> list[str]:
     """Names of the arm's own parameters within the longer arm, and of the tool point: those to leave free."""
     first = BASE_JOINTS + 1
     names = [f"{name}{k}" for k in range(first, longer.n + 1) for name in _NAMES]
@@ -80,7 +85,7 @@ def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
     return replace(found, parameters=replace(found.parameters, names=names), rank=alike.rank)
 
 
-def own_arm(longer: Arm, X_BA: Array) -> Arm:
+def own_arm(longer: SerialArm, X_BA: Array) -> SerialArm:
     """Extract the arm alone, from its base on, out of an identified longer arm.
 
     Args:
@@ -91,11 +96,17 @@ def own_arm(longer: Arm, X_BA: Array) -> Arm:
         The arm without the base joints.
     """
     at_zero = np.zeros((1, BASE_JOINTS))
-    head = replace(longer, table=readonly(longer.table[:BASE_JOINTS]), joint_types=longer.joint_types[:BASE_JOINTS])
-    X_B0 = replace(head, X_n_flange=readonly(np.eye(4))).flange(at_zero)[0]
+    head = SerialArm(
+        table=readonly(longer.table[:BASE_JOINTS]),
+        joint_types=longer.joint_types[:BASE_JOINTS],
+        X_base_0=longer.X_base_0,
+    )
+    X_B0 = head.flange(at_zero)[0]
     return replace(
         longer,
         table=readonly(longer.table[BASE_JOINTS:]),
         joint_types=longer.joint_types[BASE_JOINTS:],
         X_base_0=readonly(inverse(X_BA) @ X_B0),
+        limits=readonly(longer.limits[BASE_JOINTS:]),
+        joint_names=longer.joint_names[BASE_JOINTS:],
     )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calib.arm import Arm
-from calib.kernels import ALPHA, BETA, ROW, THETA, A, D
+from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, finite_number, shown
 
@@ -59,7 +59,7 @@ class Parameters:
         )
 
 
-def all_parameters(arm: Arm) -> Parameters:
+def all_parameters(arm: SerialArm) -> Parameters:
     """All parameters of `arm`: 4 n of DH, 3 of the tool point, beta of near-parallel joints, n compliances."""
     names, groups, index = [], [], []
     for k in range(arm.n):
@@ -82,7 +82,7 @@ def all_parameters(arm: Arm) -> Parameters:
     return Parameters(names=tuple(names), groups=tuple(groups), index=np.array(index))
 
 
-def select(arm: Arm, words: Iterable[str] | str) -> Parameters:
+def select(arm: SerialArm, words: Iterable[str] | str) -> Parameters:
     """Select parameters of `arm` by `words`: groups ("a", "alpha", "tcp", ...) or single names ("a2", "tcp_z").
 
     Raises:

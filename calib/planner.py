@@ -12,12 +12,12 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.arm import Arm
 from calib.identification import Calibration
-from calib.kernels import ROW
 from calib.parameters import DEFAULT_FREE, prior_deviations, select
 from calib.simulation import HAND_NOISE
 from calib.touches import checked_series
+from models.arms.kinematics import ROW
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked
 
@@ -38,7 +38,7 @@ class Plan:
 
 
 def plan(
-    arm: Calibration | Arm | ArrayLike,
+    arm: Calibration | SerialArm | ArrayLike,
     candidates: Sequence[ArrayLike],
     count: int,
     *,
@@ -53,7 +53,7 @@ def plan(
     """Choose `count` touches out of `candidates`, maximising information or minimising flange variance.
 
     Args:
-        arm: a calibration so far (its tool point and noise are used), an `Arm`, or a DH table.
+        arm: a calibration so far (its tool point and noise are used), a `SerialArm`, or a DH table.
         candidates: (K_i, n) joint values [rad] per point.
         count: number of touches to choose.
         tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
@@ -75,7 +75,8 @@ def plan(
     if isinstance(arm, Calibration):
         model, tool, hand = arm.arm, arm.tcp, arm.noise
     else:
-        model, tool, hand = (arm if isinstance(arm, Arm) else Arm.from_dh(arm)), np.zeros(3), HAND_NOISE
+        model = arm if isinstance(arm, SerialArm) else SerialArm.from_dh(arm, name="arm")
+        tool, hand = np.zeros(3), HAND_NOISE
     tool = tool if tcp is None else checked(tcp, (3,), "tcp")
     sigma = hand if noise is None else noise
     poses = checked_series(candidates, model)
@@ -126,7 +127,7 @@ def plan(
 
 
 def _rows(
-    arm: Arm,
+    arm: SerialArm,
     tcp: Array,
     poses: list[Array],
     index: np.ndarray,
@@ -149,7 +150,7 @@ def _rows(
     return np.concatenate(blocks)
 
 
-def _aim(arm: Arm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
+def _aim(arm: SerialArm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
     """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange positions."""
     if targets is None:
         raise ConfigurationError('targets: criterion "V" needs the poses whose accuracy counts')

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from calib.arm import Arm
 from calib.fit import Data, distance_rows, linearised
-from calib.kernels import ROW
 from calib.parameters import Parameters
+from models.arms.kinematics import ROW
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.spatial import Array
 
 THRESHOLD = 3e-3  # share of the largest singular value below which a direction counts as hidden
@@ -89,7 +89,7 @@ class RankReport:
         return "\n".join(lines)
 
 
-def rank_report(arm: Arm, full: Array, data: Data, parameters: Parameters, noise: float) -> RankReport:
+def rank_report(arm: SerialArm, full: Array, data: Data, parameters: Parameters, noise: float) -> RankReport:
     """Analyse the rank of `parameters` at a solution, for the touches with weight > 0.
 
     A known distance counts as a row, in units of the noise of a touch.
@@ -136,7 +136,7 @@ def _triangle(rows: Array) -> Array:
     return R
 
 
-def _like_errors(arm: Arm, full: Array, data: Data, parameters: Parameters) -> Array:
+def _like_errors(arm: SerialArm, full: Array, data: Data, parameters: Parameters) -> Array:
     length = _ANGLE * arm.reach / _SHARE
     sizes = {"theta": _ANGLE, "alpha": _ANGLE, "beta": _ANGLE, "d": length, "a": length, "tcp": length}
     if data.load is not None:
@@ -145,7 +145,7 @@ def _like_errors(arm: Arm, full: Array, data: Data, parameters: Parameters) -> A
     return np.array([sizes.get(group, 0.0) for group in parameters.groups])
 
 
-def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
+def _chosen(arm: SerialArm, seen: Array, parameters: Parameters) -> np.ndarray:
     """As many independent parameters as the rank; where there is a choice, those usually left free."""
     # Preferably fixed at nominal: the base, the last frame (the tool point replaces it), the first links of a parallel
     # run, and the longest link (scale).
@@ -165,7 +165,7 @@ def _chosen(arm: Arm, seen: Array, parameters: Parameters) -> np.ndarray:
     return chosen
 
 
-def _reasons(arm: Arm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
+def _reasons(arm: SerialArm, hidden: Array, parameters: Parameters) -> tuple[HiddenGroup, ...]:
     """Split the hidden directions into groups, each the null space of a few columns with a common reason."""
     missing, total = hidden.shape
     found = np.zeros((0, total))
@@ -201,7 +201,7 @@ def _reasons(arm: Arm, hidden: Array, parameters: Parameters) -> tuple[HiddenGro
     return tuple(groups)
 
 
-def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, str]]:
+def _suspects(arm: SerialArm, parameters: Parameters) -> list[tuple[list[str], str, str]]:
     n = arm.n
     last = [f"theta{n}", f"d{n}", f"a{n}", f"alpha{n}", "tcp_x", "tcp_y", "tcp_z"]
     before = [f"theta{n - 1}", f"d{n - 1}", f"a{n - 1}", f"alpha{n - 1}"]
@@ -246,7 +246,7 @@ def _suspects(arm: Arm, parameters: Parameters) -> list[tuple[list[str], str, st
     return suspects
 
 
-def _parallel_runs(arm: Arm) -> list[list[int]]:
+def _parallel_runs(arm: SerialArm) -> list[list[int]]:
     """Rows whose d shift along axes that are near-parallel to each other, grouped in runs."""
     runs: list[list[int]] = []
     for k in arm.near_parallel:

@@ -4,17 +4,19 @@ Every file states its units, the date and the hash of the touches. `calib.arm_fi
 """
 
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import yaml
 
-from calib.arm import Arm
-from calib.arm_files import ArmSource, mjcf_geometry, to_geometry, urdf_chain
+from calib.arm_files import ArmSource, mjcf_arm
 from calib.identification import Calibration
-from calib.kernels import ALPHA, BETA, THETA, A, D
-from models.arms import dh_geometry as arm_geometry
+from models.arms import dh_geometry
+from models.arms.kinematics import THETA, A, D
+from models.arms.serial_arm import SerialArm, tilt_of
+from models.arms.urdf import parse
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
 
 CONVENTION = "Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); slides Rz(theta) Tz(d + q) Tx(a) Rx(alpha) Ry(beta)"
@@ -27,7 +29,7 @@ def write_results(
     *,
     sha256: str,
     date: str,
-    arm: Arm | None = None,
+    arm: SerialArm | None = None,
     tcp: Array | None = None,
 ) -> list[Path]:
     """Write the identified arm into `folder` in every format.
@@ -38,7 +40,7 @@ def write_results(
     Args:
         folder: existing folder.
         calibration: result to write.
-        source: file that the arm came from.
+        source: file that the arm came from; its joint names and limits are written.
         sha256: hash of the touches.
         date: ISO 8601.
         arm: replaces the calibration's arm, which is longer where the base moved.
@@ -47,20 +49,18 @@ def write_results(
     Returns:
         The files written.
     """
-    arm, tcp = arm or calibration.arm, calibration.tcp if tcp is None else tcp
+    tcp = calibration.tcp if tcp is None else tcp
+    arm = replace(arm or calibration.arm, joint_names=source.arm.joint_names, limits=source.arm.limits)
     stamp = f"calibrated {date}; touches sha256 {sha256}"
     written = [_write_yaml(folder / "arm.yaml", calibration, arm, source, sha256, date)]
     written.append(_write_dh(folder / "dh.csv", arm, tcp, stamp))
-    if source.kind == "urdf":
-        text = corrected_urdf(source, arm, tcp)
-    else:
-        text = urdf(arm, tcp, source.joint_names, source.limits)
+    text = corrected_urdf(source, arm, tcp) if source.kind == "urdf" else urdf(arm, tcp)
     written.append(_write(folder / "arm.urdf", _commented(text, f"{stamp}; rad, m")))
     if source.kind == "mjcf":
         text = mjcf_patch(source, arm, tcp)
         written.append(_write(folder / "arm.mjcf_patch.xml", _commented(text, f"{stamp}; m, quaternions wxyz")))
     else:
-        text = mjcf(arm, tcp, source.joint_names, source.limits)
+        text = mjcf(arm, tcp)
         written.append(_write(folder / "arm.mjcf.xml", _commented(text, f"{stamp}; rad, m")))
     return written
 
@@ -78,7 +78,9 @@ def _rounded(values: Array, digits: int = 12) -> list:
     return np.round(np.asarray(values), digits).tolist()
 
 
-def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSource, sha256: str, date: str) -> Path:
+def _write_yaml(
+    file: Path, calibration: Calibration, arm: SerialArm, source: ArmSource, sha256: str, date: str
+) -> Path:
     half = calibration.quantile() * calibration.sigma
     rank = calibration.rank
     status = dict(zip(rank.parameters.names, rank.status, strict=True))
@@ -96,13 +98,13 @@ def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSourc
         "convention": CONVENTION,
         "base": source.base,
         "tip": source.tip,
-        "joint_names": list(source.joint_names),
+        "joint_names": list(arm.joint_names),
         "joint_types": arm.joint_types,
         "X_base_0": _rounded(arm.X_base_0),
         "X_n_flange": _rounded(arm.X_n_flange),
         "dh": [dict(zip(("theta", "d", "a", "alpha", "beta"), row, strict=True)) for row in _rounded(arm.table)],
         "tcp": _rounded(calibration.tcp),
-        "limits": [[None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in source.limits],
+        "limits": [[None if not np.isfinite(x) else round(float(x), 9) for x in row] for row in arm.limits],
         "identified": {
             name: {
                 "value": float(f"{value:.10g}"),
@@ -128,7 +130,7 @@ def _write_yaml(file: Path, calibration: Calibration, arm: Arm, source: ArmSourc
     )
 
 
-def _write_dh(file: Path, arm: Arm, tcp: Array, stamp: str) -> Path:
+def _write_dh(file: Path, arm: SerialArm, tcp: Array, stamp: str) -> Path:
     lines = [f"# {stamp}", f"# {CONVENTION}", f"# tool point in the flange [m]: {' '.join(f'{x:.9f}' for x in tcp)}"]
     lines.append("joint,type,theta [rad],d [m],a [m],alpha [rad],beta [rad]")
     for k, (row, letter) in enumerate(zip(arm.table, arm.joint_types, strict=True), 1):
@@ -139,7 +141,7 @@ def _write_dh(file: Path, arm: Arm, tcp: Array, stamp: str) -> Path:
 # Any arm as a new URDF or MJCF
 
 
-def links(arm: Arm) -> list[Array]:
+def links(arm: SerialArm) -> list[Array]:
     """Link frames at zero: n + 1 poses (4, 4).
 
     Each joint's child link is in the link before, its z the axis; the last is the flange in link n.
@@ -147,24 +149,22 @@ def links(arm: Arm) -> list[Array]:
     out, rest = [], np.array(arm.X_base_0)
     for row in arm.table:
         out.append(rest @ pose(exp_so3([0.0, 0.0, row[THETA]])))
-        tilt = exp_so3([row[ALPHA], 0.0, 0.0]) @ exp_so3([0.0, row[BETA], 0.0])
-        rest = pose(tilt, [row[A], 0.0, row[D]])
+        rest = pose(tilt_of(row), [row[A], 0.0, row[D]])
     return [*out, rest @ arm.X_n_flange]
 
 
-def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
+def urdf(arm: SerialArm, tcp: Array) -> str:
     """The arm as a new URDF of bare links, from `base` by `flange` to `touch_tip`.
 
     Args:
         arm: identified arm.
         tcp: (3,) [m] tool point in the flange.
-        joint_names: n names.
-        limits: (n, 2) [rad], slides [m]; infinite where there are none.
 
     Returns:
         XML text.
     """
     root = ET.Element("robot", name="arm")
+    limits = arm.limits
     names = ["base", *(f"link{k + 1}" for k in range(arm.n)), "flange", "touch_tip"]
     for name in names:
         ET.SubElement(root, "link", name=name)
@@ -175,7 +175,7 @@ def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> s
         if driven:
             bounded = bool(np.all(np.isfinite(limits[k])))
             kind = "prismatic" if arm.joint_types[k] == "p" else "revolute" if bounded else "continuous"
-        joint = ET.SubElement(root, "joint", name=joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind)
+        joint = ET.SubElement(root, "joint", name=arm.joint_names[k] if driven else f"{names[k + 1]}_joint", type=kind)
         ET.SubElement(joint, "parent", link=names[k])
         ET.SubElement(joint, "child", link=names[k + 1])
         _set_origin(joint, X)
@@ -188,14 +188,12 @@ def urdf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> s
     return ET.tostring(root, encoding="unicode")
 
 
-def mjcf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> str:
+def mjcf(arm: SerialArm, tcp: Array) -> str:
     """The arm as a new MJCF of bare bodies, from `arm_base` to the site `tip`; masses are placeholders.
 
     Args:
         arm: identified arm.
         tcp: (3,) [m] tool point in the flange.
-        joint_names: n names.
-        limits: (n, 2) [rad], slides [m]; infinite where there are none.
 
     Returns:
         XML text.
@@ -204,10 +202,11 @@ def mjcf(arm: Arm, tcp: Array, joint_names: tuple[str, ...], limits: Array) -> s
     ET.SubElement(root, "compiler", angle="radian")
     body = ET.SubElement(ET.SubElement(root, "worldbody"), "body", {"name": "arm_base"})
     *steps, flange = links(arm)
+    limits = arm.limits
     for k, X in enumerate(steps):
         body = ET.SubElement(body, "body", {"name": f"link{k + 1}", **_place(X)})
         ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia=".01 .01 .01")
-        joint = ET.SubElement(body, "joint", name=joint_names[k], axis="0 0 1")
+        joint = ET.SubElement(body, "joint", name=arm.joint_names[k], axis="0 0 1")
         joint.set("type", "slide" if arm.joint_types[k] == "p" else "hinge")
         if np.all(np.isfinite(limits[k])):
             joint.set("range", f"{limits[k, 0]:.9g} {limits[k, 1]:.9g}")
@@ -226,7 +225,7 @@ def _place(X: Array) -> dict[str, str]:
 # Correction of the file that the arm came from
 
 
-def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
+def corrected_urdf(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     """The URDF of `source` with the joint origins of the identified `arm`.
 
     Every link stays fixed to its joint's axis, so axes, zeros, meshes and inertias remain as written. Where the tip
@@ -240,8 +239,8 @@ def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
     Returns:
         XML text.
     """
-    root = ET.fromstring(source.path.read_text(encoding="utf-8-sig"))
-    chain = urdf_chain(root, source.path, source.base, source.tip)
+    robot = parse(source.path, "arm")
+    root, chain = robot.xml, robot.chain(source.base, source.tip)
     old, new = _riding(source.arm), _riding(arm)
     driven = {i: k for k, i in enumerate(chain.driven)}
     carried, parent = np.eye(4), np.eye(4)  # displacement of the links so far; parent link before correction
@@ -265,7 +264,7 @@ def corrected_urdf(source: ArmSource, arm: Arm, tcp: Array) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _riding(arm: Arm) -> list[Array]:
+def _riding(arm: SerialArm) -> list[Array]:
     """Frames (4, 4) in the base at zero, fixed to the links: each on its joint's axis and turned by its theta0."""
     X, out = np.eye(4), []
     for step in links(arm)[:-1]:
@@ -289,7 +288,7 @@ def _set_origin(joint: ET.Element, X: Array) -> None:
     origin.set("rpy", f"{roll:.12g} {pitch:.12g} {yaw:.12g}")
 
 
-def mjcf_patch(source: ArmSource, arm: Arm, tcp: Array) -> str:
+def mjcf_patch(source: ArmSource, arm: SerialArm, tcp: Array) -> str:
     """Bodies and sites of the MJCF of `source` whose pose differs in the identified arm, with their new poses.
 
     Args:
@@ -300,9 +299,9 @@ def mjcf_patch(source: ArmSource, arm: Arm, tcp: Array) -> str:
     Returns:
         XML text.
     """
-    spec, old = mjcf_geometry(source.path, source.base, source.tip)
+    spec, old = mjcf_arm(source.path, source.base, source.tip)
     before = spec.compile()
-    arm_geometry.move(spec, old, to_geometry(arm, tcp, old))
+    dh_geometry.move(spec, old, arm.with_tip(tcp), source.base)
     after = spec.compile()
     root = ET.Element("patch", model=source.path.name)
     for kind, word in ((mujoco.mjtObj.mjOBJ_BODY, "body"), (mujoco.mjtObj.mjOBJ_SITE, "site")):

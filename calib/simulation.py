@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import kernels
-from calib.arm import Arm
 from calib.loads import Loads
 from calib.parameters import GROUPS, select
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, rotation_from_z
 
@@ -17,7 +17,7 @@ _TRIES = 400  # maximal starts and orientations tried for one touch
 _STEPS = 60  # maximal iterations of the inverse kinematics
 
 
-def wrong_arm(arm: Arm, deviations: Mapping[str, float], rng: np.random.Generator) -> Arm:
+def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Generator) -> SerialArm:
     """Arm with normally distributed errors in its table, standard deviations given per group.
 
     Args:
@@ -43,7 +43,7 @@ def wrong_arm(arm: Arm, deviations: Mapping[str, float], rng: np.random.Generato
 
 
 def touch(
-    arm: Arm,
+    arm: SerialArm,
     tcp: ArrayLike,
     rng: np.random.Generator,
     *,
@@ -107,13 +107,13 @@ def touch(
     return np.split(read, np.cumsum(counts)[:-1])
 
 
-def _bounds(arm: Arm, limits: ArrayLike | None) -> Array:
+def _bounds(arm: SerialArm, limits: ArrayLike | None) -> Array:
     if limits is not None:
         return checked(limits, (arm.n, 2), "limits")
     return np.where(arm.slides[:, None], [[0.0, 1.0]], [[-np.pi, np.pi]])
 
 
-def _pose(arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator):
+def _pose(arm: SerialArm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator):
     """Joint values (n,) that put the tip at `goal` with the flange's z in the cone, or None."""
     six = arm.n >= 6
     for _ in range(_TRIES):
@@ -143,7 +143,7 @@ def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
 
 
 def _points(
-    arm: Arm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, wanted: int
+    arm: SerialArm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, wanted: int
 ) -> Array:
     """Random points that the arm reaches in varied orientations, well apart."""
     length = arm.reach + float(np.linalg.norm(tool))
@@ -160,7 +160,7 @@ def _points(
 
 
 def _pose_quickly(
-    arm: Arm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator
+    arm: SerialArm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator
 ) -> bool:
     q = rng.uniform(bounds[:, 0], bounds[:, 1])
     R = _orientation(axis, cone, rng)

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calib.arm import Arm
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, real_array, shown
 
@@ -15,7 +15,7 @@ _LONGEST_SLIDE = 50.0  # [m] beyond this a slide is taken as millimetres
 _FIT_BETTER = 3.0  # ratio of spreads (radians to degrees) from which the angles are taken as degrees
 
 
-def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
+def checked_series(series: Sequence[ArrayLike], arm: SerialArm) -> list[Array]:
     """Validate the series: arrays (m_i, n), finite, as wide as the arm has joints, in radians and metres.
 
     Raises:
@@ -51,7 +51,7 @@ def checked_series(series: Sequence[ArrayLike], arm: Arm) -> list[Array]:
     return out
 
 
-def _refuse_degrees(series: list[Array], arm: Arm) -> None:
+def _refuse_degrees(series: list[Array], arm: SerialArm) -> None:
     hinges = ~arm.slides
     if not hinges.any():
         return
@@ -71,7 +71,7 @@ def _refuse_degrees(series: list[Array], arm: Arm) -> None:
         )
 
 
-def first_tcp(arm: Arm, series: Sequence[Array]) -> Array:
+def first_tcp(arm: SerialArm, series: Sequence[Array]) -> Array:
     """Initial tool point (3,) [m] in the flange: linear least squares per series, then their mean.
 
     After [Yukhimets 2023, eq. 13-16]. Eq. (13) reads X_f + [R_f E] Lambda = 0, so that Lambda = -(Omega^T Omega)^-1
@@ -88,7 +88,7 @@ def first_tcp(arm: Arm, series: Sequence[Array]) -> Array:
     return np.mean(found, axis=0) if found else np.zeros(3)
 
 
-def spread(arm: Arm, tcp: Array, series: Sequence[Array]) -> float:
+def spread(arm: SerialArm, tcp: Array, series: Sequence[Array]) -> float:
     """RMS distance [m] of the tips from the mean of their series.
 
     Args:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from calib import kernels
-from calib.arm import Arm
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
 
@@ -37,7 +37,7 @@ class Cloud:
 
 
 def flange_poses(
-    controller: Arm,
+    controller: SerialArm,
     rng: np.random.Generator,
     count: int = _POINTS,
     *,
@@ -85,7 +85,7 @@ def flange_poses(
     raise ReachError(f"only {best} of {count} flange points found in one orientation and branch")
 
 
-def _reach(arm: Arm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
+def _reach(arm: SerialArm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
     """Move `q` in place to the flange pose; True if reached within the bounds."""
     tool = np.zeros(3)
     reached = kernels.reach_pose(
@@ -96,7 +96,7 @@ def _reach(arm: Arm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
 
 
 def track(
-    truth: Arm,
+    truth: SerialArm,
     q: ArrayLike,
     rng: np.random.Generator,
     *,

@@ -1,4 +1,4 @@
-"""What exists: vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Steps nothing."""
+"""Models of vehicles, arms, targets and scenes as MjSpec, with hydrodynamic and thruster tables. Nothing is stepped."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ VEHICLES = Registry(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Description:
-    """What a named model is."""
+    """Summary of a named model."""
 
     name: str  # never an alias
     source: str
@@ -67,17 +67,37 @@ class Description:
 
 
 def available() -> tuple[str, ...]:
-    """Names that `load` knows: built-in models, their aliases, and those of other packages."""
+    """Names of all models: built-in ones, their aliases, and those of other packages."""
     return VEHICLES.names()
 
 
 def load(name: str) -> mujoco.MjSpec:
-    """A named model, coefficients already attached. Raises ConfigurationError, with the names there are, for others."""
+    """Return a named model with its coefficients attached.
+
+    Args:
+        name: one of `available`.
+
+    Returns:
+        The model, which the caller may change.
+
+    Raises:
+        ConfigurationError: no model has that name; the message lists those that exist.
+    """
     return VEHICLES.load(name)
 
 
 def describe(name: str) -> Description:
-    """What `load(name)` gives, and where its figures are from. Raises ConfigurationError as `load` does."""
+    """Summarise a named model: source, degrees of freedom, drive, mass.
+
+    Args:
+        name: one of `available`.
+
+    Returns:
+        The summary of the compiled model.
+
+    Raises:
+        ConfigurationError: no model has that name.
+    """
     spec = load(name)
     water = hydrodynamics.attached(spec)
     model = spec.compile()

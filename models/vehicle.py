@@ -31,7 +31,7 @@ class Vehicle:
     torque_limits: Array  # (n,) [N m]
     armature: Array  # (n,) [kg m^2] inertia of rotor and gear, on the motor's side of the torque sensor
     joint_damping: Array  # (n,) [N m s/rad] friction in the gear, on the motor's side of the torque sensor
-    dry_friction: gear_friction.DryFriction  # beside it
+    dry_friction: gear_friction.DryFriction  # of the gears, on the same side
     q_home: Array  # (n,) [rad] arm folded; the vehicle is trimmed so
     q_ready: Array  # (n,) [rad] a posture to start inverse kinematics from
     thruster_actuators: np.ndarray  # (m,) actuator indices
@@ -41,9 +41,16 @@ class Vehicle:
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "Vehicle":
-        """Look the vehicle up in `model`; one with neither `arm_base` nor `tip` has no arm.
+        """Look the vehicle up in a compiled model; one with neither `arm_base` nor `tip` has no arm.
 
-        Raises ConfigurationError naming what is missing and what there is.
+        Args:
+            model: compiled model with one vehicle by the names of `models.naming`.
+
+        Returns:
+            The vehicle.
+
+        Raises:
+            ConfigurationError: a part is missing, or a joint or actuator of the arm has no limits.
         """
         hull = find(model, mujoco.mjtObj.mjOBJ_BODY, HULL_BODY)
         if model.body_jntnum[hull] != 1 or int(model.jnt_type[model.body_jntadr[hull]]) != mujoco.mjtJoint.mjJNT_FREE:
@@ -95,13 +102,37 @@ class Vehicle:
 
 
 def pose_in_body(model: mujoco.MjModel, site: int, body: int) -> Array:
-    """Pose (4, 4) of `site` in `body`, through bodies without joints; ConfigurationError if one has a joint."""
+    """Pose (4, 4) of a site in a body to which it is fixed.
+
+    Args:
+        model: compiled model.
+        site: index of the site.
+        body: index of the body.
+
+    Returns:
+        The pose.
+
+    Raises:
+        ConfigurationError: `body` does not carry the site, or there is a joint between them.
+    """
     X_site = _pose(model.site_pos[site], model.site_quat[site])
     return body_in_body(model, int(model.site_bodyid[site]), body) @ X_site
 
 
 def body_in_body(model: mujoco.MjModel, body: int, ancestor: int) -> Array:
-    """Pose (4, 4) of `body` in `ancestor`, through bodies without joints; ConfigurationError if one has a joint."""
+    """Pose (4, 4) of a body in another to which it is fixed.
+
+    Args:
+        model: compiled model.
+        body: index of the body.
+        ancestor: index of the body that carries it.
+
+    Returns:
+        The pose.
+
+    Raises:
+        ConfigurationError: `ancestor` does not carry the body, or there is a joint between them.
+    """
     X, at = np.eye(4), body
     while at != ancestor:
         if at == 0 or model.body_jntnum[at]:
@@ -119,7 +150,7 @@ def _pose(p: Array, quat_wxyz: Array) -> Array:
 
 
 def _keyframe(model: mujoco.MjModel, name: str, default: Array) -> Array:
-    """qpos (nq,) of the named keyframe, or `default` where the model has none of that name."""
+    """Joint positions `qpos` (nq,) of the named keyframe, or `default` where the model has none of that name."""
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
     return model.key_qpos[key] if key >= 0 else default
 

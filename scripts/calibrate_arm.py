@@ -168,7 +168,7 @@ def main() -> int:
     source, arm = case.source, outcome.arm
     files = write_results(folder, found, source, arm=arm, tcp=outcome.tcp, sha256=case.touches.sha256, date=date)
     if case.truth is not None:
-        write_touches(folder / "touches", case.touches.names, case.touches.series, source.joint_names)
+        write_touches(folder / "touches", case.touches.names, case.touches.series, source.arm.joint_names)
     metrics = _calibration.metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**metrics, "provenance": provenance("calibrate_arm", options)})
     if options.record:

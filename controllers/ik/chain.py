@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from controllers.ik import kinematics as kernels
 from controllers.ik.entries import entry
-from controllers.ik.urdf import TIP_SITE, model_from_urdf
+from models.arms.kinematics import THETA, A, D
+from models.arms.serial_arm import SerialArm, tilt_of
+from models.arms.urdf import CHAIN_TIP, model_from_urdf
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
     FARTHEST,
@@ -40,7 +42,8 @@ _JOINT_LETTERS = "r (hinge), p (slide), o (pantograph link)"
 class Chain:
     """A serial chain from a base frame to a tip frame, described where all its joint values are zero.
 
-    Build it by `from_dh`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are read-only, in base axes.
+    Build it by `from_dh`, `from_arm`, `from_vectors`, `from_mjcf` or `from_urdf`. All arrays are read-only, in base
+    axes.
     """
 
     joint_types: str  # one letter a joint: r hinge [rad], p slide [m], o pantograph link [rad]
@@ -99,22 +102,53 @@ class Chain:
         rows = checked_rows(dh, 4, "dh")
         if np.abs(rows).max() > FARTHEST:
             raise ConfigurationError(f"dh: numbers must lie within {FARTHEST:g}, got {np.abs(rows).max():g}")
-        types = _letters(joint_types, len(rows))
-        axes, points, links = np.empty((3, len(rows), 3))
-        X = np.eye(4)
-        for i, (theta, d, a, alpha) in enumerate(rows):
+        return cls._along_rows(
+            np.column_stack([rows, np.zeros(len(rows))]),
+            _letters(joint_types, len(rows)),
+            np.eye(4),
+            checked_pose(np.eye(4) if tool is None else tool, "tool"),
+            _checked_limits(limits, len(rows)),
+            tuple(f"joint{i + 1}" for i in range(len(rows))),
+        )
+
+    @classmethod
+    def from_arm(cls, arm: SerialArm) -> Self:
+        """Build the chain of a serial arm, from its base to its flange, with its limits and joint names.
+
+        Args:
+            arm: kinematics, as read from a file or a model, or published (`models.arms`).
+
+        Returns:
+            The chain.
+
+        Raises:
+            ConfigurationError: crossed limits, or an arm that is no `SerialArm`.
+        """
+        if not isinstance(arm, SerialArm):
+            raise ConfigurationError(f"arm: expected a SerialArm, got {shown(arm)}")
+        limits = _checked_limits(arm.limits, arm.n)
+        return cls._along_rows(arm.table, arm.joint_types, arm.X_base_0, arm.X_n_flange, limits, arm.joint_names)
+
+    @classmethod
+    def _along_rows(
+        cls, table: Array, types: str, X_base_0: Array, X_n_tip: Array, limits: Array, names: tuple[str, ...]
+    ) -> Self:
+        """Build the chain of validated table rows (n, 5) of `models.arms.serial_arm`, pantograph links among them."""
+        axes, points, links = np.empty((3, len(table), 3))
+        X = X_base_0
+        for i, row in enumerate(table):
             axes[i], points[i] = X[:3, 2], X[:3, 3]
-            X = X @ pose(exp_so3([0.0, 0.0, theta]))
-            links[i] = X[:3, :3] @ [a, 0.0, 0.0] if types[i] == "o" else 0.0
-            X = X @ pose(exp_so3([alpha, 0.0, 0.0]), [a, 0.0, d])
+            X = X @ pose(exp_so3([0.0, 0.0, row[THETA]]))
+            links[i] = X[:3, :3] @ [row[A], 0.0, 0.0] if types[i] == "o" else 0.0
+            X = X @ pose(tilt_of(row), [row[A], 0.0, row[D]])
         return cls(
             joint_types=types,
             axes=readonly(axes),
             points=readonly(points),
             links=readonly(links),
-            X_base_tip0=readonly(X @ checked_pose(np.eye(4) if tool is None else tool, "tool")),
-            limits=_checked_limits(limits, len(rows)),
-            names=tuple(f"joint{i + 1}" for i in range(len(rows))),
+            X_base_tip0=readonly(X @ X_n_tip),
+            limits=limits,
+            names=names,
         )
 
     @classmethod
@@ -276,10 +310,10 @@ class Chain:
 
         Raises:
             ConfigurationError: as `from_mjcf`, and for a file that is not a URDF of one tree (see
-                `controllers.ik.urdf`).
+                `models.arms.urdf`).
         """
         model, root = model_from_urdf(urdf, base_link, tip_link)
-        return cls.from_mjcf(model, "world" if base_link == root else base_link, TIP_SITE, exclude)
+        return cls.from_mjcf(model, "world" if base_link == root else base_link, CHAIN_TIP, exclude)
 
     def forward(self, q: ArrayLike) -> Array:
         """Tip pose X_base_tip (4, 4) at joint values `q` (n,) [rad] or [m]; ConfigurationError for a bad `q`."""

@@ -1,1 +1,1 @@
-"""Kinematics of arms: published tables, Denavit-Hartenberg rows out of an MJCF and back, friction in the gears."""
+"""Serial arms: kinematics by Denavit-Hartenberg rows, from tables, URDF or MJCF; published arms; gear friction."""

@@ -1,16 +1,16 @@
-"""Dry friction in the gears of an arm: what it is, and how it rides on the joints of an MjSpec.
+"""Dry friction in the gears of an arm by Stribeck's curve, stored on the joints of an MjSpec.
 
 At speed v a gear resists with
 
     f(v) = viscous v + sign(v) (coulomb + (stiction - coulomb) exp(-(v / stribeck_speed)^2)),
 
-and at rest with whatever holds it there, up to `stiction` (Stribeck's curve; Olsson et al. 1998, Friction models and
-friction compensation, eq. 2.5). All of it acts on the motor's side of a torque sensor on the gear output.
+and at rest with any friction up to `stiction` [Olsson 1998, eq. 2.5]. All of it acts on the motor's side of a torque
+sensor on the gear output.
 
-MuJoCo holds the dry part as a constraint (`frictionloss`), solved with the contacts: a joint at rest stays there. The
-constraint is soft, so a held joint creeps; `_HARD` and a time constant of two steps keep that below 1e-4 rad/s. The
-bound is one number a joint, that of sliding; the curve rides in `joint.userdata`, and the plant moves the bound along
-it. A model stepped by MuJoCo alone has Coulomb friction.
+MuJoCo treats the dry part as a constraint (`frictionloss`), solved with the contacts, so a joint at rest stays there.
+The constraint is soft, so a held joint creeps. `_HARD` and a time constant of two steps keep that below 1e-4 rad/s. The
+bound is one number a joint, that of sliding. The curve is stored in `joint.userdata`, and the plant moves the bound
+along it. A model stepped by MuJoCo alone has Coulomb friction.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, number, readonly
 
-_STAMP = 745520.0  # a row of another origin is not taken for ours
+_STAMP = 745520.0  # marks user data that `attach` wrote
 _HARD = 0.9999  # impedance of the constraint
 
 
@@ -31,12 +31,14 @@ _HARD = 0.9999  # impedance of the constraint
 class GearFriction:
     """Dry friction of one gear, at the joint; of a slide in N and m/s. The viscous part is the joint's `damping`.
 
-    Raises ConfigurationError for a figure that is not finite or of the wrong sign, and for stiction below `coulomb`.
+    Raises:
+        ConfigurationError: a figure is not finite or negative, stiction is below `coulomb`, or stiction is above it
+            while `stribeck_speed` or `coulomb` is zero.
     """
 
     coulomb: float  # [N m] sliding
     stiction: float  # [N m] at which it breaks away
-    stribeck_speed: float  # [rad/s] over which the one becomes the other
+    stribeck_speed: float  # [rad/s] scale of the transition from stiction to coulomb
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -69,9 +71,14 @@ class DryFriction:
 
 
 def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
-    """Store `gears` (joint name -> GearFriction) on the joints of `spec`, in place of their frictionloss.
+    """Store gear friction on the joints of a spec, in place of their `frictionloss`.
 
-    Raises ConfigurationError if a name is not a joint of `spec` or its user data is taken by something else.
+    Args:
+        spec: model, changed in place.
+        gears: friction by name of the joint.
+
+    Raises:
+        ConfigurationError: a name is no joint of `spec`, or the user data of a joint is taken by something else.
     """
     joints = {joint.name: joint for joint in spec.joints}
     for name, gear in gears.items():
@@ -87,7 +94,17 @@ def attach(spec: mujoco.MjSpec, gears: Mapping[str, GearFriction]) -> None:
 
 
 def read(model: mujoco.MjModel, joints: np.ndarray) -> DryFriction:
-    """Dry friction of `joints` (n,); where `frictionloss` is none of the stored curve, it is Coulomb's alone."""
+    """Read the dry friction of joints from a compiled model.
+
+    A `frictionloss` outside of the stored curve counts as Coulomb friction alone.
+
+    Args:
+        model: compiled model.
+        joints: (n,) indices.
+
+    Returns:
+        The friction of the n joints.
+    """
     coulomb = np.array(model.dof_frictionloss)[np.asarray(model.jnt_dofadr, dtype=np.int64)[joints]]
     stiction, speed = coulomb.copy(), np.ones(len(joints))
     for row, joint in enumerate(joints):

@@ -1,66 +1,39 @@
-"""Published arms as Denavit-Hartenberg tables: what the inverse kinematics is measured and tested on.
+"""Published arms as Denavit-Hartenberg tables, for benchmarks and tests of inverse kinematics and calibration.
 
-    arm = arms.load("panda")
-    chain = Chain.from_dh(arm.dh, arm.joint_types, limits=arm.limits, tool=arm.tool)
+    arm = published_arms.load("panda")
+    chain = Chain.from_arm(arm)
 
-Standard Denavit-Hartenberg rows (theta0 [rad], d [m], a [m], alpha [rad]): row i moves by
-Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha), a slide by Rz(theta0) Tz(d + q) Tx(a) Rx(alpha). Tables that were published in
-Craig's convention are carried over; the tip is then turned about its own axis, or the base, by a quarter or half turn.
+Rows are standard: theta0 [rad], d [m], a [m], alpha [rad] (`models.arms.serial_arm`, beta zero). Tables that were
+published in Craig's convention are converted. The tip is then turned about its own axis, or the base, by a quarter or
+half turn.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from models.arms.serial_arm import SerialArm
 from models.registry import Registry
-from sim.interfaces.spatial import Array, checked_place, exp_so3, pose, readonly
+from sim.interfaces.spatial import Array, pose, readonly
 
 H = math.pi / 2
 _Rows = list[tuple[float, float, float, float]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PublishedArm:
-    """A serial arm; all arrays read-only."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PublishedArm(SerialArm):
+    """A serial arm whose numbers are published, with their source."""
 
-    title: str
-    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]
-    joint_types: str  # one letter a joint: r hinge, p slide
-    limits: Array  # (n, 2) lower and upper joint limits [rad] or [m], infinite where there is none
-    tool: Array = field(default_factory=lambda: readonly(np.eye(4)))  # (4, 4) the tip in the last frame
-    source: str  # where the numbers are from
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.joint_types)
-
-    def origins(self) -> list[Array]:
-        """Poses (4, 4) at zero of each joint's frame, z its axis, in the one before, and of the tip in the last one."""
-        found = [np.eye(4)]
-        for theta, d, a, alpha in self.dh:
-            turn = exp_so3([0.0, 0.0, theta])
-            found.append(pose(turn @ exp_so3([alpha, 0.0, 0.0]), turn @ [a, 0.0, d]))
-        found[-1] = found[-1] @ self.tool
-        return found
-
-    def frames(self, q: ArrayLike) -> Array:
-        """Poses (n + 1, 4, 4) in the base at `q` (n,): of each joint's frame, moved by that joint, and of the tip."""
-        values = checked_place(q, (self.n,), "q")
-        *joints, tip = self.origins()
-        X, found = np.eye(4), []
-        for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
-            X = X @ origin @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
-            found.append(X)
-        return np.array([*found, X @ tip])
+    title: str = ""
+    source: str = ""  # where the numbers are from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VectorArm:
-    """A serial arm as the vector model of paper 003 (chapter 2, fig. 1), in its initial position; arrays read-only."""
+    """A serial arm as the vector model of [Danilov 2021, chapter 2, fig. 1], in its initial position; read-only."""
 
     title: str
     M: Array  # (n, 3) [m] link vectors
@@ -71,29 +44,35 @@ class VectorArm:
 
 
 def available() -> tuple[str, ...]:
-    """The names that `load` knows."""
+    """Names that `load` knows."""
     return ARMS.names()
 
 
 def load(name: str) -> PublishedArm:
-    """The arm of that name. Raises ConfigurationError, with the names there are, for another."""
+    """Return the published arm of a name.
+
+    Raises:
+        ConfigurationError: no arm has that name; the message lists those that exist.
+    """
     return ARMS.load(name)
 
 
 def _arm(
     title: str,
     rows: _Rows,
-    degrees: list[tuple[float, float]],
+    limits: Sequence[tuple[float, float]],
     source: str,
-    p_tool: tuple[float, float, float] = (0, 0, 0),
+    *,
+    joint_types: str | None = None,
+    p_tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> PublishedArm:
-    """An arm of hinges, its limits in degrees."""
-    return PublishedArm(
+    """Arm of DH rows; `limits` of hinges in degrees, of slides in m; `p_tool` [m] is the tip in the last frame."""
+    arm = PublishedArm.from_dh(rows, joint_types)
+    return replace(
+        arm,
         title=title,
-        dh=readonly(rows),
-        joint_types="r" * len(rows),
-        limits=readonly(np.radians(degrees)),
-        tool=readonly(pose(p=p_tool)),
+        limits=readonly(np.where(arm.slides[:, None], limits, np.radians(limits))),
+        X_n_flange=readonly(pose(p=p_tool)),
         source=source,
     )
 
@@ -119,16 +98,12 @@ _ARMS = {
         f"{_CORKE}.Puma560; a tool off the wrist's axis, made up",
         p_tool=(0.05, 0.03, 0.2),
     ),
-    "stanford": PublishedArm(
-        title="Stanford",
-        dh=readonly(
-            [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0.0203, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0, 0, 0)]
-        ),
+    "stanford": _arm(
+        "Stanford",
+        [(0, 0.412, 0, -H), (0, 0.154, 0, H), (-H, 0, 0.0203, 0), (0, 0, 0, -H), (0, 0, 0, H), (0, 0, 0, 0)],
+        [*[(-170.0, 170.0)] * 2, (0.3048, 1.27), (-170.0, 170.0), (-90.0, 90.0), (-170.0, 170.0)],
+        f"{_CORKE}.Stanford",
         joint_types="rrprrr",
-        limits=readonly(
-            [*np.radians([(-170.0, 170.0)] * 2), (0.3048, 1.27), *np.radians([(-170, 170), (-90, 90), (-170, 170)])]
-        ),
-        source=f"{_CORKE}.Stanford",
     ),
     "ur5": _arm(
         "UR5",
@@ -297,22 +272,19 @@ _ARMS = {
 # The maker's own angles: its joints 2 and 3 stand at 180 deg when the arm is straight up.
 _JACO_D = (0.2755, 0.41, 0.2073, 0.0743, 0.0743, 0.1687)  # [m] D1 to D6
 _JACO_BEND = math.sin(H / 3.0) / math.sin(2.0 * H / 3.0)  # of the wrist, whose axes lie 60 deg apart
-_ARMS["jaco"] = PublishedArm(
-    title="Kinova Jaco",
-    dh=readonly(
-        [
-            (0, _JACO_D[0], 0, H),
-            (-H, 0, _JACO_D[1], math.pi),
-            (H, -0.0098, 0, H),
-            (0, -_JACO_D[2] - _JACO_BEND * _JACO_D[3], 0, 2.0 * H / 3.0),
-            (-math.pi, -_JACO_BEND * (_JACO_D[3] + _JACO_D[4]), 0, 2.0 * H / 3.0),
-            (math.radians(100.0), -_JACO_BEND * _JACO_D[4] - _JACO_D[5], 0, math.pi),
-        ]
-    ),
-    joint_types="rrrrrr",
-    limits=readonly([_FREE, *np.radians([(47.0, 313.0), (19.0, 341.0)]), *[_FREE] * 3]),
-    source="P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user"
-    " guide, far from even about zero",
+_ARMS["jaco"] = _arm(
+    "Kinova Jaco",
+    [
+        (0, _JACO_D[0], 0, H),
+        (-H, 0, _JACO_D[1], math.pi),
+        (H, -0.0098, 0, H),
+        (0, -_JACO_D[2] - _JACO_BEND * _JACO_D[3], 0, 2.0 * H / 3.0),
+        (-math.pi, -_JACO_BEND * (_JACO_D[3] + _JACO_D[4]), 0, 2.0 * H / 3.0),
+        (math.radians(100.0), -_JACO_BEND * _JACO_D[4] - _JACO_D[5], 0, math.pi),
+    ],
+    [_FREE, (47.0, 313.0), (19.0, 341.0), *[_FREE] * 3],
+    "P. Corke, Robotics Toolbox for MATLAB, mdl_jaco.m, after Kinova's table of 2013; limits: Kinova, Jaco user guide,"
+    " far from even about zero",
 )
 
 _TURN, _TILT_X, _TILT_Z = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -322,8 +294,8 @@ SERVO_ARM = VectorArm(
     e=readonly([_TURN, _TILT_Z, _TILT_X, _TILT_Z, _TURN, _TILT_X, _TURN, _TILT_Z]),
     p=readonly(np.ones(8)),
     L=readonly(np.radians(np.outer([-120.0, 120.0], np.ones(8)))),
-    source="a stand-in for the arm of paper 003, fig. 8, whose dimensions are not public: hangs straight down (y up) at"
-    " zero, 0.53 m long, for the poses of the paper's table 1 to be within reach; links, axes and limits made up",
+    source="a stand-in for the arm of [Danilov 2021, fig. 8], whose dimensions are not public: hangs straight down (y"
+    " up) at zero, 0.53 m long, for the poses of its table 1 to be within reach; links, axes and limits made up",
 )
 
 ARMS: Registry[PublishedArm] = Registry("arm", {name: partial(_ARMS.__getitem__, name) for name in _ARMS})

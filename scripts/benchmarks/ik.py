@@ -16,7 +16,7 @@ import platform
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -33,6 +33,7 @@ from controllers.ik.entries import HYBRID, entry
 from controllers.mkps import Chain, Method, solve, solve_many
 from models.arms import published_arms as arms
 from models.arms.published_arms import PublishedArm
+from models.arms.serial_arm import SerialArm
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, readonly
@@ -99,7 +100,7 @@ class IkCase:
     @property
     def chain(self) -> Chain:
         """The arm for our own solver."""
-        return Chain.from_dh(self.arm.dh, self.arm.joint_types, limits=self.limits, tool=self.arm.tool)
+        return Chain.from_arm(replace(self.arm, limits=self.limits))
 
     def told(self) -> dict[str, Any]:
         """Entries that identify this case in the results."""
@@ -119,7 +120,7 @@ class Results:
     growth: dict[str, Any] = field(default_factory=dict)  # by the number of links
 
 
-def dh_forward(arm: PublishedArm, q: Array) -> Array:
+def dh_forward(arm: SerialArm, q: Array) -> Array:
     """Tip poses (N, 4, 4) at joint values (N, n): the product of textbook DH matrices."""
     X = np.broadcast_to(np.eye(4), (len(q), 4, 4))
     for (theta, d, a, alpha), kind, value in zip(arm.dh, arm.joint_types, q.T, strict=True):
@@ -130,7 +131,7 @@ def dh_forward(arm: PublishedArm, q: Array) -> Array:
             [np.moveaxis(np.array(rows), 2, 0), np.broadcast_to([0, 0, 0, 1.0], (len(q), 1, 4))], axis=1
         )
         X = X @ step
-    return X @ arm.tool
+    return X @ arm.X_n_flange
 
 
 def reached(case: IkCase, q: Array) -> np.ndarray:
@@ -318,9 +319,7 @@ def snake(links: int) -> PublishedArm:
     alpha = np.where(np.arange(links) % 2, 0.5 * math.pi, -0.5 * math.pi)
     rows = np.column_stack([np.zeros(links), np.zeros(links), np.full(links, 3.0 / links), alpha])
     limits = np.tile([-math.pi, math.pi], (links, 1))
-    return PublishedArm(
-        title=f"{links} links", dh=readonly(rows), joint_types="r" * links, limits=limits, source="made up"
-    )
+    return replace(PublishedArm.from_dh(rows), title=f"{links} links", limits=limits, source="made up")
 
 
 def growth(options: Options, progress: Progress) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from controllers.ik.tracking import Passing
 from controllers.mkps import Chain, Method, Track, track
 from models.arms import published_arms as arms
 from models.arms.published_arms import PublishedArm
+from models.arms.serial_arm import SerialArm
 from scenarios.arm_log import ArmLog
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.errors import ConfigurationError
@@ -65,7 +66,7 @@ class Options:
     """Write run.rrd (--no-record: metrics.json and the picture only)."""
 
 
-def lock(arm: PublishedArm) -> Array:
+def lock(arm: SerialArm) -> Array:
     """Joint values (7,) [rad] in the gimbal lock: `AT_LOCK`, the wrist's pitch refined by bisection.
 
     The yaw axis passes through the shoulder (joint 2) where the link before it is perpendicular to the line to the
@@ -73,7 +74,7 @@ def lock(arm: PublishedArm) -> Array:
     """
 
     def along(pitch: float) -> float:
-        frames = arm.frames([*AT_LOCK[:4], pitch, *AT_LOCK[5:]])
+        frames = arm.joint_frames([*AT_LOCK[:4], pitch, *AT_LOCK[5:]])
         link = frames[5, :3, 3] - frames[4, :3, 3]
         return float(link @ (frames[5, :3, 3] - frames[1, :3, 3]))
 
@@ -218,9 +219,9 @@ def main() -> int:
         options.reach, options.period = 0.5 * options.reach, 2.0 * options.period
     folder = new_folder("track_singularity", options.out)
     arm = arms.load("era")
-    chain = Chain.from_dh(arm.dh, limits=arm.limits)
+    chain = Chain.from_arm(arm)
     q_lock = lock(arm)
-    X_lock = arm.frames(q_lock)[-1]
+    X_lock = arm.joint_frames(q_lock)[-1]
     steps = 2 * round(options.reach / (options.speed * options.period))
     y = np.linspace(-options.reach, options.reach, steps + 1)
     path = np.array([pose(X_lock[:3, :3], X_lock[:3, 3] + [0.0, s, 0.0]) for s in y])
@@ -241,7 +242,7 @@ def main() -> int:
             )
     told = {name: figures(run, options) for name, run in runs.items()}
     for name, run in runs.items():  # by the arm's own forward kinematics, independent of the solver
-        tips = np.array([arm.frames(row)[-1] for row in run.q])
+        tips = np.array([arm.joint_frames(row)[-1] for row in run.q])
         told[name]["checked_position_error_m"] = float(np.linalg.norm(tips[:, :3, 3] - path[1:, :3, 3], axis=1).max())
         turned = [rotation_angle(a[:3, :3], b[:3, :3]) for a, b in zip(tips, path[1:], strict=True)]
         told[name]["checked_orientation_error_rad"] = float(max(turned))

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from models.arms.published_arms import PublishedArm
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.spatial import Array
 from sim.reporting.rerun_program import spawn_viewer
 
@@ -35,7 +35,7 @@ class ArmLog:
         self.close()
 
     def arm(
-        self, name: str, arm: PublishedArm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1
+        self, name: str, arm: SerialArm, time: Array, q: Array, color: tuple[int, int, int], *, stride: int = 1
     ) -> None:
         """Logs an arm's links and joints over time.
 
@@ -48,7 +48,7 @@ class ArmLog:
             stride: Rows per logged frame.
         """
         rr = self._rr
-        points = np.array([arm.frames(row)[:, :3, 3] for row in q[::stride]])
+        points = np.array([arm.joint_frames(row)[:, :3, 3] for row in q[::stride]])
         strips = [np.vstack([np.zeros(3), row]) for row in points]
         size = 0.006 * float(np.linalg.norm(np.diff(strips[0], axis=0), axis=1).sum())
         self._columns(f"world/{name}/links", time[::stride], rr.LineStrips3D.columns(strips=strips))

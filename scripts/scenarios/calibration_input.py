@@ -11,14 +11,13 @@ import numpy as np
 
 import models
 from calib import Calibration, identify, kernels, verification
-from calib.arm import Arm
-from calib.arm_files import ArmSource, mjcf_geometry, of_geometry, read_arm
+from calib.arm_files import ArmSource, read_arm
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import wrong_arm
 from calib.touch_files import Touches, read_touches
-from models.arms import dh_geometry as arm_geometry
+from models.arms import dh_geometry
 from models.arms import published_arms as arms
-from models.arms.dh_geometry import ArmGeometry
+from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
 from scenarios.contact_parts import checked_vehicle
@@ -54,9 +53,8 @@ PAPER_UR10E = np.array(
 class TrueArm:
     """The true arm of a simulation; the calibration gets only its touches."""
 
-    arm: Arm
+    arm: SerialArm
     tcp: Array  # (3,) [m]
-    limits: Array  # (n, 2) [rad] or [m]
     hangs: bool  # z of its base points down
 
 
@@ -80,7 +78,7 @@ class CalibrationOutcome:
     """A calibration with the figures of its evaluation."""
 
     calibration: Calibration
-    arm: Arm  # identified, without the joints of a moving hull
+    arm: SerialArm  # identified, without the joints of a moving hull
     tcp: Array  # (3,) [m]
     series: tuple[Array, ...]  # joint values that were identified from
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
@@ -102,19 +100,7 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
         ConfigurationError: The name is unknown, or the file is unusable.
     """
     if name in arms.available():
-        found = arms.load(name)
-        arm = replace(Arm.from_dh(found.dh, found.joint_types), X_n_flange=readonly(found.tool))
-        return ArmSource(
-            path=Path(name),
-            kind="dh",
-            arm=arm,
-            joint_names=tuple(f"joint{k + 1}" for k in range(arm.n)),
-            base="base",
-            tip="flange",
-            tcp=readonly(np.zeros(3)),
-            limits=found.limits,
-            sha256="",
-        )
+        return ArmSource(path=Path(name), kind="dh", arm=arms.load(name), base="base", tip="flange", sha256="")
     if name in models.available():
         file = folder / f"{name}.xml"
         file.write_text(models.load(name).to_xml(), encoding="utf-8")
@@ -146,9 +132,9 @@ def from_files(
     """
     how = {
         "joint_types": source.arm.joint_types,
-        "joint_names": source.joint_names,
+        "joint_names": source.arm.joint_names,
         "units": units,
-        "limits": source.limits,
+        "limits": source.arm.limits,
     }
     read = read_touches(touches, **how)
     rest = read_touches(held_out, **how) if held_out else None
@@ -198,25 +184,24 @@ def simulated(
     """
     drawing = np.random.default_rng(errors)
     if source.kind == "mjcf":
-        _, geometry = mjcf_geometry(source.path, source.base, source.tip)
-        built = arm_geometry.with_errors(geometry, drawing)
-        arm, limits = of_geometry(built), np.array(built.limits)
+        arm = dh_geometry.with_errors(source.arm, drawing)
         # The tip site is the tip of the vehicle's own tool; an off-axis pin protrudes sideways from it.
         tcp = np.array([TOOLS[pin][0], 0.0, 0.0])
         hangs, title = True, f"Calibration of {source.path.stem}, built with workshop errors {errors}"
     else:
-        tcp, limits, hangs = np.array(TOOLS[pin]), np.array(source.limits), False
+        tcp, hangs = np.array(TOOLS[pin]), False
         if source.path.name == "ur10e":
             theta, a, d, alpha = PAPER_UR10E.T
-            arm = Arm.from_dh(np.column_stack([np.deg2rad(theta), d * 1e-3, a * 1e-3, np.deg2rad(alpha)]))
+            rows = np.column_stack([np.deg2rad(theta), d * 1e-3, a * 1e-3, np.deg2rad(alpha)])
+            arm = replace(SerialArm.from_dh(rows), limits=source.arm.limits)
             title = "Calibration of a UR10e as in [Yukhimets 2023]"
         else:
             arm = wrong_arm(source.arm, WORKSHOP, drawing)
             title = f"Calibration of {source.path.name}, built with workshop errors {errors}"
     series, places = touched(
-        arm, tcp, limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
+        arm, tcp, arm.limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
     )
-    truth = TrueArm(arm=arm, tcp=tcp, limits=limits, hangs=hangs)
+    truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs)
     return _simulated_case(title, source, series, places, truth, known, rng)
 
 
@@ -256,14 +241,14 @@ def by_contact(
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
     own = believed.compile()
     hull = checked_vehicle(own, but=(CAMERA_SITE, TOOL_GEOM))
-    geometry: ArmGeometry = arm_geometry.read(
+    nominal_arm = dh_geometry.read(
         own,
         ARM_BASE_BODY,
         TIP_SITE,
         exclude=[own.joint(j).name for j in range(own.njnt) if j not in hull.joints and own.jnt_type[j] != 0],
     )
-    true = arm_geometry.with_errors(geometry, np.random.default_rng(errors))
-    arm_geometry.move(built, geometry, true)
+    true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(errors))
+    dh_geometry.move(built, nominal_arm, true, ARM_BASE_BODY)
     session = touch(
         believed,
         built,
@@ -276,7 +261,7 @@ def by_contact(
         watch=watch,
     )
     title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
-    truth = TrueArm(arm=of_geometry(true), tcp=np.zeros(3), limits=np.array(true.limits), hangs=True)
+    truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
     if len(found) < 2:
         raise ConfigurationError("fewer than two nests were found; nothing can be calibrated")
@@ -333,7 +318,7 @@ def solve(
     return replace(outcome, uncorrected=_clouds(case, plain.arm, np.random.default_rng(0)))
 
 
-def _judged(case: CalibrationCase, found: Calibration, arm: Arm, series: Sequence[Array]) -> CalibrationOutcome:
+def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
     tips, tcp = None, found.tcp
     clouds: dict[str, verification.Cloud] = {}
     if case.truth is not None:
@@ -367,7 +352,7 @@ def _scatter(tips: Array) -> float:
     return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _clouds(case: CalibrationCase, identified: Arm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
+def _clouds(case: CalibrationCase, identified: SerialArm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
     """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude."""
     truth = case.truth
     assert truth is not None
@@ -388,7 +373,7 @@ def _moves(case: CalibrationCase, rng: np.random.Generator, count: int = 13, tri
     """
     truth, arm = case.truth, case.source.arm
     assert truth is not None
-    limits = np.clip(truth.limits, -np.pi, np.pi)
+    limits = np.clip(truth.arm.limits, -np.pi, np.pi)
     if not truth.hangs:
         with suppress(ReachError):
             return verification.flange_poses(arm, rng, count, limits=limits)

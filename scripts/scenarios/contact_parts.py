@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.work_controller import WorkController
-from models.arms import dh_geometry as arm_geometry
+from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, check_parts
 from models.registry import Registry
 from models.site import scenes
@@ -61,17 +61,17 @@ def believed_and_built(
         raise ConfigurationError("--calibrated and --arm: one of the two")
     drawn = believed.compile()
     passive = passive_joints(drawn, checked_vehicle(drawn))
-    arm = true = arm_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+    arm = true = dh_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
     if arm_errors is not None:
-        true = arm_geometry.with_errors(arm, np.random.default_rng(arm_errors))
-        arm_geometry.move(built, arm, true)
+        true = dh_geometry.with_errors(arm, np.random.default_rng(arm_errors))
+        dh_geometry.move(built, arm, true, ARM_BASE_BODY)
     known, said = arm, ""
     if calibrated:
         known, said = _deck_calibration.calibrate_on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
     elif arm_file is not None:
         known, said = _deck_calibration.from_file(arm_file, arm)
     if known is not arm:
-        arm_geometry.move(believed, arm, known)
+        dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
     return believed, built, said
 
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calib import Calibration, identify, simulation
-from calib.arm import Arm
-from calib.arm_files import of_geometry, read_arm, to_geometry
-from models.arms.dh_geometry import ArmGeometry
+from calib.arm_files import read_arm
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array
 
@@ -29,7 +28,7 @@ def farthest(points: Array) -> tuple[int, int]:
 
 
 def touched(
-    arm: Arm,
+    arm: SerialArm,
     tcp: Array,
     limits: Array,
     rng: np.random.Generator,
@@ -83,22 +82,22 @@ def touched(
     raise ReachError(f"the arm reaches {len(places)} places from {touches} directions each; {points} are needed")
 
 
-def calibrate_on_deck(believed: ArmGeometry, built: ArmGeometry, rng: np.random.Generator) -> tuple[ArmGeometry, str]:
+def calibrate_on_deck(believed: SerialArm, built: SerialArm, rng: np.random.Generator) -> tuple[SerialArm, str]:
     """Calibrates the believed arm from simulated touches of the built one.
 
     Args:
-        believed: Nominal geometry.
-        built: True geometry.
+        believed: Nominal arm.
+        built: True arm.
         rng: Draws the touches and the error of the known distance.
 
     Returns:
-        Identified geometry, summary line for the terminal.
+        Identified arm with its tip as flange, summary line for the terminal.
     """
-    series, places = touched(of_geometry(built), np.zeros(3), built.limits, rng)
+    series, places = touched(built, np.zeros(3), built.limits, rng)
     i, j = farthest(places)
     length = float(np.linalg.norm(places[i] - places[j])) + LENGTH_ERROR * rng.standard_normal()
-    found = identify(series, of_geometry(believed), distances=[(i, j, length, LENGTH_ERROR)])
-    return to_geometry(found.arm, found.tcp, believed), summary_line(found, length)
+    found = identify(series, believed, distances=[(i, j, length, LENGTH_ERROR)])
+    return found.arm.with_tip(found.tcp), summary_line(found, length)
 
 
 def summary_line(found: Calibration, length: float) -> str:
@@ -116,19 +115,20 @@ def _pairs(found: Calibration) -> int:
     return sum(len(each) * (len(each) - 1) // 2 for each in found.residuals)
 
 
-def from_file(file: Path, believed: ArmGeometry) -> tuple[ArmGeometry, str]:
-    """Arm geometry from a file that calibrate_arm.py wrote, for a vehicle whose arm is `believed`.
+def from_file(file: Path, believed: SerialArm) -> tuple[SerialArm, str]:
+    """Arm from a file that calibrate_arm.py wrote, for a vehicle whose arm is `believed`.
 
     Returns:
-        Geometry, summary line for the terminal.
+        Arm with its tip as flange, summary line for the terminal.
 
     Raises:
         ConfigurationError: The file has other joints, or was calibrated with another tool.
     """
     source = read_arm(file)
-    if source.joint_names != believed.joint_names:
+    names = source.arm.joint_names
+    if names != believed.joint_names:
         raise ConfigurationError(
-            f"--arm {file}: joints {', '.join(source.joint_names)}; the vehicle has {', '.join(believed.joint_names)}"
+            f"--arm {file}: joints {', '.join(names)}; the vehicle has {', '.join(believed.joint_names)}"
         )
     aside = float(np.linalg.norm(source.tcp))
     if aside > OWN_TOOL:
@@ -136,4 +136,4 @@ def from_file(file: Path, believed: ArmGeometry) -> tuple[ArmGeometry, str]:
             f"--arm {file}: touched with a tool whose tip is {1e3 * aside:.0f} mm from the vehicle's own; at most "
             f"{1e3 * OWN_TOOL:.0f} mm is taken for the same tool"
         )
-    return to_geometry(source.arm, source.tcp, believed), f"arm of {file}"
+    return source.arm.with_tip(source.tcp), f"arm of {file}"

@@ -7,7 +7,7 @@ gears, and prints one table. It covers statics only; errors due to water and mot
 from scenarios.start import parse, run_scenario  # isort: skip
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from rich.console import Console
@@ -15,7 +15,7 @@ from rich.table import Table
 
 from controllers.estimation.contact_force import tip_force, tip_force_closed_form, tip_wrench
 from models.arms import published_arms as arms
-from models.arms.published_arms import PublishedArm
+from models.arms.serial_arm import SerialArm
 from models.vehicles import uuv_puma
 from sim.interfaces.spatial import Array
 
@@ -46,17 +46,14 @@ class Options:
     """Bias of the torque sensors [N m], uniform in +-, where no tare removes it."""
 
 
-def default_arm() -> PublishedArm:
+def default_arm() -> SerialArm:
     """The default vehicle's arm."""
-    limits = np.tile([-2.0, 2.0], (6, 1))
-    return PublishedArm(
-        title="default", dh=uuv_puma.DH, joint_types="r" * 6, limits=limits, source="models.vehicles.uuv_puma"
-    )
+    return replace(SerialArm.from_dh(uuv_puma.DH), limits=np.tile([-2.0, 2.0], (6, 1)))
 
 
-def jacobian(arm: PublishedArm, q: Array) -> Array:
+def jacobian(arm: SerialArm, q: Array) -> Array:
     """Geometric Jacobian (6, n) of the tip in tip axes, linear rows above angular rows."""
-    frames = arm.frames(q)
+    frames = arm.joint_frames(q)
     R, p = frames[-1][:3, :3], frames[-1][:3, 3]
     axes = frames[:-1, :3, 2]
     linear = np.cross(axes, p - frames[:-1, :3, 3])
@@ -93,7 +90,7 @@ def motors(unknown: float, held: bool) -> Callable[[np.random.Generator, Array, 
 
 
 def line(
-    arm: PublishedArm, name: str, form: str, wrong: Callable, options: Options, doubt: Callable[[Array, Array], Array]
+    arm: SerialArm, name: str, form: str, wrong: Callable, options: Options, doubt: Callable[[Array, Array], Array]
 ) -> tuple[str, str, str]:
     """One row of the table: force errors over random postures.
 
@@ -120,13 +117,13 @@ def line(
         J = jacobian(arm, q)
         wrench = rng.uniform(-1.0, 1.0, 6) * np.repeat([90.0, MOMENT if form == "force and moment" else 0.0], 3)
         tau_e = J.T @ wrench
-        weight = arm.frames(q)[-1][:3, :3].T @ [0.0, 0.0, -WEIGHT]
+        weight = arm.joint_frames(q)[-1][:3, :3].T @ [0.0, 0.0, -WEIGHT]
         reading = J[:3].T @ weight - tau_e
         felt = tau_e + wrong(rng, reading, sliding)
         sigma, weakest = doubt(reading, sliding), float(np.linalg.svd(J[:3])[1][-1])
         covariance: Array | None = None
         if form == "closed form":
-            if min(abs(np.sin(q[3])), abs(np.linalg.norm(arm.frames(q)[-1][:2, 3]))) < 1e-3:
+            if min(abs(np.sin(q[3])), abs(np.linalg.norm(arm.joint_frames(q)[-1][:2, 3]))) < 1e-3:
                 continue
             # G of [Konoplin 2022]: x along link 4, z across it in the arm's plane, y out of the plane.
             elevation = q[1] + q[2] + q[3]
@@ -135,7 +132,7 @@ def line(
             ahead = np.array([np.cos(q[0]), np.sin(q[0]), 0.0])
             up = np.array([0.0, 0.0, 1.0])
             axes = np.column_stack([c * ahead + s * up, out, -s * ahead + c * up])
-            force = arm.frames(q)[-1][:3, :3].T @ axes @ tip_force_closed_form(felt, q, (0.6, 0.5, 0.22))
+            force = arm.joint_frames(q)[-1][:3, :3].T @ axes @ tip_force_closed_form(felt, q, (0.6, 0.5, 0.22))
         elif form == "force and moment":
             found = tip_wrench(felt, J, sigma, moment_prior=MOMENT)
             force, covariance = found.wrench[:3], found.covariance[:3, :3]

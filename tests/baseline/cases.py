@@ -224,11 +224,11 @@ def inverse_kinematics(seed: int) -> Figures:
     for name in ("puma560", "ur10e", "panda", "gen3"):
         arm = arms.load(name)
         limits = np.clip(arm.limits, -np.pi, np.pi)
-        chain = Chain.from_dh(arm.dh, arm.joint_types, limits=limits, tool=arm.tool)
+        chain = Chain.from_arm(replace(arm, limits=limits))
         rows = []
         for q in rng.uniform(limits[:, 0], limits[:, 1], (150, arm.n)):
             start = rng.uniform(limits[:, 0], limits[:, 1])
-            result = solve(chain, arm.frames(q)[-1], start)
+            result = solve(chain, arm.joint_frames(q)[-1], start)
             rows.append(
                 (
                     result.iterations,

@@ -29,8 +29,8 @@ import mujoco
 import numpy as np
 
 import models
+from calib import Arm
 from calib import identify as calibrate
-from calib.arm import Arm
 from calib.arm_files import read_arm
 from calib.touch_files import read_touches
 from controllers.mkps import Chain, Tracker, solve, solve_many
@@ -493,7 +493,7 @@ def give(door: str, file: Path, rng: Rng | None = None) -> Any:
 
 def _arm_of(source: Any) -> Any:
     q = np.full((1, source.arm.n), 0.1)
-    return [source.limits, source.tcp, source.arm.flange(q), source.arm.dh, *source.arm.axes()]
+    return [source.arm.limits, source.tcp, source.arm.flange(q), source.arm.dh, *source.arm.axes()]
 
 
 def _file_door(name: str) -> Door:
@@ -513,7 +513,7 @@ def _file_door(name: str) -> Door:
 # Python arguments
 
 _DH_ROWS = [[0.0, 0.3, 0.0, 1.57], [0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.3, 0.2]]
-_CHAIN = Chain.from_dh(arms.load("puma560").dh, limits=arms.load("puma560").limits)
+_CHAIN = Chain.from_arm(arms.load("puma560"))
 _TARGET = _CHAIN.forward([0.1, 0.2, -0.3, 0.4, 0.5, 0.6])
 _BALL = targets.named("rock")
 _GRID = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.5, 0.5, 12)), axis=-1).reshape(-1, 2)
@@ -750,7 +750,7 @@ def _python_doors() -> Iterator[Door]:
     yield door("vehicle_spec", scenes.vehicle_spec, {"vehicle": "uuv_puma"}, 0.5)
     yield door("models.load", models.load, {"name": "uuv_puma"}, 0.5)
     yield door("arms.load", arms.load, {"name": "panda"})
-    yield door("Arm.frames", arms.load("panda").frames, {"q": np.zeros(7)})
+    yield door("Arm.joint_frames", arms.load("panda").joint_frames, {"q": np.zeros(7)})
 
 
 # Options

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 
+from calib import Arm
 from calib import identify as calibrate
-from calib.arm import Arm
 from controllers.mkps import Chain, solve
 from models.arms import published_arms as arms
 from models.objects import targets
@@ -92,8 +92,8 @@ PAST: list[tuple[Callable[[], Any], str]] = [
     (lambda: Chain.from_dh([[1e308, 0, 0, 0]]), "dh: numbers must lie within 1e"),
     (lambda: Chain.from_dh([[10**400, 0, 0, 0]]), "dh: expected .* numbers"),
     (lambda: Chain.from_urdf(untyped(np.zeros(2)), "a", "b"), "base_link|urdf: expected"),
-    (lambda: Arm.from_dh(DH, joint_types=untyped(7)), "joint_types: 3 letters"),
-    (lambda: Arm.from_dh([["a"] * 4]), "nominal: expected"),
+    (lambda: Arm.from_dh(DH, joint_types=untyped(7)), "joint_types: expected 3 letters"),
+    (lambda: Arm.from_dh([["a"] * 4]), "dh: expected"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), max_restarts=10**400), "max_restarts: must be a whole number"),
     (lambda: solve(CHAIN, np.eye(4), []), "q0: expected shape"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=untyped(np.zeros(3))), "method: allowed"),

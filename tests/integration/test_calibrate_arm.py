@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from jsonschema import validate
 
-from calib import simulation
-from calib.arm import Arm
+from calib import Arm, simulation
 from calib.arm_files import read_arm
 from calib.touch_files import write_touches
 from models.arms import published_arms as arms
@@ -29,7 +28,7 @@ def calibrate(script):
 def touched() -> tuple[Arm, list[np.ndarray]]:
     """A UR10e with errors, and touches of it."""
     rng = np.random.default_rng(5)
-    nominal = Arm.from_dh(arms.load("ur10e").dh)
+    nominal = arms.load("ur10e")
     true = simulation.wrong_arm(nominal, {"theta": 2e-3, "a": 1e-3, "alpha": 2e-3}, rng)
     return true, simulation.touch(true, (0.06, 0.0, 0.15), rng, touches=12)
 

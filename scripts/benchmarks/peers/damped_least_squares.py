@@ -184,4 +184,4 @@ def arguments(task: SolverTask) -> tuple[Array, Array, Array, Array, Array, Arra
     arm = task.arm
     slides = np.array([1.0 if kind == "p" else 0.0 for kind in arm.joint_types])
     scratch = np.empty((arm.n, 6)), np.empty((6, 7)), np.empty((4, 4))
-    return np.array(arm.dh), slides, np.array(task.limits), np.array(arm.tool), *scratch
+    return np.array(arm.dh), slides, np.array(task.limits), np.array(arm.X_n_flange), *scratch

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from models.arms.published_arms import PublishedArm
+from models.arms.serial_arm import SerialArm
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation
 
 Solver = Callable[[Array, Array], Array]  # target (4, 4), start (n,) -> joint values (n,), NaN where it failed
@@ -30,7 +30,7 @@ DAMPING = 0.1  # damping of such a loop, times the squared error
 class SolverTask:
     """Arm, limits and accuracy that a solver is made for."""
 
-    arm: PublishedArm
+    arm: SerialArm
     limits: Array  # (n, 2) [rad] or [m]
     bar: tuple[float, float]  # [m], [rad] accuracy
 
@@ -98,17 +98,18 @@ def _eaik(task: SolverTask) -> Solver | None:
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
-    robot = import_module("eaik.IK_DH").DhRobot(arm.dh[:, 3], arm.dh[:, 2], arm.dh[:, 1])
+    theta, d, a, alpha = arm.dh.T
+    robot = import_module("eaik.IK_DH").DhRobot(alpha, a, d)
     if not robot.hasKnownDecomposition():
         return None
-    to_flange = np.linalg.inv(arm.tool)
+    to_flange = np.linalg.inv(arm.X_n_flange)
 
     def solver(target: Array, q0: Array) -> Array:
         branches = robot.IK(target @ to_flange)
         answers = np.asarray(branches.Q)
         if answers.size:
             answers = answers[~np.asarray(branches.is_LS, dtype=bool)]  # least squares: not at the target
-        return _nearest(answers - arm.dh[:, 0] if answers.size else answers, task, q0)
+        return _nearest(answers - theta if answers.size else answers, task, q0)
 
     return solver
 
@@ -118,9 +119,9 @@ def _ikdh(task: SolverTask) -> Solver | None:
     arm = task.arm
     if arm.joint_types != "r" * 6:
         return None
-    ikdh = import_module("ikdh")
-    solve = ikdh.Solver(ikdh.DHTable(*(list(arm.dh[:, k]) for k in (2, 1, 3, 0)))).solve_from_seed
-    to_flange = np.linalg.inv(arm.tool)
+    ikdh, dh = import_module("ikdh"), arm.dh
+    solve = ikdh.Solver(ikdh.DHTable(*(list(dh[:, k]) for k in (2, 1, 3, 0)))).solve_from_seed
+    to_flange = np.linalg.inv(arm.X_n_flange)
 
     def solver(target: Array, q0: Array) -> Array:
         answers = solve(target @ to_flange, np.degrees(q0))
@@ -138,8 +139,8 @@ def _nearest(answers: Array, task: SolverTask, q0: Array) -> Array:
     return q[int(np.argmin(np.abs(q - q0).max(axis=1)))] if len(q) else np.full(task.arm.n, np.nan)
 
 
-def _hinges(arm: PublishedArm) -> np.ndarray:
-    return np.array([kind == "r" for kind in arm.joint_types])
+def _hinges(arm: SerialArm) -> np.ndarray:
+    return ~arm.slides
 
 
 def folded(q: Array, task: SolverTask) -> Array:
@@ -190,7 +191,7 @@ def _toolbox(task: SolverTask) -> Solver:
     for (theta, d, a, alpha), kind, limits in zip(task.arm.dh, task.arm.joint_types, task.limits, strict=True):
         joint = E.tz(qlim=limits) if kind == "p" else E.Rz(qlim=limits)
         chain = chain * E.Rz(theta) * E.tz(d) * joint * E.tx(a) * E.Rx(alpha)
-    chain = chain * E.SE3(task.arm.tool)
+    chain = chain * E.SE3(task.arm.X_n_flange)
     mask, tolerance = np.array([1.0] * 3 + [task.weight**2] * 3), 0.5 * task.bar[0] ** 2
 
     def solver(target: Array, q0: Array) -> Array:

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import models
-from calib import arm_files, moving_base, results, touches
-from calib.arm import Arm
+from calib import Arm, moving_base, results, touches
 from calib.arm_files import read_arm
 from calib.touch_files import read_touches, write_touches
-from models.arms import dh_geometry as arm_geometry
+from models.arms import dh_geometry
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, inverse, pose, readonly
 
@@ -54,15 +53,15 @@ def by_mujoco(text: str, arm: Arm, q: np.ndarray) -> np.ndarray:
 
 def test_any_arm_goes_out_as_urdf_and_mjcf_and_comes_back(rng, tmp_path, within):
     arm, tcp = random_arm(rng), rng.uniform(-0.2, 0.2, 3)
-    limits, names = np.tile([-2.0, 2.0], (arm.n, 1)), tuple(f"j{k}" for k in range(arm.n))
+    arm = replace(arm, limits=np.tile([-2.0, 2.0], (arm.n, 1)), joint_names=tuple(f"j{k}" for k in range(arm.n)))
     q = rng.uniform(-1, 1, (20, arm.n))
-    (tmp_path / "a.urdf").write_text(results.urdf(arm, tcp, names, limits))
+    (tmp_path / "a.urdf").write_text(results.urdf(arm, tcp))
     back = read_arm(tmp_path / "a.urdf")
-    assert back.joint_names == names
+    assert back.arm.joint_names == arm.joint_names
     assert back.arm.joint_types == arm.joint_types
-    np.testing.assert_array_equal(back.limits, limits)
+    np.testing.assert_array_equal(back.arm.limits, arm.limits)
     within("URDF [m]", back.arm.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1.5e-10)  # 1.4e-11: twelve digits
-    within("MJCF [m]", by_mujoco(results.mjcf(arm, tcp, names, limits), arm, q) - arm.tips(q, tcp), 1e-10)  # 8e-12
+    within("MJCF [m]", by_mujoco(results.mjcf(arm, tcp), arm, q) - arm.tips(q, tcp), 1e-10)  # 8e-12
 
 
 URDF = """<robot name="r"><link name="b"/><link name="l1"/><link name="f"/><link name="l2"/><link name="l3"/>
@@ -101,7 +100,7 @@ def test_mjcf_patch_is_the_identified_arm(rng, tmp_path, within):
         thing = spec.body(entry.get("name")) if entry.tag == "body" else spec.site(entry.get("name"))
         thing.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
         thing.pos, thing.quat = ([float(x) for x in entry.get(key, "").split()] for key in ("pos", "quat"))
-    moved = arm_files.of_geometry(arm_geometry.read(spec.compile(), "arm_base", "tip", exclude=["pad"]))
+    moved = dh_geometry.read(spec.compile(), "arm_base", "tip", exclude=["pad"])
     q = rng.uniform(-1, 1, (20, 6))
     within("patched MJCF [m]", moved.tips(q, np.zeros(3)) - arm.tips(q, tcp), 1e-11)  # 8e-13
 
@@ -130,7 +129,7 @@ def test_dh_table_as_yaml(tmp_path):
     source = read_arm(tmp_path / "a.yaml")
     np.testing.assert_allclose(source.arm.table[0, :4], [np.deg2rad(1), 0.02, 0.003, np.deg2rad(4)])
     assert source.arm.joint_types == "rp"
-    np.testing.assert_array_equal(source.limits, [[-1, 1], [-np.inf, np.inf]])
+    np.testing.assert_array_equal(source.arm.limits, [[-1, 1], [-np.inf, np.inf]])
     np.testing.assert_array_equal(source.tcp, [0, 0, 0.1])
 
 

@@ -1,14 +1,15 @@
-"""Calibration by touching against forward kinematics written here, finite differences, energy and known truths."""
+"""Calibration by touching against products of elementary moves, finite differences, energy and known truths."""
 
 import numpy as np
 import pytest
 
 from calib import Arm, Loads, identify, kernels
-from calib.kernels import BETA, ROW
 from calib.planner import plan
 from calib.simulation import touch, wrong_arm
 from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
+from dh_product import tips_here
+from models.arms.kinematics import BETA, ROW
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 from untyped import untyped
 
@@ -38,17 +39,6 @@ STRAIGHT, OFF_AXIS = np.array([0.0, 0.0, 0.15]), np.array([0.08, 0.0, 0.15])
 WORKSHOP = {"theta": 0.1 * DEG, "d": 5e-4, "a": 5e-4, "alpha": 0.1 * DEG, "beta": 0.1 * DEG}
 
 
-def tips_here(dh: Array, q: Array, tcp: Array) -> Array:
-    """Tips (M, 3) [m] by products of elementary moves."""
-    out = []
-    for row in q:
-        X = np.eye(4)
-        for (theta, d, a, alpha), angle in zip(dh, row, strict=True):
-            X = X @ pose(exp_so3([0, 0, theta + angle]), [0, 0, d]) @ pose(exp_so3([alpha, 0, 0]), [a, 0, 0])
-        out.append(X[:3, :3] @ tcp + X[:3, 3])
-    return np.array(out)
-
-
 def criterion(dh: Array, tcp: Array, series: list[Array]) -> float:
     """Eq. (7) as it is printed."""
     total = 0.0
@@ -66,39 +56,6 @@ def off_axis() -> list[Array]:
 @pytest.fixture(scope="module")
 def straight() -> list[Array]:
     return touch(Arm.from_dh(PAPER), STRAIGHT, np.random.default_rng(0))
-
-
-def test_derivatives(within):
-    rng = np.random.default_rng(1)
-    nominal = Arm.from_dh(UR10E, "rrrprr")
-    arm = nominal.with_table(nominal.table + 0.1 * rng.standard_normal(nominal.table.shape))
-    q, tcp, h = rng.uniform(-1, 1, (4, 6)), rng.uniform(-0.2, 0.2, 3), 1e-6
-    _, J = arm.tips_and_jacobian(q, tcp)
-    for i in range(arm.table.size + 3):
-        step = np.zeros(arm.table.size + 3)
-        step[i] = h
-        ends = [
-            arm.with_table(arm.table + s * step[:-3].reshape(-1, 5)).tips(q, tcp + s * step[-3:]) for s in (1.0, -1.0)
-        ]
-        within("derivative", J[:, i] - (ends[0] - ends[1]) / (2 * h), 3e-9)
-
-
-def test_table_without_beta_is_the_same_arm(within):
-    rng = np.random.default_rng(2)
-    arm = wrong_arm(Arm.from_dh(UR10E), {group: 10 * s for group, s in WORKSHOP.items()}, rng)
-    assert np.abs(arm.table[1:3, 4]).min() > 1e-3
-    q, tcp = rng.uniform(-3, 3, (20, 6)), OFF_AXIS
-    within("tips by plain DH", tips_here(arm.dh, q, tcp) - arm.tips(q, tcp), 1e-11)
-
-
-def test_arm_from_axes(within):
-    rng = np.random.default_rng(3)
-    true = wrong_arm(Arm.from_dh(UR10E), {group: 10 * s for group, s in WORKSHOP.items()}, rng)
-    arm = Arm.from_axes(*true.axes())
-    q = rng.uniform(-3, 3, (20, 6))
-    within("tips by axes", arm.tips(q, OFF_AXIS) - true.tips(q, OFF_AXIS), 1e-12)
-    assert np.abs(arm.table[:, 1:3]).max() < 2.0
-    assert arm.near_parallel == (1, 2)
 
 
 def test_first_tool_point_is_exact_for_the_true_arm(within):

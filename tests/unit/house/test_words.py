@@ -49,8 +49,8 @@ def sentences(path: Path) -> list[str]:
         kinds = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
         texts = [ast.get_docstring(node) or "" for node in ast.walk(TREES[path]) if isinstance(node, kinds)]
     else:
-        text = re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)
-        texts = [re.sub(r"^\s*\|.*$", " ", text, flags=re.MULTILINE)]
+        texts = [re.sub(r"```.*?```", " ", path.read_text(), flags=re.DOTALL)]
+    texts = [re.sub(r"^\s*\|.*$", "\n", text, flags=re.MULTILINE) for text in texts]
     return [s for text in texts for s in re.split(r"(?<=[.!?:;])\s+|\n\s*\n|\n\s*[-*] |\n +\w+: ", text)]
 
 

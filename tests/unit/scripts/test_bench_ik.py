@@ -26,7 +26,7 @@ def fellows(bench: ModuleType) -> ModuleType:
 def test_answers_are_checked_by_the_right_kinematics(bench: ModuleType, name: str) -> None:
     arm = arms.load(name)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, (5, arm.n))
-    frames = [arm.frames(row)[-1] for row in q]
+    frames = [arm.joint_frames(row)[-1] for row in q]
     np.testing.assert_allclose(bench.dh_forward(arm, q), frames, atol=1e-13 * (1.0 + np.abs(frames).max()))
 
 
@@ -52,7 +52,7 @@ def test_peers_are_given_the_same_arm(fellows: ModuleType, name: str) -> None:
     limits = np.where(np.isfinite(arm.limits), arm.limits, [-3.0, 3.0])
     task = fellows.SolverTask(arm=arm, limits=limits, bar=(1e-4, 1e-3))
     q = np.random.default_rng(2).uniform(*limits.T)
-    tip = arm.frames(q)[-1]
+    tip = arm.joint_frames(q)[-1]
     model = fellows.mjcf(task)
     data = mujoco.MjData(model)
     data.qpos[:] = q

@@ -62,7 +62,7 @@ def errors_between(X_a: Array, X_b: Array) -> tuple[float, float]:
 def test_what_is_found_by_default_is_within_a_tenth_of_a_millimetre_and_a_milliradian(method: Method, rng):
     """And mostly no more than that is asked: the tolerances are those of the signature, not some others."""
     arm, worst = ARMS["puma560"], np.zeros(2)
-    chain = Chain.from_dh(arm.dh, arm.joint_types, limits=arm.limits, tool=arm.tool)
+    chain = Chain.from_arm(arm)
     for _ in range(150):
         q, start = rng.uniform(-1.0, 1.0, (2, chain.n))
         result = solve(chain, chain.forward(q), start, method=method)
@@ -88,7 +88,7 @@ def arm_case(
 ) -> tuple[Chain, Array, list[Array], Array]:
     """A known arm with even limits, joint values within them, their poses, and a home."""
     arm, n = ARMS[name], ARMS[name].n
-    dh, types, tool = arm.dh, arm.joint_types, arm.tool
+    dh, types, tool = arm.dh, arm.joint_types, arm.X_n_flange
     limits = np.array([(0.1, 0.9) if kind == "p" else (-np.radians(degrees), np.radians(degrees)) for kind in types])
     q = rng.uniform(limits[:, 0], limits[:, 1], size=(count, n))
     chain, home = Chain.from_dh(dh, types, limits=limits, tool=tool), np.clip(HOME[:n], limits[:, 0], limits[:, 1])

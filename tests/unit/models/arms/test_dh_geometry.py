@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import models
-from models.arms import dh_geometry as arm_geometry
-from models.arms.dh_geometry import ArmGeometry
+from models.arms import dh_geometry
+from models.arms.serial_arm import SerialArm
 from models.vehicles import uuv_puma
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation
@@ -30,12 +30,12 @@ def random_arm(rng: np.random.Generator, n: int = 6) -> mujoco.MjSpec:
     return spec
 
 
-def tip_by_mujoco(model: mujoco.MjModel, arm: ArmGeometry, q: Array) -> Array:
+def tip_by_mujoco(model: mujoco.MjModel, arm: SerialArm, q: Array) -> Array:
     data = mujoco.MjData(model)
     for name, angle in zip(arm.joint_names, q, strict=True):
         data.joint(name).qpos = angle
     mujoco.mj_kinematics(model, data)
-    base, tip = data.body(arm.base_body), data.site("tip")
+    base, tip = data.body("base"), data.site("tip")
     X_WA = pose(base.xmat.reshape(3, 3), base.xpos)
     return inverse(X_WA) @ pose(tip.xmat.reshape(3, 3), tip.xpos)
 
@@ -43,48 +43,40 @@ def tip_by_mujoco(model: mujoco.MjModel, arm: ArmGeometry, q: Array) -> Array:
 def test_read_is_the_arm(rng, within):
     for _ in range(10):
         model = random_arm(rng, int(rng.integers(1, 8))).compile()
-        arm = arm_geometry.read(model, "base", "tip")
-        for q in rng.uniform(-3, 3, (5, len(arm.dh))):
-            within("tip [m, 1]", arm.tip(q) - tip_by_mujoco(model, arm, q), 1e-13)  # 1e-14
+        arm = dh_geometry.read(model, "base", "tip")
+        for q in rng.uniform(-3, 3, (5, arm.n)):
+            within("tip [m, 1]", arm.flange([q])[0] - tip_by_mujoco(model, arm, q), 1e-13)  # 1e-14
 
 
 def test_moved_arm_is_the_other_arm(rng, within):
     for _ in range(10):
         spec = random_arm(rng)
-        old = arm_geometry.read(spec.compile(), "base", "tip")
-        new = arm_geometry.with_errors(old, rng)
-        arm_geometry.move(spec, old, new)
+        old = dh_geometry.read(spec.compile(), "base", "tip")
+        new = dh_geometry.with_errors(old, rng)
+        dh_geometry.move(spec, old, new, "base")
         model = spec.compile()
         moved = 0.0
-        for q in rng.uniform(-3, 3, (5, len(old.dh))):
-            within("tip [m, 1]", new.tip(q) - tip_by_mujoco(model, old, q), 1e-13)
-            moved = max(moved, float(np.linalg.norm(new.tip(q)[:3, 3] - old.tip(q)[:3, 3])))
+        for q in rng.uniform(-3, 3, (5, old.n)):
+            within("tip [m, 1]", new.flange([q])[0] - tip_by_mujoco(model, old, q), 1e-13)
+            moved = max(moved, float(np.linalg.norm((new.flange([q]) - old.flange([q]))[0, :3, 3])))
         assert 1e-3 < moved < 0.2
 
 
 def test_the_vehicle_is_its_published_table(within):
     model = models.load("uuv_puma").compile()
-    arm = arm_geometry.read(model, "arm_base", "tip", exclude=["pad"])
-    published = ArmGeometry(
-        base_body="arm_base",
-        X_A0=np.eye(4),
-        dh=uuv_puma.DH,
-        beta=np.zeros(6),
-        X_nG=np.eye(4),
-        limits=arm.limits,
-        joint_names=arm.joint_names,
-    )
-    for q in np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (20, 6)):
-        within("tip [m, 1]", arm.tip(q) - published.tip(q), 1e-14)
+    arm = dh_geometry.read(model, "arm_base", "tip", exclude=["pad"])
+    published = SerialArm.from_dh(uuv_puma.DH)
+    q = np.random.default_rng(0).uniform(arm.limits[:, 0], arm.limits[:, 1], (20, 6))
+    within("tip [m, 1]", arm.flange(q) - published.flange(q), 1e-14)
 
 
 def test_what_rides_on_the_links_rides_along(within):
     """Inertia, and the pad behind the tip; the hull and its thrusters stay."""
     spec = models.load("uuv_puma")
     before = spec.compile()
-    old = arm_geometry.read(before, "arm_base", "tip", exclude=["pad"])
-    new = arm_geometry.with_errors(old, np.random.default_rng(7))
-    arm_geometry.move(spec, old, new)
+    old = dh_geometry.read(before, "arm_base", "tip", exclude=["pad"])
+    new = dh_geometry.with_errors(old, np.random.default_rng(7))
+    dh_geometry.move(spec, old, new, "arm_base")
     after = spec.compile()
     within("inertia [kg m^2]", after.body_inertia - before.body_inertia, 1e-15)
     within("centres of mass in the links [m]", after.body_ipos - before.body_ipos, 1e-15)
@@ -106,14 +98,14 @@ def test_refusals():
     )
     model = spec.compile()
     with pytest.raises(ConfigurationError, match="'slide': DH rows here are of hinges only"):
-        arm_geometry.read(model, "base", "tip")
+        dh_geometry.read(model, "base", "tip")
     with pytest.raises(ConfigurationError, match="no joint between"):
-        arm_geometry.read(model, "base", "near")
+        dh_geometry.read(model, "base", "near")
     with pytest.raises(ConfigurationError, match="has no site named 'top'"):
-        arm_geometry.read(model, "base", "top")
-    arm = arm_geometry.read(model, "a", "tip")
+        dh_geometry.read(model, "base", "top")
+    arm = dh_geometry.read(model, "a", "tip")
     with pytest.raises(ConfigurationError, match="body of its own"):
-        arm_geometry.move(spec, arm, arm)
-    other = arm_geometry.read(models.load("uuv_puma").compile(), "arm_base", "tip", exclude=["pad"])
+        dh_geometry.move(spec, arm, arm, "a")
+    other = dh_geometry.read(models.load("uuv_puma").compile(), "arm_base", "tip", exclude=["pad"])
     with pytest.raises(ConfigurationError, match="cannot be moved"):
-        arm_geometry.move(spec, arm, other)
+        dh_geometry.move(spec, arm, other, "a")

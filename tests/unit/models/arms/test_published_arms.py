@@ -25,7 +25,7 @@ from sim.interfaces.spatial import pose, quat_wxyz_from_rotation
     ],
 )
 def test_tip_stands_where_the_maker_says(name: str, q_deg: list[float], tip: list[float]) -> None:
-    np.testing.assert_allclose(arms.load(name).frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5)
+    np.testing.assert_allclose(arms.load(name).joint_frames(np.radians(q_deg))[-1, :3, 3], tip, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", arms.available())
@@ -45,12 +45,11 @@ def test_frames_are_those_of_a_mujoco_model(name: str) -> None:
     q = np.random.default_rng(4).uniform(-1.0, 1.0, arm.n)
     data.qpos[:] = q
     mujoco.mj_kinematics(model, data)
-    frames = arm.frames(q)
+    frames = arm.joint_frames(q)
     for i in range(arm.n):
         X_mujoco = pose(data.xmat[i + 1].reshape(3, 3), data.xpos[i + 1])
         np.testing.assert_allclose(frames[i], X_mujoco, atol=1e-13)  # measured 2e-15
-    chain = Chain.from_dh(arm.dh, arm.joint_types, limits=arm.limits, tool=arm.tool)
-    np.testing.assert_allclose(frames[-1], chain.forward(q), atol=1e-13)
+    np.testing.assert_allclose(frames[-1], Chain.from_arm(arm).forward(q), atol=1e-13)
 
 
 @pytest.mark.parametrize("name", arms.available())
@@ -60,12 +59,12 @@ def test_tables_are_whole(name: str) -> None:
     assert arm.limits.shape == (arm.n, 2)
     assert np.all(arm.limits[:, 0] < arm.limits[:, 1])
     assert len(arm.source) > 10
-    assert not any(array.flags.writeable for array in (arm.dh, arm.limits, arm.tool))
+    assert not any(array.flags.writeable for array in (arm.dh, arm.limits, arm.X_n_flange))
 
 
 def test_the_european_arm_is_the_same_from_both_ends() -> None:
     """It walks end over end: turned round, its lengths and kinds of joints are the same."""
-    points = arms.load("era").frames(np.zeros(7))[:, :3, 3]
+    points = arms.load("era").joint_frames(np.zeros(7))[:, :3, 3]
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     np.testing.assert_allclose(np.sort(lengths[lengths > 0.0]), [0.34, 0.34, 1.228, 1.228, 4.072, 4.072], atol=1e-12)
 
@@ -81,4 +80,4 @@ def test_an_unknown_arm_is_refused_by_name() -> None:
     with pytest.raises(ConfigurationError, match=r"unknown arm 'puma'; there are .*era.*puma560"):
         arms.load("puma")
     with pytest.raises(ConfigurationError, match="q: expected shape"):
-        arms.load("panda").frames(np.zeros(6))
+        arms.load("panda").joint_frames(np.zeros(6))

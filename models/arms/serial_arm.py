@@ -1,0 +1,327 @@
+"""Serial arms: one table of Denavit-Hartenberg rows, with Hayati's beta between near-parallel axes.
+
+    arm = SerialArm.from_dh(dh)                                 # (n, 4): theta0, d, a, alpha
+    arm = SerialArm.from_axes(axes, points, X_base_flange0)     # any serial chain, at zero
+
+Row k takes frame k - 1, whose z is the axis of joint k, to frame k by Rz(theta0 + q) Tz(d) Tx(a) Rx(alpha) Ry(beta). A
+slide has Rz(theta0) Tz(d + q) instead of the first two. Four numbers a joint describe every serial chain, but not every
+small change: to tilt one of two parallel axes about y, standard rows need links of hundreds of metres. beta takes that
+tilt [Hayati 1985].
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.arms import kinematics
+from models.arms.kinematics import ALPHA, BETA, NO_JACOBIAN, ROW, THETA, A, D
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import (
+    Array,
+    checked,
+    checked_place,
+    checked_pose,
+    checked_rows,
+    exp_so3,
+    inverse,
+    pose,
+    readonly,
+    shown,
+)
+
+NEAR_PARALLEL = np.deg2rad(5.0)  # [rad] between neighbouring axes; below this, d and theta0 of common normals run away
+_EXACTLY_PARALLEL = 1e-9  # [rad] below this the common normal is taken where it was
+_LARGEST = 50.0  # [m] a link longer than this was given in millimetres
+
+
+def _identity() -> Array:
+    return readonly(np.eye(4))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SerialArm:
+    """Kinematics of a serial arm of n joints, from its base frame to its flange frame. Arrays are read-only.
+
+    Raises:
+        ConfigurationError: joint types, limits or names for another number of joints than the table has rows.
+    """
+
+    table: Array  # (n, 5) theta0 [rad], d [m], a [m], alpha [rad], beta [rad]
+    joint_types: str  # a letter a joint: r hinge, p slide
+    X_base_0: Array = field(default_factory=_identity)  # (4, 4) frame 0, whose z is the first joint's axis, in the base
+    X_n_flange: Array = field(default_factory=_identity)  # (4, 4) the flange, or the tip of a fixed tool, in frame n
+    limits: Array = field(default_factory=lambda: np.empty((0, 2)))  # (n, 2) [rad], slides [m]; default infinite
+    joint_names: tuple[str, ...] = ()  # default joint1 to jointn
+
+    def __post_init__(self) -> None:
+        n = len(self.table)
+        if not len(self.limits):
+            object.__setattr__(self, "limits", readonly(np.tile([-np.inf, np.inf], (n, 1))))
+        if not self.joint_names:
+            object.__setattr__(self, "joint_names", tuple(f"joint{k + 1}" for k in range(n)))
+        _checked_letters(self.joint_types, n)
+        if self.limits.shape != (n, 2):
+            raise ConfigurationError(f"limits: expected shape {(n, 2)}, got {self.limits.shape}")
+        if len(self.joint_names) != n:
+            raise ConfigurationError(f"joint_names: expected {n} names, got {shown(self.joint_names)}")
+
+    @classmethod
+    def from_dh(
+        cls, dh: ArrayLike, joint_types: str | None = None, beta: ArrayLike | None = None, *, name: str = "dh"
+    ) -> Self:
+        """Build an arm from Denavit-Hartenberg rows; its base is frame 0, its flange frame n.
+
+        Args:
+            dh: (n, 4) standard rows theta0 [rad], d [m], a [m], alpha [rad].
+            joint_types: a letter a joint: r hinge, p slide; default all r.
+            beta: (n,) [rad] Hayati's angle; default zero.
+            name: begins the error messages about `dh`.
+
+        Returns:
+            The arm, without limits.
+
+        Raises:
+            ConfigurationError: wrong shapes, numbers that are not finite, unknown joint letters, and tables that are in
+                degrees or millimetres by their size.
+        """
+        rows = checked_rows(dh, 4, name)
+        for columns, most, unit, looks, needed in (
+            ((THETA, ALPHA), 4.0 * np.pi, "rad", "degrees", "radians"),
+            ((D, A), _LARGEST, "m", "millimetres", "metres"),
+        ):
+            sizes = np.abs(rows[:, columns])
+            if sizes.max() > most:
+                k, i = np.unravel_index(int(sizes.argmax()), sizes.shape)
+                column = columns[i]
+                raise ConfigurationError(
+                    f"{name}: {('theta0', 'd', 'a', 'alpha')[column]} of joint {k + 1} is {rows[k, column]:g} {unit}; "
+                    f"the table looks like {looks}, {needed} are needed (columns theta0, d, a, alpha)"
+                )
+        tilt = np.zeros(len(rows)) if beta is None else checked(beta, (len(rows),), "beta")
+        return cls(table=readonly(np.column_stack([rows, tilt])), joint_types=_checked_letters(joint_types, len(rows)))
+
+    @classmethod
+    def from_axes(
+        cls, axes: ArrayLike, points: ArrayLike, X_base_flange0: ArrayLike, joint_types: str | None = None
+    ) -> Self:
+        """Build an arm from its joint axes and its flange at zero, all in base coordinates.
+
+        Near-parallel neighbours keep the given point on the later axis as the origin of its frame.
+
+        Args:
+            axes: (n, 3) directions of the axes, of any length but zero.
+            points: (n, 3) [m] a point on each axis.
+            X_base_flange0: (4, 4) the flange at zero.
+            joint_types: a letter a joint: r hinge, p slide; default all r.
+
+        Returns:
+            The arm, without limits.
+
+        Raises:
+            ConfigurationError: wrong shapes, zero directions, unknown joint letters, or points farther away than the
+                arm can be long.
+        """
+        z = checked_rows(axes, 3, "axes")
+        n = len(z)
+        o = checked(points, (n, 3), "points")
+        X_flange = checked_pose(X_base_flange0, "X_base_flange0")
+        types = _checked_letters(joint_types, n)
+        z = z / np.maximum(np.abs(z).max(axis=1, keepdims=True), 1e-300)  # a long one's square is no number
+        norms = np.linalg.norm(z, axis=1)
+        if not np.all(norms > 1e-9):
+            raise ConfigurationError(f"axes: every joint axis needs a length, row {int(np.argmin(norms))} has none")
+        farthest = float(max(np.abs(o).max(), np.abs(X_flange[:3, 3]).max()))
+        if farthest > n * _LARGEST:
+            raise ConfigurationError(
+                f"points: an arm of {n} joints is at most {n * _LARGEST:g} m long, got {farthest:g} m; millimetres?"
+            )
+        z = z / norms[:, None]
+        X_base_0 = np.eye(4)
+        X_base_0[:3, :3] = _rotation_with_z(z[0], np.eye(3)[int(np.argmin(np.abs(z[0])))])
+        X_base_0[:3, 3] = o[0]
+        table = np.zeros((n, ROW))
+        X = X_base_0
+        for k in range(n - 1):
+            z_next, o_next = X[:3, :3].T @ z[k + 1], X[:3, :3].T @ (o[k + 1] - X[:3, 3])
+            table[k] = _row_between(z_next, o_next)
+            X = X @ _step(table[k])
+        X = X @ _step(table[-1])
+        return cls(
+            table=readonly(table),
+            joint_types=types,
+            X_base_0=readonly(X_base_0),
+            X_n_flange=readonly(inverse(X) @ X_flange),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.table)
+
+    @property
+    def slides(self) -> np.ndarray:
+        """Mask (n,) of the joints that are slides."""
+        return np.array([letter == "p" for letter in self.joint_types])
+
+    @property
+    def reach(self) -> float:
+        """Length of the arm from its first joint to the flange [m], links laid end to end."""
+        return float(np.hypot(self.table[:, D], self.table[:, A]).sum() + np.linalg.norm(self.X_n_flange[:3, 3]))
+
+    @property
+    def near_parallel(self) -> tuple[int, ...]:
+        """Joints (from 0) whose axis is near-parallel to the next joint's: those that need beta."""
+        alpha, beta = self.table[:, ALPHA], self.table[:, BETA]
+        tilt = np.hypot(np.sin(alpha), np.sin(beta))
+        hinges = ~self.slides
+        return tuple(k for k in range(self.n - 1) if tilt[k] < np.sin(NEAR_PARALLEL) and hinges[k] and hinges[k + 1])
+
+    @property
+    def dh(self) -> Array:
+        """Standard DH rows (n, 4) of exactly this arm, beta worked in.
+
+        Rows without beta stay as they are. Where beta is not zero, the common normal of two almost parallel axes is far
+        away, so d of that joint and the next may be many metres: right, but fit for machines only.
+        """
+        table = np.array(self.table)
+        turn, shift = 0.0, 0.0  # of the new frame k - 1 about and along its z, against the old one
+        for k in range(self.n):
+            row = table[k].copy()
+            row[THETA] -= turn
+            row[D] -= shift
+            if row[BETA] == 0.0:
+                turn, shift = 0.0, 0.0
+                table[k] = row
+                continue
+            X = _step(row)
+            new = _row_between(X[:3, 2], X[:3, 3], parallel=_EXACTLY_PARALLEL, hint=row)
+            rest = inverse(_step(new)) @ X  # Rz(-turn) Tz(-shift)
+            turn, shift = float(np.arctan2(rest[0, 1], rest[0, 0])), -float(rest[2, 3])
+            table[k] = new
+        return readonly(table[:, :4])
+
+    def axes(self) -> tuple[Array, Array, Array]:
+        """Joint axes (n, 3), points on them (n, 3) [m] and the flange (4, 4) where all joints are zero, base frame."""
+        X = kinematics.frames(self.table, self.slides, self.X_base_0, np.zeros((1, self.n)))[0]
+        return readonly(X[:-1, :3, 2]), readonly(X[:-1, :3, 3]), readonly(X[-1] @ self.X_n_flange)
+
+    def origins(self) -> list[Array]:
+        """Poses (n + 1, 4, 4) at zero as URDF and MJCF have them, each in the one before.
+
+        The first n are of the joints' frames, z the axis; the last is of the flange.
+        """
+        found = [self.X_base_0]
+        for row in self.table:
+            turn = exp_so3([0.0, 0.0, row[THETA]])
+            found.append(pose(turn @ tilt_of(row), turn @ [row[A], 0.0, row[D]]))
+        found[-1] = found[-1] @ self.X_n_flange
+        return found
+
+    def joint_frames(self, q: ArrayLike) -> Array:
+        """Poses (n + 1, 4, 4) in the base of each joint's frame of `origins`, moved by that joint, and of the flange.
+
+        Args:
+            q: (n,) joint values [rad], slides [m].
+
+        Returns:
+            The poses, base to flange.
+
+        Raises:
+            ConfigurationError: `q` is not n finite numbers within 1e9.
+        """
+        values = checked_place(q, (self.n,), "q")
+        *joints, flange = self.origins()
+        X, found = np.eye(4), []
+        for origin, kind, value in zip(joints, self.joint_types, values, strict=True):
+            X = X @ origin @ (pose(p=[0.0, 0.0, value]) if kind == "p" else pose(exp_so3([0.0, 0.0, value])))
+            found.append(X)
+        return np.array([*found, X @ flange])
+
+    def flange(self, q: ArrayLike) -> Array:
+        """Flange poses (M, 4, 4) in the base for joint values `q` (M, n) [rad], slides [m].
+
+        Raises:
+            ConfigurationError: `q` is not (M, n) finite numbers.
+        """
+        values = np.ascontiguousarray(checked_rows(q, self.n, "q"))
+        return kinematics.frames(self.table, self.slides, self.X_base_0, values)[:, -1] @ self.X_n_flange
+
+    def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
+        """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        point = np.ascontiguousarray(tcp, dtype=np.float64)
+        return kinematics.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN)
+
+    def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
+        """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""
+        J = np.empty((len(q), ROW * self.n + 3, 3))
+        return kinematics.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, tcp, q, J), J
+
+    def with_table(self, table: Array) -> Self:
+        """Copy of the arm with another table (n, 5)."""
+        return replace(self, table=readonly(table))
+
+    def with_tip(self, tcp: Array) -> Self:
+        """Copy of the arm whose flange has its origin at the tool point `tcp` (3,) [m] of this one's flange."""
+        X = np.array(self.X_n_flange)
+        X[:3, 3] += X[:3, :3] @ tcp
+        return replace(self, X_n_flange=readonly(X))
+
+
+def tilt_of(row: Sequence[float] | Array) -> Array:
+    """Rotation (3, 3) Rx(alpha) Ry(beta) at the end of a table row (5,)."""
+    return exp_so3([row[ALPHA], 0.0, 0.0]) @ exp_so3([0.0, row[BETA], 0.0])
+
+
+def _checked_letters(joint_types: str | None, n: int) -> str:
+    """Validated joint letters, one per joint; all hinges where none are given."""
+    if joint_types is None:
+        return "r" * n
+    if not isinstance(joint_types, str) or len(joint_types) != n or set(joint_types) - {"r", "p"}:
+        raise ConfigurationError(
+            f"joint_types: expected {n} letters out of r (hinge), p (slide), got {shown(joint_types)}"
+        )
+    return joint_types
+
+
+def _step(row: Array) -> Array:
+    """The pose (4, 4) over one row at q = 0."""
+    return kinematics.frames(row[None], np.array([False]), np.eye(4), np.zeros((1, 1)))[0, 1]
+
+
+def _rotation_with_z(z: Array, hint: Array) -> Array:
+    """A rotation whose z axis is `z` and whose x axis is `hint` made perpendicular to it."""
+    x = hint - (hint @ z) * z
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _row_between(z: Array, o: Array, parallel: float = NEAR_PARALLEL, hint: Array | None = None) -> Array:
+    """The row whose next frame has its z along `z` on the line through `o` (3,), given in the frame before.
+
+    Below a tilt of `parallel` [rad] the next origin is `o` itself and beta takes part of the tilt; above, it is the
+    foot of the common normal. `hint` is a row that the sense of the common normal shall follow.
+    """
+    sine = float(np.hypot(z[0], z[1]))
+    if sine < np.sin(parallel):
+        theta = float(np.arctan2(o[1], o[0])) if np.hypot(o[0], o[1]) > 1e-9 else 0.0
+        c, s = np.cos(theta), np.sin(theta)
+        across = np.array([c * z[0] + s * z[1], c * z[1] - s * z[0]])  # z seen along x and y of the turned frame
+        # Rx(alpha) Ry(beta) e_z = (sin beta, -sin alpha cos beta, cos alpha cos beta)
+        beta = float(np.arcsin(across[0]))
+        alpha = float(np.arctan2(-across[1], z[2]))
+        return np.array([theta, o[2], np.hypot(o[0], o[1]), alpha, beta])
+    x = np.array([-z[1], z[0]]) / sine  # e_z x z
+    a = float(x @ o[:2])
+    along = a + 1e-12 if hint is None else float(x @ [np.cos(hint[THETA]), np.sin(hint[THETA])])
+    if along < 0.0:
+        x, a = -x, -a
+    theta = float(np.arctan2(x[1], x[0]))
+    alpha = float(np.arctan2(x[1] * z[0] - x[0] * z[1], z[2]))
+    # The line o + t z meets the plane through e_z and x where its part across vanishes.
+    across = np.array([-x[1], x[0]])
+    t = -float(across @ o[:2]) / float(across @ z[:2])
+    return np.array([theta, o[2] + t * z[2], a, alpha, 0.0])

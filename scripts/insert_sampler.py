@@ -42,8 +42,8 @@ class Options(ScenarioOptions):
     workers: int = 0
     """Processes for the trials; 0: one for each core."""
     vehicle: str = "uuv_puma"
-    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts (README), its
-    geom `pad` a capsule."""
+    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
+    (docs/concepts.md), its geom `pad` a capsule."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 

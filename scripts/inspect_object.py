@@ -54,7 +54,7 @@ class Options(ScenarioOptions):
     speed: float = 0.15
     """Speed of the hull [m/s]."""
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 

@@ -53,7 +53,7 @@ class Options(ScenarioOptions):
     """Controller methods to leave out, e.g. compensation (ablation)."""
     vehicle: str = "uuv_puma"
     """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
-    (README)."""
+    (docs/concepts.md)."""
     trials: int = 0
     """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0

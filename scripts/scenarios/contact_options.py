@@ -53,7 +53,7 @@ class ContactOptions(ScenarioOptions):
     range: float = 1.25
     """Range from camera to object at the scan [m]."""
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 

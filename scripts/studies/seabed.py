@@ -62,7 +62,7 @@ class Options:
     noise: float = 0.3
     """Standard deviation along the beam [% of the range]."""
     vehicle: str = "uuv_puma"
-    """A name of models.available(), or an MJCF file with the named parts (README)."""
+    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
     speed: bool = False
     """Measure times over the size of the cloud instead."""
     out: Path | None = None

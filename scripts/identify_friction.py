@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from scenarios import friction_run
+from scenarios.arm_identification import friction_run
 from scenarios.runner import run_with_report
 from sim.interfaces.spatial import finite_number
 

@@ -5,7 +5,7 @@ import json
 import jsonschema
 import pytest
 
-from scenarios.friction_run import FrictionBounds, schema
+from scenarios.arm_identification.friction_run import FrictionBounds, schema
 from sim import hydrodynamics
 
 BOUNDS = FrictionBounds()

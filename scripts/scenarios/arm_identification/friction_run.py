@@ -21,7 +21,7 @@ from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.site import scenes
 from models.vehicle import Vehicle
 from perception.navigation.strapdown_filter import Navigation
-from scenarios.campaigns.variation import NOMINAL, Variation, vary
+from scenarios.campaigns.domain_randomisation import NOMINAL, Variation, vary
 from scenarios.contact_parts import checked_vehicle, controller
 from scenarios.runner import Evaluation, PreparedRun, RunResult
 from sim import hydrodynamics

@@ -30,10 +30,24 @@ _SWEEPS = 3  # maximal sweeps of exchanges over all chosen touches
 class Plan:
     """Touches to make, with the expected accuracy."""
 
-    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates, most informative first
+    chosen: tuple[tuple[int, int], ...]  # (series, row) among the candidates
     series: tuple[Array, ...]  # (m_i, n) the same per point; empty for an unused point
     merit: tuple[float, ...]  # after each choice: log determinant of the information (D), or expected RMS [m] (V)
+    before: float  # the same merit by the prior and the touches already made
     deviations: Array  # (P,) expected posterior standard deviation of each parameter
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Design:
+    """Candidates as rows of information, and what is known before."""
+
+    poses: list[Array]  # (K_i, n) per point
+    pairs: list[tuple[int, int]]  # (series, row) of each candidate
+    rows: Array  # (K, 3, P + 3 S) derivatives of each candidate over the noise, in units of the priors
+    C: Array  # (P + 3 S, P + 3 S) covariance by the prior and the touches already made, in units of the prior
+    W: Array | None  # weight of `_aim` for criterion "V"
+    deviations: Array  # (P,) prior standard deviations
     names: tuple[str, ...]
 
 
@@ -70,6 +84,102 @@ def plan(
     Raises:
         ConfigurationError: too few candidates, an unknown criterion, or "V" without `targets`.
     """
+    design = _design(arm, candidates, count, tcp, done, targets, criterion, free, prior, noise)
+    rows, C, W = design.rows, design.C, design.W
+    before = _merit(C, W)
+    chosen, merit = [], []
+    free_to_take = np.ones(len(rows), dtype=bool)
+    for _ in range(count):
+        best = _best(rows, C, None, free_to_take)  # D in both cases: the first touch of a point gains nothing in V
+        C = _updated(C, rows[best], 1.0)
+        free_to_take[best] = False
+        chosen.append(best)
+        merit.append(_merit(C, W))
+    for _ in range(_SWEEPS):
+        swapped = False
+        for place in range(count):
+            reached, now = _merit(C, W), chosen[place]
+            without = _updated(C, rows[now], -1.0)
+            free_to_take[now] = True
+            best = _best(rows, without, W, free_to_take)
+            trial = _updated(without, rows[best], 1.0)
+            better = _merit(trial, W) - reached
+            if best != now and (better > 1e-9 if W is None else better < -1e-12):
+                C, chosen[place], swapped = trial, best, True
+            free_to_take[chosen[place]] = False
+        if not swapped:
+            break
+    pairs = tuple(design.pairs[k] for k in chosen)
+    return Plan(
+        chosen=pairs,
+        series=tuple(q[sorted(row for i, row in pairs if i == s)] for s, q in enumerate(design.poses)),
+        merit=(*merit[:-1], _merit(C, W)),
+        before=before,
+        deviations=np.sqrt(np.diag(C)[: len(design.deviations)]) * design.deviations,
+        names=design.names,
+    )
+
+
+def random_merits(
+    arm: Calibration | SerialArm | ArrayLike,
+    candidates: Sequence[ArrayLike],
+    count: int,
+    rng: np.random.Generator,
+    trials: int,
+    *,
+    tcp: ArrayLike | None = None,
+    done: Sequence[ArrayLike] | None = None,
+    targets: ArrayLike | None = None,
+    criterion: Criterion = "D",
+    free: Iterable[str] | str = DEFAULT_FREE,
+    prior: Mapping[str, float] | None = None,
+    noise: float | None = None,
+) -> Array:
+    """Merits (trials,) of random choices of `count` candidates, to compare a plan with.
+
+    Args:
+        arm: as in `plan`, and so all others.
+        candidates: as in `plan`.
+        count: number of touches of each choice.
+        rng: draws the choices.
+        trials: number of choices.
+        tcp: as in `plan`.
+        done: as in `plan`.
+        targets: as in `plan`.
+        criterion: as in `plan`.
+        free: as in `plan`.
+        prior: as in `plan`.
+        noise: as in `plan`.
+
+    Returns:
+        Log determinant of the information ("D"), or expected RMS [m] ("V"), of each choice.
+
+    Raises:
+        ConfigurationError: as in `plan`.
+    """
+    design = _design(arm, candidates, count, tcp, done, targets, criterion, free, prior, noise)
+    out = []
+    for _ in range(trials):
+        C = design.C
+        for k in rng.choice(len(design.rows), count, replace=False):
+            C = _updated(C, design.rows[k], 1.0)
+        out.append(_merit(C, design.W))
+    return np.array(out)
+
+
+def _design(
+    arm: Calibration | SerialArm | ArrayLike,
+    candidates: Sequence[ArrayLike],
+    count: int,
+    tcp: ArrayLike | None,
+    done: Sequence[ArrayLike] | None,
+    targets: ArrayLike | None,
+    criterion: Criterion,
+    free: Iterable[str] | str,
+    prior: Mapping[str, float] | None,
+    noise: float | None,
+) -> _Design:
+    """The arguments of `plan`, checked and linearised."""
     if criterion not in get_args(Criterion):
         raise ConfigurationError(f"criterion: allowed {', '.join(get_args(Criterion))}, got {criterion!r}")
     if isinstance(arm, Calibration):
@@ -86,42 +196,18 @@ def plan(
     parameters = select(model, free)
     deviations = prior_deviations(parameters, prior)
     rows = _rows(model, tool, poses, parameters.index, deviations, sigma)
-    owner = np.concatenate([np.full(len(q), i) for i, q in enumerate(poses)])
     size = rows.shape[2]
-    C = np.eye(size)  # covariance in units of the prior
+    C = np.eye(size)
     for i, q in enumerate(checked_series(done, model) if done is not None else []):
         for row in _rows(model, tool, [q], parameters.index, deviations, sigma, len(poses), i):
             C = _updated(C, row, 1.0)
-    W = _aim(model, targets, parameters.index, deviations, size) if criterion == "V" else None
-    chosen, merit = [], []
-    free_to_take = np.ones(total, dtype=bool)
-    for _ in range(count):
-        best = _best(rows, C, None, free_to_take)  # D in both cases: the first touch of a point gains nothing in V
-        C = _updated(C, rows[best], 1.0)
-        free_to_take[best] = False
-        chosen.append(best)
-        merit.append(_merit(C, W))
-    for _ in range(_SWEEPS):
-        swapped = False
-        for place in range(count):
-            before, now = _merit(C, W), chosen[place]
-            without = _updated(C, rows[now], -1.0)
-            free_to_take[now] = True
-            best = _best(rows, without, W, free_to_take)
-            trial = _updated(without, rows[best], 1.0)
-            better = _merit(trial, W) - before
-            if best != now and (better > 1e-9 if W is None else better < -1e-12):
-                C, chosen[place], swapped = trial, best, True
-            free_to_take[chosen[place]] = False
-        if not swapped:
-            break
-    offsets = np.cumsum([0, *(len(q) for q in poses)])
-    pairs = tuple((int(owner[k]), int(k - offsets[owner[k]])) for k in chosen)
-    return Plan(
-        chosen=pairs,
-        series=tuple(q[sorted(row for i, row in pairs if i == s)] for s, q in enumerate(poses)),
-        merit=(*merit[:-1], _merit(C, W)),
-        deviations=np.sqrt(np.diag(C)[: len(deviations)]) * deviations,
+    return _Design(
+        poses=poses,
+        pairs=[(s, row) for s, q in enumerate(poses) for row in range(len(q))],
+        rows=rows,
+        C=C,
+        W=_aim(model, targets, parameters.index, deviations, size) if criterion == "V" else None,
+        deviations=deviations,
         names=parameters.names,
     )
 

@@ -136,6 +136,32 @@ def write_touches(folder: Path, names: Sequence[str], series: Sequence[Array], j
     return folder
 
 
+def write_touch_list(file: Path, points: Sequence[str], q: Array, joint_names: Sequence[str], joint_types: str) -> Path:
+    """Write touches of several points into one CSV file in the order given, readable by `read_touches`.
+
+    Args:
+        file: CSV file.
+        points: name of the point of each touch.
+        q: joint values (m, n) [rad], slides [m].
+        joint_names: header, with units.
+        joint_types: one letter per joint (r, p).
+
+    Returns:
+        The file.
+
+    Raises:
+        ConfigurationError: a point's name has a character that separates cells or begins a comment.
+    """
+    for point in points:
+        if re.search(r"[,;#\s]", point):
+            raise ConfigurationError(f"point {shown(point)}: a name in a list has no comma, semicolon, # or blank")
+    units = ("m" if letter == "p" else "rad" for letter in joint_types)
+    head = ",".join(("point", *(f"{name} [{unit}]" for name, unit in zip(joint_names, units, strict=True))))
+    rows = (",".join((point, *(f"{value:.10f}" for value in row))) for point, row in zip(points, q, strict=True))
+    file.write_text("\n".join((head, *rows)) + "\n", encoding="utf-8")
+    return file
+
+
 def _refuse_poses(file: Path, rows: Sequence[_Row]) -> None:
     """Raise ConfigurationError for a file of poses: rows of seven numbers that end in unit quaternions."""
     values = np.array([row.values for row in rows if len(row.values) == 7])

@@ -5,6 +5,8 @@ or any published arm or a vehicle's own with workshop errors. The touches come f
 under water. With --touches, any arm can be calibrated:
 
     calibrate_arm.py --arm robot.urdf --tip ball --touches a.csv b.csv --distance a b 0.5
+
+With --plan N nothing is identified: the N touches that would tell most are printed and written as plan.csv.
 """
 
 from scenarios.start import ScenarioOptions, parse, run_scenario  # isort: skip
@@ -24,6 +26,7 @@ from calib import report
 from calib.results import write_results
 from calib.touch_files import write_touches
 from scenarios import calibration_input as _calibration
+from scenarios.arm_identification import touch_plan
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
 from sim.runs.provenance import provenance
@@ -73,6 +76,8 @@ class Options(ScenarioOptions):
     """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
     method: Literal["map", "paper"] = "map"
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
+    plan: int | None = None
+    """Plan this number of touches instead: those that would tell most, after those of --touches or from the start."""
 
 
 def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibration.CalibrationCase:
@@ -138,12 +143,55 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
             log.close()
 
 
+def plan_touches(options: Options, folder: Path, console: Console, rng: np.random.Generator) -> int:
+    """Plans touches, prints and writes them, and returns the exit code.
+
+    Args:
+        options: Command line.
+        folder: Folder of results.
+        console: Terminal.
+        rng: Draws points, candidates and random choices.
+
+    Raises:
+        UuvError: Options contradict each other, files cannot be read, or the arm does not reach enough postures.
+    """
+    simulated = {"--touching": options.touching != "noise", "--poses": options.poses is not None}
+    judged = {"--held-out": bool(options.held_out), "--method paper": options.method == "paper", "--view": options.view}
+    for name, given in {**simulated, **judged}.items():
+        if given:
+            raise ConfigurationError(f"--plan and {name}: one of the two")
+    if options.distance and not options.touches:
+        raise ConfigurationError("--distance and --held-out go with --touches")
+    points = whole_number(3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS)
+    noise = finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
+    source = _calibration.nominal(options.arm, folder, options.base, options.tip)
+    so_far = None
+    if options.touches:
+        so_far = _calibration.from_files(source, options.touches, (), options.units, options.distance)
+    for note in source.notes if so_far is None else so_far.notes:
+        console.print(note, style="yellow", highlight=False)
+    made = touch_plan.planned(
+        source,
+        so_far,
+        options.plan or 0,
+        points=points,
+        pin=options.pin,
+        noise=noise,
+        free=options.free,
+        prior=dict(options.prior),
+        rng=rng,
+    )
+    return touch_plan.run(made, source, options.seed, provenance("calibrate_arm", options), folder, console)
+
+
 def main() -> int:
     """Calibrates, writes the results and returns the exit code."""
     options = parse(Options)
     folder = options.folder("calibrate_arm")
     rng = np.random.default_rng(options.seed)
     console = Console()
+    if options.plan is not None:
+        return plan_touches(options, folder, console, rng)
     case = case_of(options, folder, rng)
     for note in case.notes:
         console.print(note, style="yellow", highlight=False)

@@ -1,7 +1,8 @@
 """Friction identification of the arm's gears, in water, from motions of the joints free of contact.
 
     motion = FrictionMotion(vehicle, X_WB)                  # planner: all joints swing together, slowly, then fast
-    result = identify_friction(qd, qdd, tau_motor, tau_gear, armature)   # recorded while it ran
+    qd, qdd = over_steps(qd_encoders, period)               # recorded while it ran
+    result = identify_friction(qd, qdd, tau_motor[1:], tau_gear[1:], armature)
     WorkController(model, friction=result.dry)
 
 With torque sensors at the gear outputs, the torque lost in a gear is measured: tau_motor - I_rotor qdd - tau_gear.
@@ -10,7 +11,9 @@ Without them tau_gear comes from the arm's inverse dynamics, and model errors en
     lost = b + viscous qd + sign(qd) (coulomb + (stiction - coulomb) exp(-(qd / stribeck_speed)^2))
 
 is linear except for the Stribeck speed, which is found by a search (variable projection [Golub 1973]). b is the
-sensor's bias.
+sensor's bias. A gear whose stiction would come out below its Coulomb friction is fitted without stiction; the
+variance of its Stribeck speed is then infinite. The covariance is the heteroscedasticity-consistent one [White 1980],
+since the noise of a torque sensor grows with its reading.
 """
 
 from dataclasses import dataclass
@@ -48,6 +51,22 @@ class IdentifiedFriction:
             raise ConfigurationError(f"identified friction: allowed {', '.join(_NAMES)}, got {name!r}")
         at = _NAMES.index(name)
         return np.sqrt(self.covariance[:, at, at])
+
+
+def over_steps(qd: Array, period: float) -> tuple[Array, Array]:
+    """Mean speed and acceleration of the joints over each step, from the speeds at the ends of the steps.
+
+    A motor torque is held over a step, so they belong to it. Speeds at the end of the step, or central differences, are
+    half a step late or early; with a joint that shakes, this biases the friction.
+
+    Args:
+        qd: (N + 1, n) [rad/s] joint speeds, one sample per step.
+        period: [s] of the steps.
+
+    Returns:
+        Speed (N, n) [rad/s] and acceleration (N, n) [rad/s^2].
+    """
+    return 0.5 * (qd[1:] + qd[:-1]), np.diff(qd, axis=0) / period
 
 
 def identify_friction(qd: Array, qdd: Array, tau_motor: Array, tau_gear: Array, armature: Array) -> IdentifiedFriction:
@@ -116,14 +135,30 @@ def _fit(joint: int, qd: Array, lost: Array) -> tuple[Array, Array, float]:
     over = float(grid[int(np.argmin([left(value) for value in grid]))])
     A = columns(over)
     x = np.linalg.lstsq(A, lost, rcond=None)[0]
-    slope = (x[3] - x[2]) * np.sign(qd) * np.exp(-((qd / over) ** 2)) * 2.0 * qd**2 / over**3
-    full = np.column_stack([A, slope])
-    variance = float(np.sum((lost - A @ x) ** 2)) / max(len(qd) - 5, 1)
-    scale = np.linalg.norm(full, axis=0)
+    if x[3] > x[2]:
+        slope = (x[3] - x[2]) * np.sign(qd) * np.exp(-((qd / over) ** 2)) * 2.0 * qd**2 / over**3
+        residual = lost - A @ x
+        covariance = _robust_covariance(np.column_stack([A, slope]), residual)
+    else:
+        A = np.column_stack([np.ones_like(qd), qd, np.sign(qd)])
+        x = np.linalg.lstsq(A, lost, rcond=None)[0]
+        residual, same = lost - A @ x, [0, 1, 2, 2]
+        covariance = np.zeros((5, 5))
+        covariance[:4, :4] = _robust_covariance(A, residual)[np.ix_(same, same)]
+        covariance[4, 4] = np.inf
+        x = x[same]
+    return np.append(x, over), covariance, float(np.sqrt(np.sum(residual**2) / max(len(qd) - 5, 1)))
+
+
+def _robust_covariance(A: Array, residual: Array) -> Array:
+    """Heteroscedasticity-consistent covariance (k, k) of least squares, from its columns (N, k) and residual (N,)."""
+    scale = np.linalg.norm(A, axis=0)
     scale[scale == 0.0] = 1.0
-    information = (full / scale).T @ (full / scale)
-    covariance = variance * np.linalg.pinv(information, hermitian=True) / np.outer(scale, scale)
-    return np.append(x, over), covariance, float(np.sqrt(variance))
+    scaled = A / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    scores = scaled * residual[:, None]
+    freedom = max(len(A) - A.shape[1], 1)
+    return len(A) / freedom * inverse @ (scores.T @ scores) @ inverse / np.outer(scale, scale)
 
 
 class FrictionMotion:
@@ -188,7 +223,7 @@ class FrictionMotion:
             last: not used.
 
         Returns:
-            The state, unchanged, and the reference; its work state is DONE after the swings.
+            The state, unchanged, and the reference; its work state is WORK during the swings, DONE after them.
         """
         del target, last
         time = estimate.time - state
@@ -207,6 +242,7 @@ class FrictionMotion:
             rate = 2.0 * np.pi / turn * self._rate
             phase = rate * since + before * self._rate
             q, qd = self._middle + self._swing * np.sin(phase), self._swing * (rate * np.cos(phase))
+            work = WorkState.WORK
         else:
             phase = 2.0 * np.pi * 3.0 * self._rate
             q, work = self._middle + self._swing * np.sin(phase), WorkState.DONE

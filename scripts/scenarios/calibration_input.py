@@ -357,7 +357,7 @@ def _clouds(case: CalibrationCase, identified: SerialArm, rng: np.random.Generat
     """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude."""
     truth = case.truth
     assert truth is not None
-    q = _moves(case, rng)
+    q = moves(case.source.arm, truth.arm.limits, truth.hangs, case.touches.series, rng)
     measured = verification.track(truth.arm, q, rng)
     none = np.zeros(3)
     tables = {"nominal": case.source.arm, "identified": identified}
@@ -366,20 +366,38 @@ def _clouds(case: CalibrationCase, identified: SerialArm, rng: np.random.Generat
     return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
 
 
-def _moves(case: CalibrationCase, rng: np.random.Generator, count: int = 13, tries: int = 60) -> Array:
-    """Joint values (count, n) for flange points of equal attitude in a box, solved with the nominal arm.
+def moves(
+    arm: SerialArm,
+    limits: Array,
+    hangs: bool,
+    touched: Sequence[Array],
+    rng: np.random.Generator,
+    count: int = 13,
+    tries: int = 60,
+) -> Array:
+    """Joint values (count, n) for flange points of equal attitude in a box.
 
     The box is that of [Yukhimets 2023] with the flange down. Where the arm does not reach it, the box lies about a
     touched pose, with the attitude of that pose.
+
+    Args:
+        arm: Nominal arm.
+        limits: (n, 2) [rad] or [m].
+        hangs: z of its base points down: the box lies about a touched pose at once.
+        touched: Joint values (m_i, n) of touches.
+        rng: Draws box and points.
+        count: Number of points.
+        tries: Draws for each box.
+
+    Raises:
+        ReachError: No box is found.
     """
-    truth, arm = case.truth, case.source.arm
-    assert truth is not None
-    limits = np.clip(truth.arm.limits, -np.pi, np.pi)
-    if not truth.hangs:
+    limits = np.clip(limits, -np.pi, np.pi)
+    if not hangs:
         with suppress(ReachError):
             return verification.flange_poses(arm, rng, count, limits=limits)
     best: list[Array] = []
-    for home in rng.permutation(np.vstack(case.touches.series))[:20]:
+    for home in rng.permutation(np.vstack(touched))[:20]:
         X, found = arm.flange(home[None])[0], [home]
         R = np.ascontiguousarray(X[:3, :3])
         for _ in range(tries):

@@ -31,7 +31,7 @@ FLAT = Seabed(
 )
 
 
-@pytest.mark.parametrize("soil", map(SOILS.load, SOILS.names()), ids=SOILS.names())
+@pytest.mark.parametrize("soil", [*map(SOILS.load, SOILS.names())], ids=SOILS.names())
 def test_resistance_is_the_integral_of_the_cone_resistance(within, soil):
     d = 0.13
     z = np.linspace(0.0, d, 20_001)
@@ -110,7 +110,7 @@ def at(depth: float, x: float = 0.3) -> np.ndarray:
     return np.array([x, -0.2, -5.0 - depth])
 
 
-@pytest.mark.parametrize("soil", map(SOILS.load, SOILS.names()), ids=SOILS.names())
+@pytest.mark.parametrize("soil", [*map(SOILS.load, SOILS.names())], ids=SOILS.names())
 def test_a_tool_pushed_in_and_drawn_out_feels_the_resistances(within, soil):
     force = SoilForce(FLAT, soil, TUBE)
     down = lead(force, straight(at(-0.02), at(0.1)))

@@ -39,12 +39,20 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers", "seeds(*numbers): of the parameter `seed`, where --fresh and --seed ask for no other"
     )
     option = config.option
-    if not hasattr(config, "workerinput"):  # else they came with the options of the process that started this one
+    if hasattr(config, "workerinput"):
+        option.seeds = getattr(config, "workerinput")["seeds"]  # noqa: B009  an attribute of xdist's workers alone
+    else:
         option.seeds = [*option.seeds, *(int.from_bytes(os.urandom(4), "big") for _ in range(option.fresh))]
     hypothesis.settings.register_profile("suite", derandomize=not option.seeds, database=None, deadline=None)
     hypothesis.settings.load_profile("suite")
     if option.seeds and option.hypothesis_seed is None:
         option.hypothesis_seed = str(option.seeds[0])
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Hand the seeds to a process that xdist starts: it reads the command line anew, and would draw its own."""
+    node.workerinput["seeds"] = node.config.option.seeds
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:

@@ -5,21 +5,21 @@ from pathlib import Path
 import pytest
 
 WITH_OUT = (
-    "bench_ik",
-    "bench_physics",
+    "benchmarks.ik",
+    "benchmarks.physics",
     "clean_object",
-    "servo_arm",
-    "step_response",
-    "study_bung",
-    "study_contact",
-    "study_decisions",
-    "study_deformation",
-    "study_faults",
-    "study_identification",
-    "study_paths",
-    "study_seabed",
-    "study_sensors",
-    "track_singularity",
+    "papers.servo_arm",
+    "studies.step_response",
+    "studies.bung",
+    "studies.contact",
+    "studies.decisions",
+    "studies.deformation",
+    "studies.faults",
+    "studies.identification",
+    "studies.paths",
+    "studies.seabed",
+    "studies.sensors",
+    "papers.track_singularity",
     "validate_physics",
 )
 
@@ -42,14 +42,14 @@ def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("bench_ik", ("--targets", 0), "--targets: must be at least 1"),
-        ("bench_ik", ("--links", 0), "--links"),
-        ("study_paths", ("--trials", 0), "--trials: must be at least 1"),
-        ("study_paths", ("--looks", 0), "--looks: must be at least 1"),
-        ("study_identification", ("--ranges", 2, 1), "ranges: must be 0 < near <= far"),
-        ("study_identification", ("--start-error", -1, 5), "start error: must not be negative"),
+        ("benchmarks.ik", ("--targets", 0), "--targets: must be at least 1"),
+        ("benchmarks.ik", ("--links", 0), "--links"),
+        ("studies.paths", ("--trials", 0), "--trials: must be at least 1"),
+        ("studies.paths", ("--looks", 0), "--looks: must be at least 1"),
+        ("studies.identification", ("--ranges", 2, 1), "ranges: must be 0 < near <= far"),
+        ("studies.identification", ("--start-error", -1, 5), "start error: must not be negative"),
         ("clean_object", ("--seed", -1), "--seed: must not be negative, got -1"),
-        ("study_bung", ("--first-seed", -1), "--first-seed: must not be negative, got -1"),
+        ("studies.bung", ("--first-seed", -1), "--first-seed: must not be negative, got -1"),
     ],
 )
 def test_numbers_out_of_range(script, tmp_path: Path, name: str, options: tuple, said: str):

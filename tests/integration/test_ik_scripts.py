@@ -49,7 +49,7 @@ def test_the_benchmark_writes_its_tables(script, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "options", "culprit"),
-    [("bench_ik", ("--arms", "puma"), "'puma'"), ("track_singularity", ("--speed", "0"), "--speed")],
+    [("benchmarks.ik", ("--arms", "puma"), "'puma'"), ("papers.track_singularity", ("--speed", "0"), "--speed")],
 )
 def test_bad_input_ends_in_one_line(script, name: str, options: tuple[str, ...], culprit: str) -> None:
     done = script(name, *options)

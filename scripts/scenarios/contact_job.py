@@ -70,7 +70,7 @@ class ContactJob:
     orientation_W: Array  # (3, 3) coarse orientation
     scan_range: float  # [m]
     vehicle: str
-    controller: str  # MODULE:CLASS
+    controller: str  # registered name, or MODULE:CLASS
     without: frozenset[str]
     arm_errors: int | None  # seed of the errors with which the arm was built; None: no errors
     calibrated: bool = False  # the controller's arm model is identified from touches

@@ -56,7 +56,7 @@ class InsertionSetting:
     current: tuple[float, float, float]  # [m/s] in W
     gust: float  # [m/s] standard deviation per axis
     vehicle: str
-    controller: str  # MODULE:CLASS
+    controller: str  # registered name, or MODULE:CLASS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -69,7 +69,7 @@ class SeabedSetting:
     gust: float  # [m/s] standard deviation per axis
     without: frozenset[str]  # controller methods to leave out
     vehicle: str
-    controller: str  # MODULE:CLASS
+    controller: str  # registered name, or MODULE:CLASS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

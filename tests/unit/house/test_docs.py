@@ -1,0 +1,40 @@
+"""The code in the documents runs as it stands there."""
+
+import re
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+import models
+from models.vehicle import Vehicle
+from sim.interfaces.messages import StateEstimate
+from sim.interfaces.protocols import Controller
+
+
+def test_the_controller_of_the_documents_bears_the_arm(root):
+    page = (root / "docs" / "concepts.md").read_text()
+    (block,) = [
+        block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if "class BearWeight" in block
+    ]
+    names: dict[str, Any] = {}
+    exec(compile(block, "docs/concepts.md", "exec"), names)
+    model = models.load("uuv_puma").compile()
+    vehicle = Vehicle.of(model)
+    made = names["BearWeight"](model)
+    assert isinstance(made, Controller)
+    n = vehicle.joints.size
+    estimate = StateEstimate(
+        time=0.0,
+        X_WB=np.eye(4),
+        v_WB_B=np.zeros(3),
+        w_WB_B=np.zeros(3),
+        a_WB_B=np.zeros(3),
+        q=vehicle.q_home,
+        qd=np.zeros(n),
+        tau=np.zeros(n),
+    )
+    _, command = made.step(made.init(estimate), estimate, SimpleNamespace(scan=False))
+    assert np.all(np.isfinite(command.joint_torque))
+    assert 1.0 < np.abs(command.joint_torque).max() < 200.0
+    assert not command.thrusters.any()

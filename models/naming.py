@@ -1,9 +1,9 @@
 """The contract with a vehicle's MJCF: names of its bodies, sites, geoms, joints and keyframes, and their look-up.
 
 A vehicle is any MJCF with a free body `hull` and thruster actuators with a table of `models.water.thrusters`. If it has
-an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints carry actuators of the same name, and a
-site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a sliding joint `pad`
-behind the face of the pad.
+an arm: a body `arm_base` fixed to the hull, a serial arm whose driven joints each have an actuator (found by its
+transmission), and a site `tip` (z out of the tool). Jobs also want a site `camera` (OpenCV axes), and optionally a
+sliding joint `pad` behind the face of the pad.
 """
 
 from collections.abc import Collection

@@ -10,6 +10,7 @@ import models
 from models.vehicle import Vehicle
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.protocols import Controller
+from untyped import untyped
 
 
 def test_the_controller_of_the_documents_bears_the_arm(root):
@@ -34,7 +35,7 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
         qd=np.zeros(n),
         tau=np.zeros(n),
     )
-    _, command = made.step(made.init(estimate), estimate, SimpleNamespace(scan=False))
+    _, command = made.step(made.init(estimate), estimate, untyped(SimpleNamespace(scan=False)))
     assert np.all(np.isfinite(command.joint_torque))
     assert 1.0 < np.abs(command.joint_torque).max() < 200.0
     assert not command.thrusters.any()

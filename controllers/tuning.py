@@ -133,9 +133,7 @@ class HullTuning:
     """Station keeping, and the thrusters behind it."""
 
     title = "hull"
-    frequency: float = tuned(
-        1.6, "[rad/s] natural frequency of the closed loop; higher, thruster lag makes it oscillate"
-    )
+    frequency: float = tuned(1.6, "[rad/s] natural frequency of the closed loop")
     damping: float = tuned(1.0, "[-] damping ratio of the closed loop")
     response: float = tuned(
         0.05, "[s] lag of the thrust with lead compensation; command noise grows by about lag / response"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 19, 20, 40
+FILES_A_FOLDER, SWITCHES, WORDS_A_SENTENCE = 18, 20, 40
 ROOMS = ("models", "sim", "perception", "controllers", "calib", "scripts")
 KEY = re.compile(r"\[([A-Z][A-Za-z]+ (?:1[89]|20)\d\d[a-z]?)(?:[,\]])")
 

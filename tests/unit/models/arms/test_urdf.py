@@ -1,4 +1,4 @@
-"""URDF as a chain, as a serial arm and as MuJoCo reads it, and what is said of bad ones."""
+"""URDF reader: chains, serial arms, MuJoCo models, and refusals of bad files."""
 
 import re
 from pathlib import Path

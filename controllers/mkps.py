@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple, NoReturn, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import kinematics as kernels
+from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain
 from controllers.ik.damped_descent import SETTLE_STEPS
 from controllers.ik.entries import entry
@@ -291,7 +291,7 @@ class IkBatch:
     position_error: Array  # (N,) [m]
     orientation_error: Array  # (N,) [rad]
     restarts: NDArray[np.int64]  # (N,)
-    codes: NDArray[np.int64]  # (N,) why each ended, a code of `controllers.ik.kinematics`
+    codes: NDArray[np.int64]  # (N,) why each ended, a code of `controllers.ik.chain_kernels`
 
     def __len__(self) -> int:
         return len(self.q)

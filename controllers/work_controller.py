@@ -23,10 +23,10 @@ from controllers.arm.joint_servo import resolve_tool_motion, servo_joints, track
 from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
 from controllers.arm.tool_motion import bumpless, extrapolated
 from controllers.arm.wrench_terms import WrenchTerms
-from controllers.estimation.contact_force import Tare, force_covariance
+from controllers.estimation.force_from_torques import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
-from controllers.estimation.tip_force import estimate_tip_force, force_from_external_torques
+from controllers.estimation.tip_force_estimator import estimate_tip_force, force_from_external_torques
 from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState

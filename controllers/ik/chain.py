@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import kinematics as kernels
+from controllers.ik import chain_kernels as kernels
 from controllers.ik.entries import entry
 from models.arms.kinematics import THETA, A, D
 from models.arms.serial_arm import SerialArm, tilt_of
@@ -361,8 +361,8 @@ def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArra
     """Write joint limits into kernel memory.
 
     Args:
-        memory: kernel memory of a chain (see `controllers.ik.kinematics`), changed in place.
-        column: LOWER or UPPER of `controllers.ik.kinematics`.
+        memory: kernel memory of a chain (see `controllers.ik.chain_kernels`), changed in place.
+        column: LOWER or UPPER of `controllers.ik.chain_kernels`.
         bounds: (n,) [rad] or [m] the limits.
     """
     n = len(bounds)
@@ -370,7 +370,7 @@ def set_limits(memory: NDArray[np.floating], column: int, bounds: Array | NDArra
 
 
 def memory_of(chain: Chain, scale: float) -> Array:
-    """Build kernel memory (see `controllers.ik.kinematics`) for a chain, its lengths multiplied by `scale`."""
+    """Build kernel memory (see `controllers.ik.chain_kernels`) for a chain, its lengths multiplied by `scale`."""
     n = chain.n
     memory = np.zeros(kernels.memory_size(n))
     table = memory[: (kernels.HEAD + n) * kernels.COLUMNS].reshape(-1, kernels.COLUMNS)

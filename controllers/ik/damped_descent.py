@@ -1,11 +1,11 @@
 """Compiled loops of the hybrid method: Levenberg-Marquardt on J J^T (6, 6), after a combined sweep where that pays off.
 
-Arrays are those of `controllers.ik.kinematics`.
+Arrays are those of `controllers.ik.chain_kernels`.
 """
 
 import numpy as np
 
-from controllers.ik.kinematics import (
+from controllers.ik.chain_kernels import (
     ALONG,
     BAD_TARGET,
     BEST,

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import DTypeLike
 
+from controllers.ik.chain_kernels import SCALE, forward, partition, set_goal
 from controllers.ik.damped_descent import solve_hybrid, solve_keep
-from controllers.ik.kinematics import SCALE, forward, partition, set_goal
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import imports_stamp

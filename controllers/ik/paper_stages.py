@@ -4,14 +4,14 @@ In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which i
 Its test (1) mistakes the farthest position of a joint for the nearest.
 
 Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes gives the same
-iterates in O(n) per sweep. Arrays are those of `controllers.ik.kinematics`.
+iterates in O(n) per sweep. Arrays are those of `controllers.ik.chain_kernels`.
 """
 
 import math
 
 import numpy as np
 
-from controllers.ik.kinematics import (
+from controllers.ik.chain_kernels import (
     AXIS,
     BAD_TARGET,
     BEST,

@@ -1,13 +1,13 @@
 """Compiled loops of the Jacobian-free method: combined MKPS sweeps [Danilov 2021] with Anderson acceleration.
 
-Arrays are those of `controllers.ik.kinematics`.
+Arrays are those of `controllers.ik.chain_kernels`.
 """
 
 import math
 
 import numpy as np
 
-from controllers.ik.kinematics import (
+from controllers.ik.chain_kernels import (
     ALONG,
     AXIS,
     BAD_TARGET,

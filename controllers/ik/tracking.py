@@ -22,7 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from controllers.ik import kinematics as kernels
+from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain, memory_of, set_limits
 from controllers.ik.entries import entry
 from sim.interfaces.errors import ConfigurationError

@@ -13,7 +13,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import servo_joints, track_gear_friction
-from controllers.estimation.tip_force import estimate_tip_force
+from controllers.estimation.tip_force_estimator import estimate_tip_force
 from controllers.hull.allocation import Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.hull.thruster_lead import ThrusterLead, ThrusterLeadState

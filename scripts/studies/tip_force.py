@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from controllers.estimation.contact_force import tip_force, tip_force_closed_form, tip_wrench
+from controllers.estimation.force_from_torques import tip_force, tip_force_closed_form, tip_wrench
 from models.arms import published_arms
 from models.arms.serial_arm import SerialArm
 from models.vehicles import uuv_puma

@@ -9,8 +9,8 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
 from controllers.arm.joint_servo import resolve_tool_motion
-from controllers.estimation import contact_force
-from controllers.estimation.tip_force import estimate_tip_force, unfiltered_tip_force
+from controllers.estimation import force_from_torques
+from controllers.estimation.tip_force_estimator import estimate_tip_force, unfiltered_tip_force
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
@@ -334,7 +334,7 @@ def test_felt_force_is_that_of_the_plain_least_squares(vehicle_of, rng, within):
         bias = 0.3 * rng.normal(size=moving.arm.n)
         f_B, tau_e, J_B = felt(moving, bias)
         sigma = FLOOR + NOISE * np.abs(moving.tau)
-        expected, _ = contact_force.tip_force(tau_e - bias, J_B[:3], sigma)
+        expected, _ = force_from_torques.tip_force(tau_e - bias, J_B[:3], sigma)
         # Weighted by the information, since some postures hardly let the force be felt in some direction.
         information = (J_B[:3] / sigma**2) @ J_B[:3].T
         within("relative force", relative(information @ f_B, information @ expected), 1e-9)  # measured up to 7e-12
@@ -385,7 +385,7 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     within("torques", relative(tau_e, expected_tau - moving.tau), 1e-12)  # measured up to 2e-14: a lag is a difference
     within("wrench", relative(wrench_B, expected_wrench), 1e-12)  # measured up to 3e-14
     sigma = FLOOR + NOISE * np.abs(moving.tau)
-    expected, _ = contact_force.tip_force(tau_e, J_B[:3], sigma)
+    expected, _ = force_from_torques.tip_force(tau_e, J_B[:3], sigma)
     # Weighted by the information, since some postures hardly let the force be felt in some direction.
     information = (J_B[:3] / sigma**2) @ J_B[:3].T
     within("force, hull axes", relative(information @ f_B, information @ expected), 1e-11)  # measured up to 9e-14

@@ -8,9 +8,9 @@ import pytest
 
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
-from controllers.estimation.contact_force import tip_force
+from controllers.estimation.force_from_torques import tip_force
 from controllers.estimation.load_observer import LoadObserver, momentum
-from controllers.estimation.tip_force import force_from_external_torques
+from controllers.estimation.tip_force_estimator import force_from_external_torques
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers.ik import damped_descent, kinematics, paper_stages, sweeps
+from controllers.ik import chain_kernels, damped_descent, paper_stages, sweeps
 from controllers.mkps import Chain, Method, solve, solve_many
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
@@ -60,18 +60,18 @@ def test_single_precision_says_where_it_ends() -> None:
 def test_single_precision_is_single_throughout() -> None:
     """No loop widens its numbers on the way: what goes in as four bytes comes out as four bytes."""
     memory = Chain.from_dh(PUMA).single().copy()
-    table, goal, _, work, _, q = kinematics.partition.py_func(memory, 6)
+    table, goal, _, work, _, q = chain_kernels.partition.py_func(memory, 6)
     goal[:], q[:] = np.eye(4)[:, :3], HOME
     one = np.float32(1.0)
-    kinematics.trace(table, q, work)
-    kinematics.turn_left(goal, one, one, one, one, one, one, one, one, one)
+    chain_kernels.trace(table, q, work)
+    chain_kernels.turn_left(goal, one, one, one, one, one, one, one, one, one)
     damped_descent.damped_step(table, q, True, one, one, one, one, one, one, one, one, one, one, work)
-    sweeps.sweep(table, goal, one, kinematics.WITHIN, q, work)
+    sweeps.sweep(table, goal, one, chain_kernels.WITHIN, q, work)
     paper_stages.place(table, goal, one, q, work)
     paper_stages.align(table, one, one, one, one, one, one, one, q, work)
     for loop in (
-        kinematics.trace,
-        kinematics.turn_left,
+        chain_kernels.trace,
+        chain_kernels.turn_left,
         damped_descent.damped_step,
         sweeps.sweep,
         paper_stages.place,

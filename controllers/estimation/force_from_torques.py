@@ -1,4 +1,7 @@
-"""Contact force at the tool from joint torques: the residual against the arm model, mapped through J^T.
+"""Least-squares contact force at the tool from joint torques, in plain form, with covariance and tare.
+
+The residual of the torques against the arm model is mapped through J^T. The form that runs in the loop is compiled, in
+`controllers.estimation.tip_force_estimator`.
 
 Signs: `tau_e` is the torque that the contact puts on the joints, J^T f, with f the force of the world on the tip.
 """

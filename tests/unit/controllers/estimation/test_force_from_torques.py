@@ -5,7 +5,13 @@ import numpy as np
 import pytest
 
 import models
-from controllers.estimation.contact_force import Tare, force_covariance, tip_force, tip_force_closed_form, tip_wrench
+from controllers.estimation.force_from_torques import (
+    Tare,
+    force_covariance,
+    tip_force,
+    tip_force_closed_form,
+    tip_wrench,
+)
 from models.naming import TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array

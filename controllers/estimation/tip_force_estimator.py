@@ -1,14 +1,14 @@
 """Tip-force estimator that runs in the loop: one compiled call from joint torques to the force on the tool.
 
-The parts are those of `controllers.arm.inverse_dynamics` and `controllers.estimation.contact_force`. The tests compare
-the compiled forms here with the plain forms there.
+The parts are those of `controllers.arm.inverse_dynamics` and `controllers.estimation.force_from_torques`. The tests
+compare the compiled forms here with the plain forms there.
 """
 
 import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import newton_euler, tip_kinematics
-from controllers.estimation.contact_force import PRIOR
+from controllers.estimation.force_from_torques import PRIOR
 from sim.interfaces.kernels import keyed_by_imports
 
 
@@ -178,7 +178,7 @@ def unfiltered_tip_force(
 @numba.njit(cache=True)
 @keyed_by_imports
 def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
-    """Force on the tip (3,) [N], hull axes: `controllers.estimation.contact_force.tip_force` by Cholesky."""
+    """Force on the tip (3,) [N], hull axes: `controllers.estimation.force_from_torques.tip_force` by Cholesky."""
     a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
     for j in range(tau_e.shape[0]):

@@ -25,10 +25,10 @@ from scenarios.campaigns.pool import run_all
 from scenarios.campaigns.row_log import StudyLog, died, in_order
 from scenarios.campaigns.study_figures import METHODS, summary
 from scenarios.campaigns.study_report import rich_tables, write_report
-from scenarios.contact_job import run_contact_job
-from scenarios.runner import NOT_ACCEPTED
+from scenarios.command import NOT_ACCEPTED, command
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import RunOptions
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
@@ -144,13 +144,11 @@ def _task(options: Options, run: int) -> RunTask:
 def _one(options: Options) -> int:
     """Repeats a single run as a scenario with all its output."""
     assert options.only is not None
-    scenario, job, stream, variation = draw(_task(options, options.only))
+    scenario = draw(_task(options, options.only))
     name = f"run_{options.only:04d}" + (f"_without_{options.without}" if options.without else "")
     own = None if options.out == Options.out else options.out / name
-    scenario = replace(scenario, record=True, out=own)
-    title = f"{job.title}, run {options.only} of study {options.seed}"
-    job = replace(job, scenario=f"study_contact/{name}", title=title)
-    return run_contact_job(job, scenario, stream, time.perf_counter(), variation)
+    scenario = replace(scenario, name=f"study_contact/{name}")
+    return command(scenario, RunOptions(out=own), time.perf_counter(), f", run {options.only} of study {options.seed}")
 
 
 def _check(options: Options) -> None:

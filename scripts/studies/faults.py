@@ -14,10 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenarios import barrel
+from scenarios import assemble, barrel
 from scenarios.campaigns.fault_cases import Trace, run_branched
 from scenarios.campaigns.fault_picture import draw
-from scenarios.contact_job import build
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.runs.saving import write_whole
@@ -105,8 +104,7 @@ def main() -> int:
         for seed in options.seeds:
             if path not in ("longitudinal", "transverse"):
                 raise ConfigurationError(f"--paths: expected longitudinal or transverse, got {path!r}")
-            asked = barrel.Options(path=path, seed=seed, forces=(90.0,), record=False)
-            rng = np.random.default_rng(seed)
+            asked = barrel(path=path, seed=seed, forces=(90.0,))
 
             def said(trace: Trace, path: str = path, seed: int = seed) -> None:
                 one = figures(trace, path, seed)
@@ -117,7 +115,7 @@ def main() -> int:
                 if options.picture in trace.case:
                     draw(trace, f"{trace.case}, {path} path, seed {seed}", file.with_suffix(".png"))
 
-            run_branched(build(barrel.barrel_job(asked, rng), asked, rng), options.only, said)
+            run_branched(assemble(asked), options.only, said)
     console.print(_table(found))
     write_whole(
         folder / "faults.json",

@@ -29,15 +29,14 @@ from controllers.planning.hull_placement import tool_poses
 from controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
 from models.meshes import open3d_loader
 from models.meshes.ray_casting import RayScene
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.site import scenes
+from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.site.seabed import KINDS, Seabed, seabed
 from models.vehicle import Vehicle
 from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain import build_terrain
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
-from scenarios.contact_parts import hull_box, passive_joints
-from scenarios.seabed_work import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec
+from scenarios.tasks.seabed_sampling import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
 from sim.interfaces.errors import ConfigurationError, MissingLibraryError, PerceptionError, ReachError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -173,10 +172,8 @@ def _errors(points: Array, ground: Seabed, X_WB: Array) -> Array:
 
 def study(options: Options, console: Console) -> dict[str, Any]:
     """Runs all terrains, prints the table and returns the rows for study.json."""
-    own = scenes.vehicle_spec(options.vehicle).compile()
-    vehicle = Vehicle.of(own)
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, vehicle))
-    box = hull_box(own, vehicle)
+    own = OwnVehicle.of(vehicle_spec(options.vehicle), (CAMERA_SITE, TOOL_GEOM))
+    vehicle, chain, box = own.vehicle, own.chain(), own.hull_box
     seeds = range(options.seed, options.seed + options.terrains)
     runs = [one(seed, options, vehicle, chain, box) for seed in track(seeds, "terrains", console=console)]
     table = Table(

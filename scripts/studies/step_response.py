@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from scenarios.campaigns.pool import run_all
+from scenarios.command import NOT_ACCEPTED
 from scenarios.force_steps import StepTask, died, figures, responses, times
-from scenarios.runner import NOT_ACCEPTED
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.reporting.report_figures import BLUE, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH

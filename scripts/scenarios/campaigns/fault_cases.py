@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from controllers.tasks.supervisor import SurfaceWork
-from scenarios.contact_job import AssembledJob
+from scenarios.assembly import Assembly
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array
@@ -21,7 +21,6 @@ from sim.loop.rollout import Moment, rollout
 from sim.plant import faults
 from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
-from sim.water.current import Current
 
 NAN = float("nan")
 LINGER = 6.0  # [s] that a run continues after its work, to see where the vehicle ends up
@@ -233,11 +232,11 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     }
 
 
-def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
+def run_branched(built: Assembly, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
     Args:
-        built: The assembled job.
+        built: The assembled scenario.
         only: Parts of names of the cases to run; empty: all.
         said: Called with the trace of each case.
 
@@ -265,10 +264,8 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
             finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
     assert isinstance(built.parts.planner, SurfaceWork)
     parts = replace(built.parts, sensors=sensors, finder=finder, planner=ContinuingPlanner(built.parts.planner))
-    options, dt = built.options, built.plant.timestep
     profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
-    current = Current(options.current, gust=options.gust, timestep=dt, rng=built.gusts, profile=profile)
-    built.plant.reset(current=current, X_WB=built.X_WB)
+    built.plant.reset(current=built.current(profile), X_WB=built.X_WB)
     plant = FaultyPlant(
         built.plant,
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],

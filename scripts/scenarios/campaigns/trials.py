@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from scenarios.campaigns.pool import run_all
-from scenarios.runner import NOT_ACCEPTED, progress
+from scenarios.command import NOT_ACCEPTED, progress
 from sim.interfaces.errors import ConfigurationError, UuvError
 from sim.runs.saving import write_json
 

@@ -279,7 +279,7 @@ def test_rates_that_do_not_fit_are_refused_with_both_numbers(options, said):
 
 
 def test_a_run_ends_where_until_says_so():
-    over = {"planner": {"done_at": 5}}
-    assert Rig(**over).run().last.tick == 5
-    assert Rig(until=never, **over).run().last.tick == 19
-    assert Rig(until=lambda moment: moment.tick == 8, **over).run().last.tick == 8
+    over = {"done_at": 5}
+    assert Rig(planner=over).run().last.tick == 5
+    assert Rig(planner=over, until=never).run().last.tick == 19
+    assert Rig(planner=over, until=lambda moment: moment.tick == 8).run().last.tick == 8

@@ -21,7 +21,7 @@ from controllers.mkps import Chain, solve
 from controllers.tuning import TOUCH, TouchTuning
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
 
 _STILL_WATER = np.zeros(3)  # [m/s] the current's drag on the arm is small against the push
@@ -209,9 +209,8 @@ class TouchSequence:
             last: the controller's last command; not used.
 
         Returns:
-            The state and the reference for the controller. While its `tare` is True the encoders are read, for the
-                touch of
-            index `path_s`.
+            The state and the reference for the controller. Its `touch` is the index of the touch while the encoders are
+            to be read.
         """
         tuning, t = self.tuning, estimate.time - state.since
         if state.at >= len(self._touches):
@@ -237,15 +236,9 @@ class TouchSequence:
         if state.phase == 2:
             if t < tuning.settle + tuning.reading:
                 p = aim - tuning.beyond * nest.z_WN
-                reading = t >= tuning.settle
-                return state, self._reference(
-                    estimate,
-                    WorkState.PRESS,
-                    X_WG=pose(touch.R_WG, p),
-                    force=tuning.push,
-                    tare=reading,
-                    path_s=float(state.at),
-                )
+                reading = state.at if t >= tuning.settle else None
+                X_WG = pose(touch.R_WG, p)
+                return state, self._reference(estimate, WorkState.PRESS, X_WG=X_WG, force=tuning.push, touch=reading)
             X_WG = estimate.X_WB @ self._vehicle.X_BA @ self._chain.forward(estimate.q)
             offset = X_WG[:3, 3] - nest.p_WN
             if float(np.linalg.norm(offset)) < tuning.believable:
@@ -275,8 +268,7 @@ class TouchSequence:
         qd: Array | None = None,
         X_WG: Array | None = None,
         force: float = 0.0,
-        tare: bool = False,
-        path_s: float = 0.0,
+        touch: int | None = None,
     ) -> Reference:
         """Reference for the controller; the hull pose is always the same."""
         rest = np.zeros(len(estimate.q))
@@ -292,9 +284,10 @@ class TouchSequence:
             qd=rest if qd is None else qd,
             force=force,
             force_control=False,
-            tare=tare,
+            tare=False,
             scan=False,
-            path_s=path_s,
+            path_s=0.0,
+            touch=touch,
         )
 
 
@@ -389,7 +382,8 @@ class CompliantTouch:
             The state and the command, with the estimated normal force at the tip.
         """
         arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
-        felt = estimate_tip_force(
+        f_tip_W = np.empty(3)
+        normal = estimate_tip_force(
             arm.layout,
             arm.numbers,
             arm.stations,
@@ -417,7 +411,7 @@ class CompliantTouch:
             self._J_B,
             state.f_tip_B,
             self._f_tip_G,
-            np.empty(3),
+            f_tip_W,
         )
         track_gear_friction(
             state.tau,
@@ -477,7 +471,11 @@ class CompliantTouch:
         state.tau = tau
         state.tick += 1
         return state, Command(
-            time=estimate.time, joint_torque=tau, thrusters=state.thrusters, scan=False, felt_normal=felt
+            time=estimate.time,
+            joint_torque=tau,
+            thrusters=state.thrusters,
+            scan=False,
+            contact=ContactEstimate(force_W=f_tip_W, normal=normal),
         )
 
     def _give_way(self, state: CompliantState, estimate: StateEstimate, reference: Reference) -> Array:

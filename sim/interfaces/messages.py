@@ -15,6 +15,7 @@ from sim.interfaces.spatial import Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)  # [m]
 _STILL = readonly([0.0] * 3)  # [rad/s]
+_UNBOUNDED = readonly([math.inf] * 3)  # [N]
 
 
 class WorkState(StrEnum):
@@ -33,6 +34,36 @@ class WorkState(StrEnum):
     RETREAT = "retreat"  # tool leaves the surface along its axis
     DONE = "done"  # path finished and tool withdrawn
     ABORT = "abort"  # tool withdrawn before the path was finished
+
+
+class AbortCode(StrEnum):
+    """Cause for which work was broken off; `Reference.note` gives the same in a sentence, with figures."""
+
+    NO_FRAME = "no frame"  # no depth frame or ping arrived
+    NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
+    NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
+    OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
+    NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
+    HULL_NOT_AT_REST = "hull not at rest"  # within its time
+    HULL_LATE = "hull late"  # it lags behind its move
+    HULL_ADRIFT = "hull adrift"  # it is off its place
+    NO_CONTACT = "no contact"  # there is no surface where one is expected
+    OBSTACLE = "obstacle"  # contact where none is expected
+    FORCE_NOT_REACHED = "force not reached"
+    FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
+    FORCE_LIMIT = "force limit"  # the estimated force is above its limit
+    CONTACT_LOST = "contact lost"
+    HOLE_NOT_FOUND = "hole not found"
+    JAMMED = "jammed"  # on the way in
+    STUCK = "stuck"  # on the way out
+    TUBE_FULL = "tube full"
+    TIME_LIMIT = "time limit"
+    VISION = "vision lost"
+    TORQUE_SENSORS = "torque sensors wrong"
+    ENCODER = "encoder wrong"
+    THRUSTER = "thruster lost"
+    ESTIMATE = "estimate lost"
+    CONTROLLER = "controller failed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -260,20 +291,45 @@ class Reference:
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
-    note: str = ""  # reason for an abort, after one
+    abort: AbortCode | None = None  # cause of an abort, from the moment that the work is broken off
+    note: str = ""  # the same in a sentence, or another message
+    touch: int | None = None  # index of the touch whose reading is taken now
     compliant: bool = False  # yield to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactEstimate:
+    """Force of the world on the tip as estimated on board; the default is an unknown one."""
+
+    force_W: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [N] in W; NaN: not known
+    normal: float = math.nan  # [N] along the tool axis, positive when the tool presses; NaN: not known
+    sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)  # (3,) [N] standard deviation, tool axes
+
+    @property
+    def known(self) -> bool:
+        """True if the normal force is a number."""
+        return math.isfinite(self.normal)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HullLoad:
+    """Loads on the hull that station keeping used in its last step; a new object for each of its steps."""
+
+    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, contact included, hull axes at the hull's origin
+    current_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m/s] estimated current
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """Output of the controller: drive commands, force estimate for the planner, internal values for logs."""
+    """Output of the controller: drive commands, and what it estimated of contact and loads."""
 
     time: float  # [s]
     joint_torque: Array  # (n,) [N m]
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
     scan: bool  # take a depth frame now
-    felt_normal: float = float("nan")  # [N] estimated normal force at the tool; NaN: no estimate
-    believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]
+    contact: ContactEstimate = field(default_factory=ContactEstimate)
+    hull_load: HullLoad | None = None  # None: not reported
+    believed: Mapping[str, Array] = field(default_factory=dict)  # further arrays by name, for the log only
     faults: tuple[Fault, ...] = ()  # detected faults, in order of detection

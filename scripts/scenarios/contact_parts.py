@@ -17,7 +17,7 @@ from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.registry import Registry
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
-from scenarios import deck_calibration as _deck_calibration
+from scenarios.arm_identification import deck_calibration as _deck_calibration
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, VehicleSetup
 from scenarios.tasks.task import Task

@@ -10,7 +10,7 @@ from scenarios.options import barrel
 from scenarios.perturbations.pad import Pad
 from scenarios.runner import run
 from scenarios.scenario import Scenario
-from scenarios.tasks.surface_work import SurfaceWork
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.recording import Recording
@@ -51,7 +51,7 @@ def scenario_of(task: StepTask) -> Scenario:
         length=LENGTH,
         forces=(task.low, task.high) * task.steps,
     )
-    assert isinstance(scenario.task, SurfaceWork)
+    assert isinstance(scenario.task, SurfaceWorkTask)
     work = replace(scenario.task, force_rate=task.rate)
     return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from controllers.work_controller import Method
 from models.site.seabed import Kind
-from scenarios.arm_identification.friction_run import GearIdentification
+from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Scenario, Sensing, VehicleSetup
-from scenarios.site import Barrel, Ground, KnownObject, Manifold, OpenWater, Pile, Site, SiteObject
-from scenarios.tasks.insertion import Insertion
-from scenarios.tasks.inspection import Inspection
-from scenarios.tasks.seabed_sampling import SeabedSampling
-from scenarios.tasks.surface_work import SurfaceWork
+from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
+from scenarios.tasks.insertion import InsertionTask
+from scenarios.tasks.inspection import InspectionTask
+from scenarios.tasks.seabed_sampling import SeabedSamplingTask
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.interfaces.spatial import finite_number
 from sim.runs.command_line import ScenarioOptions
 
@@ -83,7 +83,7 @@ class ContactOptions(VehicleOptions):
             name=name,
             seed=self.seed,
             site=self.site(of),
-            task=SurfaceWork(
+            task=SurfaceWorkTask(
                 path=path,
                 forces=self.forces or forces,
                 speed=self.speed,
@@ -223,12 +223,12 @@ class InsertionOptions(TrialOptions):
     def scenario(self) -> Scenario:
         """The insertion."""
         depth = 1e-3 * (30.0 if self.quick else self.depth)
-        of = Manifold(clearance=1e-3 * self.clearance, depth=depth + BOTTOM, chamfer=1e-3 * self.chamfer)
+        of = HoleManifold(clearance=1e-3 * self.clearance, depth=depth + BOTTOM, chamfer=1e-3 * self.chamfer)
         return Scenario(
             name="insert_sampler",
             seed=self.seed,
             site=self.site(of),
-            task=Insertion(
+            task=InsertionTask(
                 hole=self.hole,
                 depth=depth,
                 error=(1e-3 * self.error[0], 1e-3 * self.error[1]),
@@ -275,7 +275,7 @@ class SeabedOptions(TrialOptions):
             name="sample_seabed",
             seed=self.seed,
             site=self.site(Ground(terrain=self.terrain, soil=self.soil)),
-            task=SeabedSampling(
+            task=SeabedSamplingTask(
                 drag=drag,
                 push=min(self.push, 40.0) if self.quick else self.push,
                 depth=1e-3 * depth,
@@ -307,7 +307,7 @@ class InspectionOptions(VehicleOptions):
             name="inspect_object",
             seed=self.seed,
             site=self.site(KnownObject(object=self.object)),
-            task=Inspection(distance=self.distance, clearance=self.clearance, speed=self.speed),
+            task=InspectionTask(distance=self.distance, clearance=self.clearance, speed=self.speed),
             vehicle=VehicleSetup(vehicle=self.vehicle),
             control=Control(controller=self.controller),
         )
@@ -332,7 +332,7 @@ class GearOptions(ScenarioOptions):
             name="identify_friction",
             seed=self.seed,
             site=Site(object=OpenWater(), current=self.current, gust=self.gust),
-            task=GearIdentification(seconds=seconds),
+            task=GearIdentificationTask(seconds=seconds),
             vehicle=VehicleSetup(vehicle=self.vehicle),
             perturbations=(Gears(spread=self.gear_spread),),
             perturbation_seed=self.seed,

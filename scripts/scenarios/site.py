@@ -135,7 +135,7 @@ class KnownObject(Workpiece):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manifold(SiteObject):
+class HoleManifold(SiteObject):
     """Subsea manifold with two holes, "a" and "b"."""
 
     clearance: float = 2e-3  # [m] radial, between tool and hole
@@ -171,7 +171,15 @@ class Ground(SiteObject):
 
 
 SITE_OBJECTS: Registry[SiteObject] = Registry(
-    "site object", {kind.__name__: kind for kind in (Barrel, Pile, KnownObject, Manifold, Ground, OpenWater)}
+    "site_object",
+    {
+        "Barrel": Barrel,
+        "Pile": Pile,
+        "KnownObject": KnownObject,
+        "Manifold": HoleManifold,
+        "Ground": Ground,
+        "OpenWater": OpenWater,
+    },
 )
 
 

@@ -18,8 +18,8 @@ from calib.verification import kabsch
 from controllers.mkps import Chain, solve
 from models.arms import published_arms
 from perception import identify
+from scenarios.arm_identification.calibration_input import nominal, simulated
 from scenarios.assembly import assemble
-from scenarios.calibration_input import nominal, simulated
 from scenarios.campaigns.pool import run_all
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
@@ -30,7 +30,7 @@ from scenarios.pushing import run as push
 from scenarios.pushing import sphere
 from scenarios.runner import Run, run
 from scenarios.scenario import Scenario
-from scenarios.tasks.surface_work import SurfaceWork
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
@@ -77,7 +77,7 @@ def force_steps(seed: int) -> Figures:
     """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along the barrel."""
     low, high, steps = 60.0, 90.0, 3
     scenario = barrel(seed=seed, length=0.36, forces=(low, high) * steps)
-    assert isinstance(scenario.task, SurfaceWork)
+    assert isinstance(scenario.task, SurfaceWorkTask)
     recording = run(assemble(replace(scenario, task=replace(scenario.task, force_rate=1e6)))).recording
     responses = steps_up(recording, low, high)["true"]
     work = recording.within(WorkState.WORK)

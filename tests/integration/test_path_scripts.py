@@ -12,7 +12,7 @@ from models.objects.targets import TargetModel, barrel, rock
 from scenarios.options import barrel as barrel_scenario
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Scenario
-from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWork
+from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from sim.interfaces.errors import ConfigurationError
 from studies import paths
 from surface_distance import signed_distance
@@ -71,7 +71,7 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
 
 def placed(scenario: Scenario) -> PlacedSurfaceWork:
     """The work at its site, without plant and parts."""
-    assert isinstance(scenario.task, SurfaceWork)
+    assert isinstance(scenario.task, SurfaceWorkTask)
     own = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
     return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
 

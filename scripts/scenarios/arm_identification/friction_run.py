@@ -90,7 +90,7 @@ class FrictionSamples:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GearIdentification(Task):
+class GearIdentificationTask(Task):
     """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its gears."""
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
@@ -111,7 +111,7 @@ class FrictionCase(PlacedTask):
 
     exact_start: ClassVar[bool] = True
     scenario: Scenario
-    task: GearIdentification
+    task: GearIdentificationTask
     believed: Vehicle
     samples: FrictionSamples = field(default_factory=FrictionSamples)
     model: mujoco.MjModel | None = None  # of the plant; `sensors` sets it

@@ -12,10 +12,10 @@ from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations.loop import MisplacedSurface
 from scenarios.perturbations.pad import Pad
-from scenarios.perturbations.vehicle import Gears, Payload, Thrusters, Water
+from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
 from scenarios.scenario import Belief, Scenario, Sensing
-from scenarios.tasks.surface_work import SurfaceWork
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from sim.interfaces.messages import WorkState
@@ -157,7 +157,7 @@ def draw(task: RunTask) -> Scenario:
     perturbations = (
         Water(spread=ranges.water),
         Payload(spread=ranges.payload, trim_error=trim_error),
-        Thrusters(lag=ranges.thruster, gain=ranges.thruster),
+        ThrusterSpread(lag=ranges.thruster, gain=ranges.thruster),
         Gears(spread=ranges.gears),
         pad,
         surface,
@@ -272,7 +272,7 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
 
 def _first_force(scenario: Scenario) -> float:
     """First set force [N]."""
-    assert isinstance(scenario.task, SurfaceWork)
+    assert isinstance(scenario.task, SurfaceWorkTask)
     return scenario.task.forces[0]
 
 

@@ -14,8 +14,8 @@ from scenarios.options import TrialOptions
 from scenarios.runner import assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict
-from scenarios.tasks.insertion import Insertion
-from scenarios.tasks.seabed_sampling import SeabedSampling
+from scenarios.tasks.insertion import InsertionTask
+from scenarios.tasks.seabed_sampling import SeabedSamplingTask
 from scenarios.tasks.task import Task
 from sim.evaluation import insertion_metrics, seabed_metrics
 from sim.runs.provenance import provenance
@@ -55,8 +55,8 @@ _SEABED: tuple[Row, ...] = (
     ("hull over the true ground, least", "ground_gap_m", "mm", 1e3, "min"),
 )
 TRIALS: dict[type[Task], TaskTrials] = {
-    Insertion: TaskTrials(crashed=insertion_metrics.crashed, summary=insertion_metrics.summary, rows=_INSERTION),
-    SeabedSampling: TaskTrials(crashed=seabed_metrics.crashed, summary=seabed_metrics.summary, rows=_SEABED),
+    InsertionTask: TaskTrials(crashed=insertion_metrics.crashed, summary=insertion_metrics.summary, rows=_INSERTION),
+    SeabedSamplingTask: TaskTrials(crashed=seabed_metrics.crashed, summary=seabed_metrics.summary, rows=_SEABED),
 }
 
 

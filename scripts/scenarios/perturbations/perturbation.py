@@ -84,6 +84,14 @@ def registry() -> Registry[Perturbation]:
     """All kinds of perturbation, those of other packages included."""
     from scenarios.perturbations import loop, pad, vehicle
 
-    kinds = (vehicle.Water, vehicle.Payload, vehicle.Thrusters, vehicle.Gears, pad.Pad)
-    kinds += (loop.MisplacedSurface, loop.ThrusterFailure, loop.SensorFailure)
-    return Registry("perturbation", {kind.__name__: kind for kind in kinds})
+    kinds: dict[str, type[Perturbation]] = {
+        "Water": vehicle.Water,
+        "Payload": vehicle.Payload,
+        "Thrusters": vehicle.ThrusterSpread,
+        "Gears": vehicle.Gears,
+        "Pad": pad.Pad,
+        "MisplacedSurface": loop.MisplacedSurface,
+        "ThrusterFailure": loop.ThrusterFailure,
+        "SensorFailure": loop.SensorFailure,
+    }
+    return Registry("perturbation", kinds)

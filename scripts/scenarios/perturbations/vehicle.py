@@ -101,7 +101,7 @@ class Payload(_Spread):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Thrusters(_Spread):
+class ThrusterSpread(_Spread):
     """Time constant and gain of each thruster."""
 
     stream: ClassVar[int | None] = 2

@@ -15,7 +15,7 @@ from perception.clouds.scan import SensorModel
 from perception.target_finder import KnownObjectFinder
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
-from scenarios.site import Manifold, coarse_detection
+from scenarios.site import HoleManifold, coarse_detection
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion
 from sim.evaluation.metrics import Assessment
@@ -27,7 +27,7 @@ from sim.sensors.depth_camera import DepthCamera
 
 
 @dataclass(frozen=True, kw_only=True)
-class Insertion(Task):
+class InsertionTask(Task):
     """Insert a sampler into a hole of a manifold."""
 
     hole: str = "a"
@@ -52,7 +52,7 @@ class Insertion(Task):
             name = scenario.vehicle.vehicle
             raise ConfigurationError(f"--vehicle {name!r}: its geom {TOOL_GEOM!r} must be a capsule, the sampler")
         radius = float(own.model.geom_size[tool, 0])
-        site: Manifold = object_of(scenario, Manifold)
+        site: HoleManifold = object_of(scenario, HoleManifold)
         block = site.block(radius)
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT @ pose(p=block.target.center), rng)
@@ -77,7 +77,7 @@ class PlacedInsertion(PlacedTask):
     begun: ClassVar[tuple[WorkState, ...]] = AT_THE_HOLE
     scenario: Scenario
     own: OwnVehicle
-    task: Insertion
+    task: InsertionTask
     target: TargetModel
     bore: Hole
     X_WT: Array  # (4, 4) true pose of the manifold

@@ -32,7 +32,7 @@ FAR = 5.0  # [m] largest range at which a surface point counts as seen
 
 
 @dataclass(frozen=True, kw_only=True)
-class Inspection(Task):
+class InspectionTask(Task):
     """Fly one orbit around an object."""
 
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)

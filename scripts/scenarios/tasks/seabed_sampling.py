@@ -47,7 +47,7 @@ LOOKS = 10  # pings for the surface; from a single ping it is 3 to 8 mm off, mos
 
 
 @dataclass(frozen=True, kw_only=True)
-class SeabedSampling(Task):
+class SeabedSamplingTask(Task):
     """Take a core of the seabed, or drag a box through it."""
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE,)
@@ -102,7 +102,7 @@ class PlacedSampling(PlacedTask):
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.APPROACH,)
     scenario: Scenario
     own: OwnVehicle
-    task: SeabedSampling
+    task: SeabedSamplingTask
     job: SeabedJob
     ground: Seabed  # true terrain
     start: Array  # (4, 4) pose X_WB

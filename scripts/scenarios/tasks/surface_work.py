@@ -26,7 +26,7 @@ _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceWork(Task):
+class SurfaceWorkTask(Task):
     """Press a tool along a path of an object with set forces."""
 
     path: str | None = None  # of the object; None: its first
@@ -67,7 +67,7 @@ class PlacedSurfaceWork(PlacedTask):
 
     scenario: Scenario
     own: OwnVehicle
-    task: SurfaceWork
+    task: SurfaceWorkTask
     target: TargetModel  # as the vehicle knows it
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation

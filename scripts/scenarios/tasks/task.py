@@ -176,9 +176,14 @@ def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
 @cache
 def registry() -> Registry[Task]:
     """All tasks, those of other packages included."""
-    from scenarios.arm_identification.friction_run import GearIdentification
+    from scenarios.arm_identification.friction_run import GearIdentificationTask
     from scenarios.tasks import insertion, inspection, seabed_sampling, surface_work
 
-    kinds = (surface_work.SurfaceWork, insertion.Insertion, inspection.Inspection, seabed_sampling.SeabedSampling)
-    kinds += (GearIdentification,)
-    return Registry("task", {kind.__name__: kind for kind in kinds})
+    kinds: dict[str, type[Task]] = {
+        "SurfaceWork": surface_work.SurfaceWorkTask,
+        "Insertion": insertion.InsertionTask,
+        "Inspection": inspection.InspectionTask,
+        "SeabedSampling": seabed_sampling.SeabedSamplingTask,
+        "GearIdentification": GearIdentificationTask,
+    }
+    return Registry("task", kinds)

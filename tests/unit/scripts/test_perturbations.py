@@ -11,7 +11,7 @@ from models.water import thrusters
 from scenarios.perturbations import pad
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
-from scenarios.perturbations.vehicle import Gears, Payload, Thrusters, Water
+from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.scenario import Sensing
 from sim import hydrodynamics as hydrodynamics_of_plant
 from sim.interfaces.errors import ConfigurationError
@@ -21,7 +21,7 @@ from sim.sensors import proprioception
 def test_nominal_changes_nothing():
     spec = models.load("uuv_puma")
     before = spec.compile()
-    nothing = [Water(), Payload(), Thrusters(), Gears(), Pad()]
+    nothing = [Water(), Payload(), ThrusterSpread(), Gears(), Pad()]
     assert perturb(spec, nothing) == {}
     after = spec.compile()
     assert np.array_equal(before.body_user, after.body_user)
@@ -79,7 +79,7 @@ def test_payload_keeps_the_ballast_of_the_arm_as_drawn(within):
 
 def test_thrusters_are_slower_and_weaker_each_by_itself():
     plain, spec = models.load("bluerov2_heavy"), models.load("bluerov2_heavy")  # tables
-    perturb(spec, [Thrusters(lag=0.2, gain=0.2)], 1)
+    perturb(spec, [ThrusterSpread(lag=0.2, gain=0.2)], 1)
     (_, old), (_, new) = thrusters.read(plain.compile()), thrusters.read(spec.compile())
     for column in (thrusters.FORWARD, thrusters.TIME_CONSTANT):
         ratio = new[:, column] / old[:, column]

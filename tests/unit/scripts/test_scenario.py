@@ -26,11 +26,11 @@ from scenarios.perturbations import perturbation
 from scenarios.perturbations.loop import MisplacedSurface, SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
-from scenarios.perturbations.vehicle import Gears, Payload, Thrusters, Water
+from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.scenario_file import as_dict, from_dict, to_toml
 from scenarios.site import KnownObject, Site
 from scenarios.tasks import task
-from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWork
+from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from sim.interfaces.errors import LONGEST, ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.plant.faults import FaultyPlant
@@ -38,7 +38,7 @@ from sim.plant.faults import FaultyPlant
 ALL = (
     Water(spread=0.3),
     Payload(spread=0.1, trim_error=-0.05),
-    Thrusters(lag=0.2, gain=0.1),
+    ThrusterSpread(lag=0.2, gain=0.1),
     Gears(spread=0.3),
     Pad(friction=0.3, stiffness=1e5),
     MisplacedSurface(offset=-0.01),
@@ -126,12 +126,12 @@ def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
 
 def test_a_task_at_the_wrong_site_is_refused():
     scenario = replace(barrel(), site=SeabedOptions().scenario().site)
-    with pytest.raises(ConfigurationError, match="task SurfaceWork: needs a Workpiece at the site, got Ground"):
+    with pytest.raises(ConfigurationError, match="task SurfaceWorkTask: needs a Workpiece at the site, got Ground"):
         assemble(scenario)
 
 
 def placed(scenario: Scenario) -> PlacedSurfaceWork:
-    assert isinstance(scenario.task, SurfaceWork)
+    assert isinstance(scenario.task, SurfaceWorkTask)
     own = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
     return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
 
@@ -197,7 +197,7 @@ def test_an_object_of_another_package_is_worked_on(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(OBJECTS, "_found", None)  # what is installed is looked up once
     monkeypatch.delitem(sys.modules, "buoys", raising=False)
-    scenario = replace(barrel(), site=Site(object=KnownObject(object="buoy")), task=SurfaceWork(least=0.5))
+    scenario = replace(barrel(), site=Site(object=KnownObject(object="buoy")), task=SurfaceWorkTask(least=0.5))
     work = placed(scenario)
     assert (work.target.name, work.truth.path) == ("buoy", "over")
     assert from_dict(as_dict(scenario)) == scenario
@@ -246,5 +246,5 @@ def test_an_unknown_thruster_is_named_with_those_there_are():
 
 
 def test_a_scenario_is_no_more_than_a_run_needs():
-    for kind in (Scenario, Site, SurfaceWork, Water):
+    for kind in (Scenario, Site, SurfaceWorkTask, Water):
         assert len(fields(kind)) <= 10, kind

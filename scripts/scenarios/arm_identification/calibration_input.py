@@ -19,9 +19,9 @@ from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
-from scenarios.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
+from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
+from scenarios.arm_identification.touching import Session, touch
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.touching import Session, touch
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
 from sim.loop.rollout import Observer

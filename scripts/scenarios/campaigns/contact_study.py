@@ -1,7 +1,6 @@
 """One run of the contact study: random draw, simulation, figures, and class of failure."""
 
 import re
-import time
 import traceback
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -114,11 +113,6 @@ class RunTask:
     ranges: Ranges
     quick: bool = False
 
-    @property
-    def key(self) -> tuple[int, str]:
-        """Number of the run and ablated method, which identify the row."""
-        return self.run, self.without
-
 
 def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
     """Draws the job of a run and its variation; the same for every ablation.
@@ -188,19 +182,7 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     varied = {name: value for name, value in asdict(variation).items() if name in _DRAWN}
     varied |= {"gust": options.gust, "current": float(np.linalg.norm(current)), "current_up": float(current[2])}
     varied |= {"variation_seed": variation.seed}
-    row: dict[str, Any] = {
-        "run": task.run,
-        "without": task.without,
-        "path": task.path,
-        "seed": options.seed,
-        "varied": varied,
-        "class": CRASHED,
-        "kind": "",
-        "detail": "",
-        "missed": [],
-        "figures": {},
-    }
-    wall, cpu = time.perf_counter(), time.process_time()
+    row: dict[str, Any] = {**crashed(task, ""), "seed": options.seed, "varied": varied}
     try:
         built = build(job, options, stream, variation)
         varied |= built.drawn
@@ -217,8 +199,23 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
         row["figures"] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
         }
-    row["timing"] = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     return row
+
+
+def crashed(task: RunTask, reason: str) -> dict[str, Any]:
+    """Row of a run that gave no result for `reason`."""
+    return {
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": None,
+        "varied": {},
+        "class": CRASHED,
+        "kind": reason,
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
 
 
 def figures_of(outcome: Outcome) -> dict[str, float | None]:

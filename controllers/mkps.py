@@ -42,6 +42,7 @@ __all__ = [
     "IkResult",
     "Method",
     "Precision",
+    "StageAxes",
     "Track",
     "TrackState",
     "TrackStep",
@@ -88,9 +89,9 @@ _CAUSES = {
     kernels.OUT_OF_REACH: "the target is farther away than the chain is long; this is the nearest pose found",
 }
 _RESTARTED = "converged after restarts: the branch may not be that of q0"
+_COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
 _NO_OUTCOME = (kernels.BAD_OPTION, 0, 0, 0.0, 0.0)
 _quick: dict[str, Any] = {}  # compiled entries for the usual options, by branch
-_COARSE = "single precision does not resolve these tolerances here; this is the nearest pose found"
 
 
 def solve(
@@ -120,15 +121,15 @@ def solve(
         chain: the serial chain.
         X_base_tip: (4, 4) target pose of the tip in the base frame.
         q0: (n,) [rad] or [m] start; values beyond the limits are brought within them.
-        position_tolerance: [m] largest position error of a solution.
-        orientation_tolerance: [rad] largest orientation error of a solution.
+        position_tolerance: [m] largest position error of a solution; with infinity it does not count.
+        orientation_tolerance: [rad] largest orientation error of a solution; with infinity it does not count.
         method: "hybrid" (Levenberg-Marquardt), "jacobian_free" (accelerated sweeps) or "plain" ([Danilov 2021]).
         branch: "free" restarts until a pose is met, from the same places for the same chain and q0. "keep" is for
             tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
             which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
             refused if the straight line in joint space from `q0` to it crosses a singular configuration.
         max_iterations: limit of the iterations; default 4000, 12000 for "jacobian_free".
-        max_restarts: limit of the restarts.
+        max_restarts: limit of the restarts; "plain" makes none, nor does branch="keep".
         history: also return the joint values after every iteration and their three goals ([Danilov 2021, fig. 9]).
         precision: "single" iterates in four-byte numbers and tests the solution in double precision.
         axis_tolerances: (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is
@@ -143,8 +144,9 @@ def solve(
         ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, or an unknown
             option.
     """
-    usual = type(method) is str and type(precision) is str and history is False and axis_tolerances is None
-    if usual and method == "hybrid" and precision == "double":
+    plain_types = type(method) is str and type(precision) is str and type(stage_axes) is str
+    usual = plain_types and method == "hybrid" and precision == "double" and stage_axes == "joint"
+    if usual and history is False and axis_tolerances is None:
         q = np.empty(chain.n)
         try:
             outcome = _quick[branch](

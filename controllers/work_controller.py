@@ -35,7 +35,7 @@ from controllers.tuning import HULL, ArmTuning, ObserverDeviations
 from models.arms.gear_friction import DryFriction
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.vehicle import Vehicle
-from sim.interfaces.messages import Command, Reference, StateEstimate
+from sim.interfaces.messages import Command, ContactEstimate, HullLoad, Reference, StateEstimate
 from sim.interfaces.spatial import Array, inverse, skew
 
 Method = Literal[
@@ -76,6 +76,7 @@ class WorkControllerState:
     sigma_G: Array  # (3,) [N] standard deviation of the felt force, tool axes
     f_tip_B: Array  # (3,) [N] felt force of the world on the tip, hull axes
     thrusters: Array  # (m,) normalised
+    hull_load: HullLoad | None = None
     believed: dict[str, Array] = field(default_factory=dict)
 
 
@@ -329,11 +330,10 @@ class WorkController:
             joint_torque=tau,
             thrusters=state.thrusters,
             scan=reference.scan,
-            felt_normal=felt,
+            contact=ContactEstimate(force_W=f_tip_W, normal=felt, sigma_G=state.sigma_G),
+            hull_load=state.hull_load,
             believed={
                 **state.believed,
-                "f_tip_W": f_tip_W,
-                "f_tip_sigma_G": state.sigma_G,
                 "displacement": np.array([state.displacement.k]),
                 "compliance_W": state.compliance.offset_W,
             },
@@ -463,13 +463,8 @@ class WorkController:
         through_water = self._hover.through_water(state.hover, estimate)
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
         state.hover.given_B = state.propellers.given_B
-        state.believed = {
-            **state.believed,
-            "arm_wrench_B": arm_wrench_B,
-            "hover_wrench_B": wanted_B,
-            "current_W": state.current_W.copy(),
-            "q_wanted": state.q_wanted,
-        }
+        state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=state.current_W)
+        state.believed = {**state.believed, "hover_wrench_B": wanted_B, "q_wanted": state.q_wanted}
 
     def _left_out(self, state: WorkControllerState, estimate: StateEstimate, contact_B: Array) -> Array:
         """Part (6,) of the arm's wrench that an ablation does not feed forward."""

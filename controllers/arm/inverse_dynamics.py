@@ -20,7 +20,7 @@ import numpy as np
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3
+from sim.interfaces.spatial import Array, exp_so3, finite_number
 
 _FIXED, _HINGE, _SLIDE = 0, 1, 2  # joint kinds
 _OF_BODIES = {
@@ -370,14 +370,15 @@ class ArmDynamics:
             passive: True makes joints without actuator (the sliding pad) coordinates too, in the order of the model. By
                 default they are held at their qpos0, as a controller sees them.
             water_error: [-] scales every hydrodynamic coefficient by 1 + water_error, for a deliberately wrong model;
-                volumes stay.
+                volumes stay. Above -1.
 
         Raises:
-            ConfigurationError: the arm has joints other than hinges and slides, or a body with several joints, or the
-                hull carries no other body.
+            ConfigurationError: `water_error` is out of range, the arm has joints other than hinges and slides, or a
+                body with several joints, or the hull carries no other body.
         """
         vehicle = Vehicle.of(model)
-        self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, 1.0 + water_error)
+        share = 1.0 + finite_number(water_error, "water_error", above=-1.0)
+        self._tree, self.joint_names, rows = _read_tree(model, vehicle, passive, share)
         tree = self._tree
         nb, self.n = len(tree.parent), len(self.joint_names)
         if not rows:

@@ -4,6 +4,11 @@ The original displaces the tool along the error vector G_f = G_F*_imp - G_F_imp 
 makes the tangential part of that vector non-zero while the tool moves; a displacement against friction would take the
 tool off its path. Therefore the displacement here acts along the tool axis, from the normal part of the error.
 
+    k = I + K T_p (e + T_d de/dt),    dI = K e dt + C_surface dF_set,    K = bandwidth (C_servo + C_surface)
+
+e is the expected less the felt force; the expected one follows the set force F_set with the lag `response`. T_p and T_d
+are `proportional_time` and `derivative_time`. Then k is limited in speed and size.
+
 One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by the displacement per
 newton. This is the compliance of the arm's servo, which is known, plus that of the surface under the pad. The latter is
 identified while the force grows, as the slope of k over the measured force. A change of the set force displaces the
@@ -30,7 +35,8 @@ class ForceDisplacementState:
     felt: float = 0.0  # [N] measured normal force, smoothed, for the slope
     displaced: float = 0.0  # [m] displacement, smoothed likewise
     compliance: float = 0.0  # [m/N] of the surface, as identified
-    sums: Array = field(default_factory=lambda: np.zeros(5))  # weight, means of F and k, central moments FF and Fk
+    # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
+    sums: Array = field(default_factory=lambda: np.zeros(5))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,8 +65,8 @@ class ForceDisplacement(ForceLoopTuning):
         error = state.expected - felt
         change = wanted - state.wanted
         self._learn(state, felt, change, dt)
-        integral = self.bandwidth * (servo_compliance + state.compliance)
-        proportional = integral * self.proportional_time
+        integral = self.bandwidth * (servo_compliance + state.compliance)  # [m/(N s)] gain
+        proportional = integral * self.proportional_time  # [m/N] gain
         rate = (error - state.error) / dt
         state.wanted, state.error = wanted, error
         state.integral += integral * error * dt + state.compliance * change

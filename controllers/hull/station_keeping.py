@@ -1,5 +1,9 @@
 """Station keeping: feedback on the hull's pose beside the fed-forward arm wrench, third stage of [Konoplin 2022].
 
+    wrench = M (frequency^2 e + 2 damping frequency rate) - static - arm - unknown
+    e = (R_WB^T (p_wanted - p), log(R_WB^T R_wanted)),    rate = (R_WB^T v_wanted - v_B, R_WB^T w_wanted - w_B)
+
+All are in hull axes, wrenches at the hull's origin. M is the inertia of hull and arm with added mass, the arm at home.
 Proportional and rate feedback act on the pose. Weight, buoyancy and the arm's wrench are fed forward. A disturbance
 observer (`controllers.estimation.disturbance_observer`) estimates the remaining wrench, mainly current drag, and
 cancels it. The observer replaces an integral term. It uses the thrust actually given, so saturation causes no windup.
@@ -64,13 +68,13 @@ class StationKeeping:
         if not hydrodynamics.carries(model.body_user[vehicle.hull]):
             raise ConfigurationError("the hull has no hydrodynamics: call models.hydrodynamics.attach on its spec")
         own = hull_inertia(model, vehicle.hull, 1.0 + water_error)
-        self.inertia = own.copy()  # (6, 6)
+        self.inertia = own.copy()  # (6, 6) [kg, kg m, kg m^2] with the arm's, hull axes at the hull's origin
         if arm is None and float(model.body_subtreemass[vehicle.hull]) > float(model.body_mass[vehicle.hull]):
             arm = ArmDynamics(model, water_error=water_error)
         if arm is not None:
             self.inertia += _arm_inertia(arm, vehicle.q_home)
-        self._stiffness = frequency**2
-        self._damping = 2.0 * damping * frequency
+        self._stiffness = frequency**2  # [1/s^2]
+        self._damping = 2.0 * damping * frequency  # [1/s]
         gravity = -float(model.opt.gravity[2])
         mass, density = float(model.body_mass[vehicle.hull]), hydrodynamics.water_density(model)
         water = hydrodynamics.unpack(model.body_user[vehicle.hull])
@@ -120,8 +124,8 @@ class StationKeeping:
     ) -> Array:
         """Wrench (6,) [N, N m] that the thrusters should put on the hull, hull axes.
 
-        Sets `state.given_B` to this wrench. A caller that knows better what the thrusters will give until the next step
-        overwrites it.
+        Sets `state.given_B` to this same array. A caller that knows better what the thrusters will give until the next
+        step assigns another.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.

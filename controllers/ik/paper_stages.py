@@ -1,7 +1,10 @@
 """Compiled loops of plain MKPS: the three stages of [Danilov 2021, chapter 3], the signs of its formulas corrected.
 
 In formula (2) of [Danilov 2021] the modulus loses the sign of the step, which is atan2(e.(S x K), S.K - (e.S)(e.K)).
-Its test (1) mistakes the farthest position of a joint for the nearest.
+Here e is the joint's unit axis, S what it turns and K where S should point. In an axis stage these are the two axes. In
+the position stage they lead from the joint to the tip and to the target; for a pantograph link, S is the link and K the
+link plus the error. The arguments of atan2 are `across` and `near` below. Test (1) of [Danilov 2021] mistakes the
+farthest position of a joint for the nearest.
 
 Rotating all links beyond a joint costs O(n) per step. Carrying only the tip point and the tool axes gives the same
 iterates in O(n) per sweep. Arrays are those of `controllers.ik.chain_kernels`.
@@ -60,6 +63,7 @@ def place(table, goal, near_p, q, work):
     Returns:
         F_R^2 [scaled] after the sweep.
     """
+    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     px, py, pz, _, _, _, _, _, _, _, _, _ = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
@@ -114,6 +118,7 @@ def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
     Returns:
         Angle [rad] between the two axes after the sweep.
     """
+    # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
     ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
@@ -204,12 +209,12 @@ def stage_axes(table, tip_axes, q, work):
     ex, ey, ez = work[last, AXIS], work[last, AXIS + 1], work[last, AXIS + 2]
     # This is the z axis, unless slides or pantograph links lie beyond the hinge.
     ux, uy, uz = ex * xx + ey * xy + ez * xz, ex * yx + ey * yy + ez * yz, ex * zx + ey * zy + ez * zz
-    none = ux - ux
+    zero = ux - ux  # in the precision of the chain
     if abs(ux) < abs(uy):
         length = math.sqrt(uy * uy + uz * uz)
-        return none, uz / length, -uy / length, ux, uy, uz
+        return zero, uz / length, -uy / length, ux, uy, uz
     length = math.sqrt(ux * ux + uz * uz)
-    return uz / length, none, -ux / length, ux, uy, uz
+    return uz / length, zero, -ux / length, ux, uy, uz
 
 
 @jit

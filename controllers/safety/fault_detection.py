@@ -31,7 +31,7 @@ from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.messages import Command, Fault, FaultKind, StateEstimate
+from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
 
 
@@ -64,7 +64,7 @@ class FaultDetectionState:
     thrust: Array  # (m,) [N] predicted
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
-    wrench_seen: Array | None = None  # arm wrench of the last momentum balance, to recognise a new one
+    load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
     faults: list[Fault] = field(default_factory=list)  # found so far
 
     def has(self, kind: FaultKind, index: int = -1) -> bool:
@@ -135,8 +135,7 @@ class FaultDetection:
     def step(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
         """Update the residuals with one sample and return all faults found so far.
 
-        The hull is examined whenever the controller reports a new arm wrench (`Command.believed["arm_wrench_B"]`), with
-        the current that it reports (`"current_W"`).
+        The hull is examined whenever the controller reports a new `Command.hull_load`.
 
         Args:
             state: of `init`, or as the last step left it; changed in place.
@@ -180,10 +179,10 @@ class FaultDetection:
             self._add(state, FaultKind.VISION, "", -1, time)
         state.time = time
         state.tau_motor[:] = command.joint_torque
-        wrench = command.believed.get("arm_wrench_B")
-        if wrench is not None and wrench is not state.wrench_seen:
-            state.wrench_seen = wrench
-            self._look_at_hull(state, estimate, command, wrench, warm)
+        load = command.hull_load
+        if load is not None and load is not state.load_seen:
+            state.load_seen = load
+            self._look_at_hull(state, estimate, command, load, warm)
         return tuple(state.faults)
 
     def _judge_joints(self, state: FaultDetectionState, time: float) -> None:
@@ -227,19 +226,18 @@ class FaultDetection:
             state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
 
     def _look_at_hull(
-        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, wrench: Array, warm: bool
+        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, load: HullLoad, warm: bool
     ) -> None:
         limits, dt = self.limits, estimate.time - state.hull_time
         state.hull_time = estimate.time
         if dt <= 0.0:
             return
-        current_W = command.believed.get("current_W", np.zeros(3))
         _hull(
             estimate.X_WB[:3, :3],
             estimate.v_WB_B,
             estimate.w_WB_B,
-            current_W,
-            wrench,
+            load.current_W,
+            load.arm_wrench_B,
             self._inertia,
             self._added,
             self._linear,

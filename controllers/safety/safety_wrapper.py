@@ -25,7 +25,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.safety.fault_detection import FaultDetection, FaultDetectionState, finite
 from controllers.tuning import SAFETY, FaultLimits
 from models.vehicle import Vehicle
-from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate
+from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate
 from sim.interfaces.protocols import Controller
 from sim.interfaces.spatial import Array
 
@@ -87,7 +87,7 @@ class SafetyWrapper:
             joint_torque=np.zeros(n),
             thrusters=np.zeros(self._thrusters),
             scan=False,
-            felt_normal=0.0,
+            contact=ContactEstimate(normal=0.0),
         )
         return SafetyWrapperState(
             inner=self._controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
@@ -173,7 +173,7 @@ class SafetyWrapper:
             joint_torque=self._brake(state, estimate),
             thrusters=np.zeros(self._thrusters),
             scan=False,
-            felt_normal=0.0,
+            contact=replace(state.command.contact, normal=0.0),
             faults=(*faults, state.stopped),
         )
 

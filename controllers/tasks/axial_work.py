@@ -198,9 +198,7 @@ def contact_force_on_tool(last: Command | None, axis_W: Array) -> tuple[float, f
     Raises:
         ConfigurationError: if the controller does not estimate the contact force.
     """
-    if last is None or not math.isfinite(last.felt_normal) or "f_tip_W" not in last.believed:
-        raise ConfigurationError(
-            "the controller must say what it feels: Command.felt_normal [N] and believed['f_tip_W'] (3,) [N]"
-        )
-    f_tip_W = last.believed["f_tip_W"]
-    return last.felt_normal, float(np.linalg.norm(f_tip_W - (f_tip_W @ axis_W) * axis_W))
+    if last is None or not last.contact.known:
+        raise ConfigurationError("the controller gives no contact estimate: Command.contact.normal [N] is not a number")
+    f_tip_W = last.contact.force_W
+    return last.contact.normal, float(np.linalg.norm(f_tip_W - (f_tip_W @ axis_W) * axis_W))

@@ -473,10 +473,12 @@ class SurfaceWork:
     @staticmethod
     def _felt(state: SupervisorState, last: Command | None) -> float:
         """Normal force [N] as the controller estimates it; ConfigurationError without an estimate in contact."""
-        if last is not None and math.isfinite(last.felt_normal):
-            return last.felt_normal
+        if last is not None and last.contact.known:
+            return last.contact.normal
         if last is not None and state.state in (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK):
-            raise ConfigurationError("the controller must say what it feels: Command.felt_normal [N] is not a number")
+            raise ConfigurationError(
+                "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
+            )
         return 0.0
 
     def _watch(self, state: SupervisorState, estimate: StateEstimate, felt: float, last: Command | None) -> None:

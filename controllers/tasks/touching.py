@@ -21,7 +21,7 @@ from controllers.mkps import Chain, solve
 from controllers.tuning import TOUCH, TouchTuning
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, inverse, log_so3, pose, rotation_from_z, skew
 
 _STILL_WATER = np.zeros(3)  # [m/s] the current's drag on the arm is small against the push
@@ -389,7 +389,8 @@ class CompliantTouch:
             The state and the command, with the estimated normal force at the tip.
         """
         arm, vehicle, drives, dt = self._arm, self._vehicle, self._tuning.drives, self.period
-        felt = estimate_tip_force(
+        f_tip_W = np.empty(3)
+        normal = estimate_tip_force(
             arm.layout,
             arm.numbers,
             arm.stations,
@@ -417,7 +418,7 @@ class CompliantTouch:
             self._J_B,
             state.f_tip_B,
             self._f_tip_G,
-            np.empty(3),
+            f_tip_W,
         )
         track_gear_friction(
             state.tau,
@@ -477,7 +478,11 @@ class CompliantTouch:
         state.tau = tau
         state.tick += 1
         return state, Command(
-            time=estimate.time, joint_torque=tau, thrusters=state.thrusters, scan=False, felt_normal=felt
+            time=estimate.time,
+            joint_torque=tau,
+            thrusters=state.thrusters,
+            scan=False,
+            contact=ContactEstimate(force_W=f_tip_W, normal=normal),
         )
 
     def _give_way(self, state: CompliantState, estimate: StateEstimate, reference: Reference) -> Array:

@@ -270,6 +270,6 @@ class ProgressPrinter:
             note = f"  {reference.note}" if reference.note else ""
             self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
         if moment.tick % 250 == 0:
-            felt = moment.command.felt_normal
+            felt = moment.command.contact.normal
             said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -15,6 +15,7 @@ from sim.interfaces.spatial import Array, readonly
 
 _UNKNOWN = readonly([math.nan] * 3)  # [m]
 _STILL = readonly([0.0] * 3)  # [rad/s]
+_UNBOUNDED = readonly([math.inf] * 3)  # [N]
 
 
 class WorkState(StrEnum):
@@ -267,13 +268,36 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ContactEstimate:
+    """Force of the world on the tip as estimated on board; the default is an unknown one."""
+
+    force_W: Array = field(default_factory=lambda: _UNKNOWN)  # (3,) [N] in W; NaN: not known
+    normal: float = math.nan  # [N] along the tool axis, positive when the tool presses; NaN: not known
+    sigma_G: Array = field(default_factory=lambda: _UNBOUNDED)  # (3,) [N] standard deviation, tool axes
+
+    @property
+    def known(self) -> bool:
+        """True if the normal force is a number."""
+        return math.isfinite(self.normal)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HullLoad:
+    """Loads on the hull that station keeping used in its last step; a new object for each of its steps."""
+
+    arm_wrench_B: Array  # (6,) [N, N m] of the arm on the hull, contact included, hull axes at the hull's origin
+    current_W: Array = field(default_factory=lambda: _STILL)  # (3,) [m/s] estimated current
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Command:
-    """Output of the controller: drive commands, force estimate for the planner, internal values for logs."""
+    """Output of the controller: drive commands, and what it estimated of contact and loads."""
 
     time: float  # [s]
     joint_torque: Array  # (n,) [N m]
     thrusters: Array  # (m,) normalised propeller speed in [-1, 1]
     scan: bool  # take a depth frame now
-    felt_normal: float = float("nan")  # [N] estimated normal force at the tool; NaN: no estimate
-    believed: Mapping[str, Array] = field(default_factory=dict)  # named arrays for the log, e.g. "f_tip_W" (3,) [N]
+    contact: ContactEstimate = field(default_factory=ContactEstimate)
+    hull_load: HullLoad | None = None  # None: not reported
+    believed: Mapping[str, Array] = field(default_factory=dict)  # further arrays by name, for the log only
     faults: tuple[Fault, ...] = ()  # detected faults, in order of detection

@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Reference, Target, WorkState
+from sim.interfaces.messages import Command, Reference, Target, WorkState
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
 from sim.loop.rollout import Moment, ticks_per_period
 
 STATES = tuple(WorkState)  # the series "state" holds indices into it
 _INDEX = {state: i for i, state in enumerate(STATES)}
 _XYZ = ("x", "y", "z")
-_NOWHERE = np.full(3, np.nan)  # no tool position is commanded, or no force estimated
+_NOWHERE = np.full(3, np.nan)  # no tool position is commanded
 
 # Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
 _Columns = Mapping[str, tuple[tuple[str, ...], str]]
@@ -233,7 +233,7 @@ class Recorder:
 
     def observe(self, moment: Moment) -> None:
         """Record one step."""
-        truth, believed = moment.truth, moment.command.believed
+        truth, contact = moment.truth, moment.command.contact
         if truth is not self._truth:
             self._bind(truth)
         if moment.reference is not self._reference:
@@ -250,12 +250,11 @@ class Recorder:
                 truth.contact_most,
                 truth.saturated,
                 truth.collision,
-                moment.command.felt_normal,
+                contact.normal,
             )
         )
         p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force = self._views
-        felt_force = believed.get("f_tip_W", _NOWHERE)
-        _join(self._physics.row(), p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force)
+        _join(self._physics.row(), p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, contact.force_W)
         if not self._full:
             return
         if moment.tick % self._ticks == 0:
@@ -340,13 +339,24 @@ class Recorder:
             ),
             out=row[1:],
         )
-        for name, value in moment.command.believed.items():
+        for name, value in _estimates(moment.command).items():
             block = self._believed.get(name)
             if block is None:
                 block = self._believed[name] = _Block(1 + np.size(value))
             row = block.row()
             row[0] = truth.time
             row[1:] = np.ravel(value)
+
+
+def _estimates(command: Command) -> dict[str, Array]:
+    """What the controller estimated, by name of its series."""
+    estimates = dict(command.believed)
+    if command.contact.known:
+        estimates |= {"f_tip_W": command.contact.force_W, "f_tip_sigma_G": command.contact.sigma_G}
+    if command.hull_load is not None:
+        load = command.hull_load
+        estimates |= {"arm_wrench_B": load.arm_wrench_B, "current_W": load.current_W}
+    return estimates
 
 
 @numba.njit(cache=True)

@@ -292,7 +292,7 @@ class RerunLog:
             commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
         return np.concatenate(
             (
-                (truth.time, reference.force, moment.command.felt_normal, truth.contact_normal),
+                (truth.time, reference.force, moment.command.contact.normal, truth.contact_normal),
                 truth.p_pad - commanded,
                 reference.v_WG_W,
                 truth.R_WG[:, 2],
@@ -304,8 +304,7 @@ class RerunLog:
         )
 
     def _pose_row(self, moment: Moment) -> Array:
-        truth, believed = moment.truth, moment.command.believed
-        wrench = believed.get("arm_wrench_B")
+        truth, load = moment.truth, moment.command.hull_load
         working = moment.reference.state is WorkState.WORK
         return np.concatenate(
             (
@@ -317,7 +316,7 @@ class RerunLog:
                 truth.contact_force_W,
                 truth.xpos[self._vehicle.arm_base],
                 truth.p_WB,
-                _STILL if wrench is None else truth.R_WB @ wrench[:3],
+                _STILL if load is None else truth.R_WB @ load.arm_wrench_B[:3],
                 truth.current_W,
             )
         )

@@ -16,7 +16,16 @@ import pytest
 import models
 from models.objects.targets import barrel
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    HullLoad,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from sim.interfaces.spatial import pose, transform_points
 from sim.loop.rollout import Moment
 from sim.reporting import rerun_log
@@ -66,8 +75,9 @@ def moments(model: mujoco.MjModel):
     estimate = StateEstimate(
         time=0.0, X_WB=np.eye(4), v_WB_B=np.zeros(3), w_WB_B=np.zeros(3), a_WB_B=np.zeros(3), q=zero, qd=zero, tau=zero
     )
-    believed = {"arm_wrench_B": np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0])}
-    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, felt_normal=59.0, believed=believed)
+    contact = ContactEstimate(normal=59.0)
+    load = HullLoad(arm_wrench_B=np.array([0.0, 0.0, -80.0, 0.0, 0.0, 0.0]))
+    command = Command(time=0.0, joint_torque=zero, thrusters=zero, scan=False, contact=contact, hull_load=load)
     tick = 0
     while True:
         truth.time = tick * PERIOD

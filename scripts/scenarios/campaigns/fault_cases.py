@@ -115,7 +115,7 @@ class TraceRecorder:
             (
                 time,
                 truth.contact_normal,
-                moment.command.felt_normal,
+                moment.command.contact.normal,
                 reference.force,
                 *(truth.p_WB - self._p_WB),
                 tilt,

@@ -73,13 +73,13 @@ def test_the_thrusters_cancel_the_arms_wrench_weight_motion_water_and_contact(co
         state = controller.init(seen)
         state, command = controller.step(state, seen, reference(X_WB, q, force=force))
         static_B = controller._hover.static_wrench(X_WB[:3, :3])
-        left = command.believed["hover_wrench_B"] + command.believed["arm_wrench_B"] + static_B
+        left = command.believed["hover_wrench_B"] + command.hull_load.arm_wrench_B + static_B
         within("left for the hull, at the place wanted [N, N m]", left, 1e-9)
         for _ in range(110):  # the filter of the felt force settles to 2e-9
             state.hover, state.current_W = controller.init(seen).hover, STILL  # thrusters' lag is taken for a current
             state, command = controller.step(state, seen, reference(X_WB, q, force=force))
-        within("arm's wrench on the hull [N, N m]", command.believed["arm_wrench_B"] - expected, 1e-3)
-        within("felt force [N]", command.believed["f_tip_W"] - R_WG @ push_G, 1e-3)
+        within("arm's wrench on the hull [N, N m]", command.hull_load.arm_wrench_B - expected, 1e-3)
+        within("felt force [N]", command.contact.force_W - R_WG @ push_G, 1e-3)
 
 
 def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(controller, chain, rng, within):

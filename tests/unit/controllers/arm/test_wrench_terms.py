@@ -8,6 +8,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.wrench_terms import WrenchTerms
 from models import hydrodynamics
 from models.hydrodynamics import BodyHydrodynamics
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3
 
 
@@ -59,3 +60,9 @@ def test_at_rest_in_still_water_there_is_neither(within):
     hull[9:], still = 0.0, np.zeros(arm.n)
     within("hydrodynamic at rest [N, N m]", terms.hydrodynamic(hull, q, still, still), 1e-12)
     within("dynamic at rest [N, N m]", terms.dynamic(hull, q, still, still), 1e-12)
+
+
+@pytest.mark.parametrize("error", [-1.0, np.nan, np.inf])
+def test_a_share_that_leaves_no_water_is_refused(error):
+    with pytest.raises(ConfigurationError, match=r"water_error: .*> -1"):
+        ArmDynamics(models.load("uuv_puma").compile(), water_error=error)

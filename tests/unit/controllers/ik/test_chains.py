@@ -165,6 +165,9 @@ def test_arguments_of_other_types_are_taken() -> None:
         solve(chain, untyped([["a"] * 4] * 4), HOME)
     with pytest.raises(ConfigurationError, match="max_iterations"):
         solve(chain, target, HOME, max_iterations=untyped("many"))
+    for wrong in ("precision", "branch", "method", "stage_axes"):  # after calls that took the quick way, too
+        with pytest.raises(ConfigurationError, match=f"{wrong}: .*other"):
+            solve(chain, target, HOME, **untyped({wrong: "other"}))
 
 
 def test_unreachable_directions_give_the_nearest_pose() -> None:

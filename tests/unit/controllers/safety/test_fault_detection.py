@@ -16,7 +16,7 @@ from models.vehicle import Vehicle
 from models.water.thruster_curves import thrust_at
 from models.water.thrusters import curves
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Fault, FaultKind, StateEstimate
+from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
 
 DT = 0.002
@@ -57,10 +57,10 @@ class Rig:
                 time=t, X_WB=X, v_WB_B=nu[:3], w_WB_B=nu[3:], a_WB_B=np.zeros(3), q=q, qd=qd, tau=tau
             )
             motor = 0.3 * VEHICLE.torque_limits * np.sin(0.7 * t + phase) + 0.01 * rng.standard_normal(N)
-            believed = {"arm_wrench_B": -VEHICLE.thruster_wrench @ thrust}  # the thrusters bear it, the hull rests
+            load = HullLoad(arm_wrench_B=-VEHICLE.thruster_wrench @ thrust)  # the thrusters bear it, the hull rests
             if i % 10:
-                believed = {}
-            command = Command(time=t, joint_torque=motor, thrusters=self.command, scan=False, believed=believed)
+                load = None
+            command = Command(time=t, joint_torque=motor, thrusters=self.command, scan=False, hull_load=load)
             if state is None:
                 state = health.init(estimate)
             faults = health.step(state, estimate, command)

@@ -11,7 +11,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tuning import FaultLimits
 from models.vehicle import Vehicle
-from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, Fault, FaultKind, Reference, StateEstimate, WorkState
 
 DT = 0.002
 MODEL = models.load("uuv_puma").compile()
@@ -52,7 +52,11 @@ class Inner:
         assert reference is REFERENCE
         value = np.nan if state + 1 >= self.breaks else 0.01 * state
         return state + 1, Command(
-            time=estimate.time, joint_torque=np.full(N, value), thrusters=np.full(M, 0.5), scan=False, felt_normal=7.0
+            time=estimate.time,
+            joint_torque=np.full(N, value),
+            thrusters=np.full(M, 0.5),
+            scan=False,
+            contact=ContactEstimate(normal=7.0),
         )
 
 
@@ -91,7 +95,7 @@ def kinds(command: Command) -> list[FaultKind]:
 def test_a_sound_run_passes_untouched():
     commands = run([estimate(i) for i in range(50)])
     assert [c.joint_torque[0] for c in commands] == [0.01 * i for i in range(50)]
-    assert all(c.faults == () and c.felt_normal == 7.0 for c in commands)
+    assert all(c.faults == () and c.contact.normal == 7.0 for c in commands)
 
 
 @pytest.mark.parametrize("name", ["X_WB", "v_WB_B", "w_WB_B", "a_WB_B", "q", "qd", "time"])
@@ -107,7 +111,7 @@ def test_no_numbers_anywhere_in_the_estimate_end_in_brakes_and_still_thrusters(n
     assert kinds(commands[-1]) == [FaultKind.ESTIMATE]
     assert commands[-1].faults[0].time == pytest.approx(20 * DT + 0.03, abs=2 * DT)
     assert not commands[-1].thrusters.any()
-    assert commands[-1].felt_normal == 0.0
+    assert commands[-1].contact.normal == 0.0
 
 
 def test_a_few_missing_numbers_are_passed_over():

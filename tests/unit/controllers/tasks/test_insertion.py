@@ -19,7 +19,7 @@ from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from told import Told
 
@@ -105,8 +105,7 @@ class Script(Told):
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=reference.scan,
-                felt_normal=normal,
-                believed={"f_tip_W": f_tip_W},
+                contact=ContactEstimate(force_W=f_tip_W, normal=normal),
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
@@ -268,7 +267,7 @@ def test_a_hole_that_is_too_shallow_is_refused():
 
 def test_a_controller_that_feels_nothing_is_refused():
     dumb = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
-    with pytest.raises(ConfigurationError, match="must say what it feels"):
+    with pytest.raises(ConfigurationError, match="no contact estimate"):
         contact_force_on_tool(dumb, np.array([0.0, 0.0, 1.0]))
 
 

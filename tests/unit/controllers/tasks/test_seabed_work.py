@@ -17,7 +17,7 @@ from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from perception.seabed.terrain_path import core_path
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, pose, readonly
 from sim.plant.soil_contact import SoilForce
 from told import Told
@@ -99,8 +99,7 @@ class Script(Told):
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=reference.scan,
-                felt_normal=normal,
-                believed={"f_tip_W": f_W},
+                contact=ContactEstimate(force_W=f_W, normal=normal),
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break

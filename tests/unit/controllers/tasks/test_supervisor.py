@@ -18,7 +18,17 @@ from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Fault, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import (
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    Reference,
+    StateEstimate,
+    Target,
+    ToolPath,
+    WorkState,
+)
 from sim.interfaces.spatial import Array, exp_so3, pose
 from told import Told
 
@@ -132,7 +142,7 @@ class Script(Told):
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=reference.scan,
-                felt_normal=self.felt(reference),
+                contact=ContactEstimate(normal=self.felt(reference)),
                 faults=faults,
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:

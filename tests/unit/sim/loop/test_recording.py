@@ -8,7 +8,7 @@ import pytest
 
 import models
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import pose
 from sim.loop.recording import EVERY_STEP, Recorder, Recording
 from sim.loop.rollout import Moment
@@ -83,14 +83,12 @@ class Run:
                 qd=np.zeros(6),
                 tau=np.zeros(6),
             )
-            believed = {"f_tip_W": np.full(3, float(tick))}
             command = Command(
                 time=truth.time,
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=False,
-                felt_normal=float(tick),
-                believed=believed,
+                contact=ContactEstimate(force_W=np.full(3, float(tick)), normal=float(tick)),
             )
             recorder.observe(Moment(tick, truth, estimate, self.target, self.reference, command, None, None))
         truth.time += DT

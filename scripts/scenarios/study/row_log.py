@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -83,7 +83,7 @@ class RowLog:
             self._code |= digests(new)
             self._write_about()
 
-    def add(self, key: str, row: Row, timing: dict[str, float | None]) -> None:
+    def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
         """Appends a row; it is on the disk when this returns.
 
         Args:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]  # result of one case, of JSON types
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Table:
     """Table of text cells, for the terminal and the report."""
 
@@ -31,10 +31,15 @@ class Table:
         """The table for the terminal."""
         table = RichTable(title=escape(self.title) or None, caption=escape(self.caption) or None, title_justify="left")
         for i, column in enumerate(self.columns):
-            table.add_column(escape(column), justify="left" if i < self.labels else "right")
+            table.add_column(escape(column), justify="left" if i < self.labels else "right", no_wrap=i == 0)
         for row in self.rows:
             table.add_row(*map(escape, row))
         return table
+
+    def markdown(self) -> str:
+        """The table as markdown."""
+        lines = [self.columns, ["---" if i < self.labels else "---:" for i in range(len(self.columns))], *self.rows]
+        return f"**{self.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,9 +13,18 @@ from scenarios.start import parse, run_scenario  # isort: skip
 import time
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from typing import Literal
 
-from scenarios.campaigns.contact_study import KEPT, PATHS, Ranges, RunTask, StudyBounds, crashed, draw, one_run
+from scenarios.campaigns.contact_study import (
+    KEPT,
+    PATHS,
+    PathName,
+    Ranges,
+    RunTask,
+    StudyBounds,
+    crashed,
+    draw,
+    one_run,
+)
 from scenarios.campaigns.study_figures import METHODS
 from scenarios.campaigns.study_report import summarise
 from scenarios.contact_job import run_contact_job
@@ -34,7 +43,7 @@ class Options(StudyOptions):
 
     runs: int | None = None
     """Number of runs; default 500, or 4 with --quick."""
-    paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
+    paths: tuple[PathName, ...] = PATHS
     """Paths that the runs take in turn."""
     ranges: Ranges = field(default_factory=Ranges)
     """Ranges of the random draw."""

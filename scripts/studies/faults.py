@@ -8,12 +8,11 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import models
 from models.vehicle import Vehicle
 from scenarios.barrel import Options as BarrelOptions
-from scenarios.campaigns.contact_study import PATHS
+from scenarios.campaigns.contact_study import PATHS, PathName
 from scenarios.campaigns.fault_cases import chosen_cases
 from scenarios.campaigns.fault_figures import BranchedCase, lines, run, summarise
 from scenarios.study import Study, StudyOptions
@@ -29,7 +28,7 @@ class Options(StudyOptions):
 
     runs: int = 1
     """Number of runs on each path, with seeds from --seed on; each is branched into all cases."""
-    paths: tuple[Literal["longitudinal", "transverse"], ...] = PATHS
+    paths: tuple[PathName, ...] = PATHS
     """Paths of clean_barrel."""
     only: tuple[str, ...] = ()
     """Run only cases whose names contain one of these words."""

@@ -3,10 +3,11 @@
 import re
 import traceback
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from controllers.work_controller import Method
 from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
 from scenarios.campaigns.domain_randomisation import Variation
@@ -17,7 +18,8 @@ from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recording
 from sim.runs.command_line import ScenarioOptions
 
-PATHS = ("longitudinal", "transverse")
+PathName = Literal["longitudinal", "transverse"]
+PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
 DAMAGE = 2.0  # times the set force: damage from there on
 
@@ -108,7 +110,7 @@ class RunTask:
 
     study: int  # seed of the study
     run: int
-    path: str
+    path: PathName
     without: str = ""  # method to leave out; empty: none
     ranges: Ranges
     quick: bool = False
@@ -157,8 +159,8 @@ def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generato
         gust=gust,
         record=False,
         quick=task.quick,
-        path=task.path,  # pyright: ignore[reportArgumentType]
-        without=(task.without,) if task.without else (),  # pyright: ignore[reportArgumentType]
+        path=task.path,
+        without=(cast(Method, task.without),) if task.without else (),
     )
     stream = np.random.default_rng(seed)
     return options, barrel_job(options, stream), stream, variation

@@ -147,7 +147,7 @@ def test_a_wild_attitude_reading_turns_by_little_and_to_its_side(rng: np.random.
         assert wild_bias @ axis > 0.0
 
 
-def past(size: int, rng: np.random.Generator) -> tuple[Array, Array, Array, Array]:
+def past(size: int) -> tuple[Array, Array, Array, Array]:
     return (
         np.zeros((size, kernel.INPUT)),
         np.full((size, 15), np.nan),
@@ -160,7 +160,7 @@ def test_a_replay_is_the_filter_run_again_with_the_late_fix(case: Case, rng: np.
     """Around the end of the ring, with fixes of both kinds on the way."""
     size, n = 4, case.n
     R, gyro, bias = case.R.copy(), np.array([0.01, 0.0, 0.01]), np.zeros(3)
-    stored = past(size, rng)
+    stored = past(size)
     states = []
     for step, head in enumerate((2, 3, 0, 1)):
         force, w = rng.normal(size=3), 0.1 * rng.normal(size=3)
@@ -192,8 +192,8 @@ def test_a_replay_is_the_filter_run_again_with_the_late_fix(case: Case, rng: np.
     np.testing.assert_allclose(stored[2][1][:n, :n], before[1][:n, :n])
 
 
-def test_a_sample_that_is_not_finite_changes_nothing(case: Case, rng: np.random.Generator) -> None:
-    stored = past(2, rng)
+def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
+    stored = past(2)
     for spoilt in range(3):
         given = [np.ones(3), np.ones(3), np.eye(3)]
         given[spoilt] = given[spoilt] * np.nan

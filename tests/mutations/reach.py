@@ -2,7 +2,8 @@
 
 A node is (module, top-level name); a class is one node. What a statement mentions are its edges: names of its own file,
 names that it imports, attributes of modules, fixtures by their parameters, and modules named by a string
-(`models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("calib.kernels")`). It is a guide to what is worth running, not a proof.
+(`models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("calib.kernels")`). It is a guide to what is worth
+running, not a proof.
 """
 
 import ast

@@ -3,74 +3,19 @@
 import numpy as np
 import pytest
 
-from sim.interfaces.spatial import Array, exp_so3, pose
+from dh_product import drawn_arm, link_frames
+from sim.interfaces.spatial import Array
 from uncompiled import uncompiled
 
-kinematics, kernels = uncompiled("models.arms.kinematics", "calib.kernels")
-
-
-def chain(rng: np.random.Generator, slides: str = "rrrprrr") -> tuple[Array, np.ndarray, Array, Array, Array]:
-    """Table, slides, base, flange and tool point, drawn at random."""
-    n = len(slides)
-    table = rng.uniform(-1.0, 1.0, (n, 5)) * [3.0, 0.4, 0.5, 1.5, 0.3]
-    X_base, X_flange = (pose(exp_so3(rng.normal(size=3)), 0.2 * rng.normal(size=3)) for _ in range(2))
-    return table, np.array([kind == "p" for kind in slides]), X_base, X_flange, 0.1 * rng.normal(size=3)
-
-
-def frames(table: Array, slides: np.ndarray, X_base: Array, q: Array) -> list[Array]:
-    """Link frames (4, 4) by products of elementary moves."""
-    out = [X_base]
-    for (theta, d, a, alpha, beta), value, slide in zip(table, q, slides, strict=True):
-        turn, shift = (theta, d + value) if slide else (theta + value, d)
-        X = out[-1] @ pose(exp_so3([0, 0, turn]), [0, 0, shift]) @ pose(exp_so3([alpha, 0, 0]), [a, 0, 0])
-        out.append(X @ pose(exp_so3([0, beta, 0])))
-    return out
-
-
-def test_frames_are_products_of_elementary_moves(rng: np.random.Generator) -> None:
-    table, slides, X_base, *_ = chain(rng)
-    q = rng.normal(size=len(table))
-    R, o = X_base[:3, :3].copy(), X_base[:3, 3].copy()
-    expected = frames(table, slides, X_base, q)
-    for k, row in enumerate(table):
-        axes = np.empty((4, 3))
-        kinematics.frame_step(R, o, row, q[k], slides[k], axes)
-        np.testing.assert_allclose(R, expected[k + 1][:3, :3], atol=1e-13)
-        np.testing.assert_allclose(o, expected[k + 1][:3, 3], atol=1e-13)
-        np.testing.assert_allclose(axes[0], expected[k][:3, 2], atol=1e-13)
-        np.testing.assert_allclose(axes[1], expected[k][:3, 3], atol=1e-13)
-        before_beta = expected[k + 1][:3, :3] @ exp_so3([0, -row[4], 0])
-        np.testing.assert_allclose(axes[2], before_beta[:, 0], atol=1e-13)
-        np.testing.assert_allclose(axes[3], before_beta[:, 1], atol=1e-13)
-
-
-def test_tips_and_their_derivatives(rng: np.random.Generator) -> None:
-    table, slides, X_base, X_flange, tcp = chain(rng)
-    n, q = len(table), rng.normal(size=(3, len(table)))
-
-    def tips(table: Array, tcp: Array) -> Array:
-        return np.array([(frames(table, slides, X_base, row)[-1] @ X_flange @ [*tcp, 1.0])[:3] for row in q])
-
-    J = np.zeros((3, 5 * n + 3, 3))
-    np.testing.assert_allclose(
-        kinematics.tips(table, slides, X_base, X_flange, tcp, q, J), tips(table, tcp), atol=1e-12
-    )
-    none = kinematics.tips(table, slides, X_base, X_flange, tcp, q, kinematics.NO_JACOBIAN)
-    np.testing.assert_allclose(none, tips(table, tcp), atol=1e-12)
-    h = 1e-6
-    for i in range(5 * n + 3):
-        e = h * np.eye(5 * n + 3)[i]
-        rows, point = e[: 5 * n].reshape(n, 5), e[5 * n :]
-        slope = (tips(table + rows, tcp + point) - tips(table - rows, tcp - point)) / (2 * h)
-        np.testing.assert_allclose(J[:, i], slope, atol=1e-8)
+_, kernels = uncompiled("models.arms.kinematics", "calib.kernels")
 
 
 def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> None:
     """Of an arm without flange and tool: all its a and all its d but the first; and its derivative."""
-    table = chain(rng)[0]
+    table = drawn_arm(rng)[0]
     size, _ = kernels.arm_size(table, np.eye(4), np.zeros(3))
     assert size == pytest.approx(np.sqrt(np.sum(table[:, 2] ** 2) + np.sum(table[1:, 1] ** 2)))
-    table, _, _, X_flange, tcp = chain(rng)
+    table, _, _, X_flange, tcp = drawn_arm(rng)
     size, slope = kernels.arm_size(table, X_flange, tcp)
     h, n = 1e-6, len(table)
     for i in range(5 * n + 3):
@@ -104,7 +49,7 @@ def test_touches_are_centred_about_the_weighted_mean_of_their_series(rng: np.ran
 
 
 def test_loads_of_hanging_bodies_are_slopes_of_their_work(rng: np.random.Generator) -> None:
-    table, slides, X_base, *_ = chain(rng)
+    table, slides, X_base, *_ = drawn_arm(rng)
     n, M = len(table), 2
     q = rng.normal(size=(M, n))
     forces, points = rng.normal(size=(2, n, 2, 3))
@@ -112,11 +57,11 @@ def test_loads_of_hanging_bodies_are_slopes_of_their_work(rng: np.random.Generat
 
     def work(m: int, q: Array) -> float:
         """Of dead forces, fixed in the base."""
-        X = frames(table, slides, X_base, q)
+        X = link_frames(table, slides, X_base, q)
         total = sum(float(forces[k, b] @ (X[k + 1] @ [*points[k, b], 1.0])[:3]) for k in range(n) for b in range(2))
         return total + float(extra_f[m, 0] @ (X[n] @ [*extra_p[m, 0], 1.0])[:3])
 
-    X = np.array([frames(table, slides, X_base, row) for row in q])
+    X = np.array([link_frames(table, slides, X_base, row) for row in q])
     tau = kernels.joint_loads(X, slides, forces, points, extra_f, extra_p)
     for m in range(M):
         for k, e in enumerate(1e-5 * np.eye(n)):
@@ -127,16 +72,16 @@ def test_loads_of_hanging_bodies_are_slopes_of_their_work(rng: np.random.Generat
 @pytest.mark.parametrize("orient", [False, True])
 def test_a_pose_is_reached_in_few_steps(orient: bool, rng: np.random.Generator) -> None:
     """Newton's method near the pose: the error's axes and the Jacobian must be right for that."""
-    table, slides, X_base, X_flange, tcp = chain(rng)
+    table, slides, X_base, X_flange, tcp = drawn_arm(rng)
     for _ in range(3):
         q = rng.uniform(-0.5, 0.5, len(table))
-        X = frames(table, slides, X_base, q)[-1] @ X_flange
+        X = link_frames(table, slides, X_base, q)[-1] @ X_flange
         start = q + rng.uniform(-0.03, 0.03, len(q))
         goal = (X @ [*tcp, 1.0])[:3]
         given = start.copy()
         done = kernels.reach_pose(table, slides, X_base, X_flange, tcp, goal, X[:3, :3], given, orient, 12)
         assert done
-        reached = frames(table, slides, X_base, given)[-1] @ X_flange
+        reached = link_frames(table, slides, X_base, given)[-1] @ X_flange
         np.testing.assert_allclose((reached @ [*tcp, 1.0])[:3], goal, atol=1e-10)
         if orient:
             np.testing.assert_allclose(reached[:3, :3], X[:3, :3], atol=3e-6)
@@ -145,12 +90,12 @@ def test_a_pose_is_reached_in_few_steps(orient: bool, rng: np.random.Generator) 
 
 def test_a_pose_is_reached_from_the_other_side(rng: np.random.Generator) -> None:
     """From a start turned by more than a quarter turn, where the sine of the error falls again."""
-    table, slides, X_base, X_flange, tcp = chain(rng, "rrrrrrr")
+    table, slides, X_base, X_flange, tcp = drawn_arm(rng, "rrrrrrr")
     solved = 0
     for _ in range(4):
         q, start = rng.uniform(-1.5, 1.5, (2, len(table)))
-        X = frames(table, slides, X_base, q)[-1] @ X_flange
-        there = frames(table, slides, X_base, start)[-1] @ X_flange
+        X = link_frames(table, slides, X_base, q)[-1] @ X_flange
+        there = link_frames(table, slides, X_base, start)[-1] @ X_flange
         start[-1] += 2.5 if np.trace(there[:3, :3].T @ X[:3, :3]) > 1.0 else 0.0
         goal = (X @ [*tcp, 1.0])[:3]
         solved += kernels.reach_pose(table, slides, X_base, X_flange, tcp, goal, X[:3, :3], start, True, 300)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import models
+from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
@@ -210,3 +211,27 @@ def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm:
     tau, wrench_B = arm.inverse(q, none, none, **STILL | {"wrench_tip_G": wrench_G})
     np.testing.assert_allclose(tau - rest, -J.T @ np.concatenate([f, m]), atol=1e-9)
     np.testing.assert_allclose(wrench_B - hull_rest, [*f, *(m + np.cross(X[:3, 3], f))], atol=1e-9)
+
+
+def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
+    """To its length times its coefficients, about its middle, in its direction."""
+    own = dynamics.ArmDynamics(model, water_error=0.1)
+    found = own.stations
+    assert len(found)
+    first = 0
+    hull = Vehicle.of(model).hull
+    for body in range(hull + 1, model.nbody):
+        if not hydrodynamics.carries(model.body_user[body]):
+            continue
+        for strip in hydrodynamics.unpack(model.body_user[body]).segments:
+            part = found[first : first + strip.stations]
+            first += strip.stations
+            length = np.linalg.norm(strip.end - strip.start)
+            np.testing.assert_allclose(part[:, 4:7], np.tile((strip.end - strip.start) / length, (len(part), 1)))
+            np.testing.assert_allclose(
+                part[:, 7:].sum(axis=0), 1.1 * length * np.array([strip.normal, strip.tangential])
+            )
+            middle = np.average(part[:, 1:4], axis=0, weights=part[:, 7])
+            np.testing.assert_allclose(middle, 0.5 * (strip.start + strip.end), atol=1e-12)
+            assert len(set(part[:, 0])) == 1
+    assert first == len(found)

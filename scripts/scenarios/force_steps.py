@@ -22,7 +22,7 @@ SPEED, LENGTH = 0.02, 0.6  # [m/s] of the tool, [m] length of the path
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTask:
-    """One run with several steps up, each followed by a step down; a picklable value for a worker process."""
+    """One run with several steps up, each followed by a step down; a case of the study."""
 
     stiffness: float  # [N/m]
     seed: int
@@ -38,7 +38,8 @@ def responses(task: StepTask) -> dict[str, Any]:
     """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was aborted."""
     recording = run(assemble(scenario_of(task))).recording
     note = recording.final.note if recording.final.state is not WorkState.DONE else ""
-    return {"task": task, "note": note, **steps_up(recording, task.low, task.high)}
+    found = steps_up(recording, task.low, task.high)
+    return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
 
 
 def scenario_of(task: StepTask) -> Scenario:
@@ -56,10 +57,9 @@ def scenario_of(task: StepTask) -> Scenario:
     return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
 
 
-def died(task: StepTask) -> dict[str, Any]:
-    """Result in place of `responses` for a run that crashed its process."""
-    none = np.empty((0, len(times())))
-    return {"task": task, "note": "its process died", "set": none, "true": none}
+def failed(task: StepTask, reason: str) -> dict[str, Any]:
+    """Result in place of `responses` for a run that failed for `reason`."""
+    return {"stiffness": task.stiffness, "seed": task.seed, "note": reason, "set": [], "true": []}
 
 
 def times() -> Array:

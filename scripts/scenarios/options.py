@@ -12,6 +12,7 @@ from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
 from scenarios.scenario import AblatedMethod, Belief, Control, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
+from scenarios.study.options import at_least
 from scenarios.tasks.insertion import InsertionTask
 from scenarios.tasks.inspection import InspectionTask
 from scenarios.tasks.seabed_sampling import SeabedSamplingTask
@@ -194,7 +195,12 @@ class TrialOptions(VehicleOptions):
     trials: int = 0
     """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
-    """Processes for the trials; 0: one for each core."""
+    """Processes for the trials; 0: one for each core, 1: this one."""
+    anew: bool = False
+    """Delete the trials in the folder of an earlier command; without it they are resumed."""
+
+    def __post_init__(self) -> None:
+        at_least(self, trials=0, workers=0)
 
 
 @dataclass(kw_only=True)

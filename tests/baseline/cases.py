@@ -20,7 +20,7 @@ from models.arms import published_arms
 from perception import identify
 from scenarios.arm_identification.calibration_input import nominal, simulated
 from scenarios.assembly import assemble
-from scenarios.campaigns.pool import run_all
+from scenarios.control_studies.hover import POSTURES, flow
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
 from scenarios.object_scenes import object_scene
@@ -30,11 +30,11 @@ from scenarios.pushing import run as push
 from scenarios.pushing import sphere
 from scenarios.runner import Run, run
 from scenarios.scenario import Scenario
+from scenarios.study.pool import run_all
 from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
-from studies.hover import POSTURES, flow
 
 __all__ = ["CASES", "run_all"]
 

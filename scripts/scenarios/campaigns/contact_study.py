@@ -1,13 +1,13 @@
 """One run of the contact study: random draw, simulation, figures, and class of failure."""
 
 import re
-import time
 import traceback
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from controllers.work_controller import Method
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations.loop import MisplacedSurface
@@ -15,13 +15,14 @@ from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
 from scenarios.scenario import Belief, Scenario, Sensing
-from scenarios.tasks.surface_work import SurfaceWorkTask
+from scenarios.tasks.surface_work import first_force
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recording
 
-PATHS = ("longitudinal", "transverse")
+PathName = Literal["longitudinal", "transverse"]
+PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
 DAMAGE = 2.0  # times the set force: damage from there on
 
@@ -110,15 +111,10 @@ class RunTask:
 
     study: int  # seed of the study
     run: int
-    path: str
+    path: PathName
     without: str = ""  # method to leave out; empty: none
     ranges: Ranges
     quick: bool = False
-
-    @property
-    def key(self) -> tuple[int, str]:
-        """Number of the run and ablated method, which identify the row."""
-        return self.run, self.without
 
 
 def draw(task: RunTask) -> Scenario:
@@ -152,7 +148,7 @@ def draw(task: RunTask) -> Scenario:
         gust=gust,
         quick=task.quick,
         path=task.path,
-        without=(task.without,) if task.without else (),
+        without=(cast(Method, task.without),) if task.without else (),
     )
     perturbations = (
         Water(spread=ranges.water),
@@ -205,19 +201,7 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     """
     scenario = draw(task)
     drawn: dict[str, float | None] = varied(scenario)
-    row: dict[str, Any] = {
-        "run": task.run,
-        "without": task.without,
-        "path": task.path,
-        "seed": scenario.seed,
-        "varied": drawn,
-        "class": CRASHED,
-        "kind": "",
-        "detail": "",
-        "missed": [],
-        "figures": {},
-    }
-    wall, cpu = time.perf_counter(), time.process_time()
+    row: dict[str, Any] = {**crashed(task, ""), "seed": scenario.seed, "varied": drawn}
     try:
         built = assemble(scenario)
         drawn |= built.drawn
@@ -234,8 +218,23 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
         row["figures"] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
         }
-    row["timing"] = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     return row
+
+
+def crashed(task: RunTask, reason: str) -> dict[str, Any]:
+    """Row of a run that gave no result for `reason`."""
+    return {
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": None,
+        "varied": {},
+        "class": CRASHED,
+        "kind": reason,
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
 
 
 def figures_of(outcome: Run) -> dict[str, float | None]:
@@ -262,18 +261,12 @@ def figures_of(outcome: Run) -> dict[str, float | None]:
         "hull_excursion_max_m": hull["excursion_max_m"],
         "hull_tilt_max_rad": hull["tilt_max_rad"],
         "hull_unfolding_max_m": _unfolding(recording),
-        "force_over_set": force_over_set(recording, _first_force(outcome.scenario)),
+        "force_over_set": force_over_set(recording, first_force(outcome.scenario)),
         "collision_s": metrics["run"]["collision_s"],
         "saturated_s": metrics["thrusters"]["saturated_s"],
         "identification_error_m": metrics["identification"]["position_error_m"],
         "simulated_s": recording.duration,
     }
-
-
-def _first_force(scenario: Scenario) -> float:
-    """First set force [N]."""
-    assert isinstance(scenario.task, SurfaceWorkTask)
-    return scenario.task.forces[0]
 
 
 def force_over_set(recording: Recording, first: float) -> float:

@@ -144,3 +144,9 @@ class PlacedSurfaceWork(PlacedTask):
         from sim.reporting.report_figures import path_figures
 
         return path_figures(ran.recording, self.truth)
+
+
+def first_force(scenario: Scenario) -> float:
+    """First set force [N] of a scenario of surface work."""
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    return scenario.task.forces[0]

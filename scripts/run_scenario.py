@@ -1,6 +1,6 @@
 """Runs a scenario from its file, such as the scenario.toml that every run leaves in its folder.
 
-./uvw run scripts/run.py runs/clean_barrel/latest/scenario.toml
+./uvw run scripts/run_scenario.py runs/clean_barrel/latest/scenario.toml
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip

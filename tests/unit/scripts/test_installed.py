@@ -1,0 +1,84 @@
+"""The scenario layer as others import it: under one name, from any folder, from the installed wheel."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TWICE = """
+import sys
+from scenarios import assemble, barrel, read_scenario, run, show
+from scenarios.scenario_file import from_dict, as_dict
+assert from_dict(as_dict(barrel(seed=1))) == barrel(seed=1)
+names = {}
+for name, module in list(sys.modules.items()):
+    if getattr(module, "__file__", None):
+        names.setdefault(module.__file__, []).append(name)
+rooms = {"models", "sim", "perception", "controllers", "calib", "scenarios", "scripts"}
+ours = {
+    file: found
+    for file, found in names.items()
+    if file.startswith("HOME") and any(name.partition(".")[0] in rooms for name in found)
+}
+assert len(ours) > 100, len(ours)
+print({file: found for file, found in ours.items() if len(found) > 1})
+"""
+MAIN_JOB = """
+from scenarios import barrel, run, show
+r = run(barrel(seed=0, quick=True))
+show(r, "my_run")
+print(r.assessment.accepted, r.assessment.failed)
+"""
+LEFT = {"metrics.json", "report.html", "scenario.toml"}
+
+
+def python(program: str | Path, code: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([program, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_no_module_is_loaded_twice(root: Path, tmp_path: Path):
+    ran = python(sys.executable, TWICE.replace("HOME", str(root)), tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.strip() == "{}"
+
+
+@pytest.mark.parametrize("foreign", ["models/__init__.py", "sim.py", "calib/readme.txt"])
+def test_a_folder_of_ones_own_that_hides_a_package_is_named(foreign: str, root: Path, tmp_path: Path):
+    file = tmp_path / foreign
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("")
+    ran = python(sys.executable, "from scenarios import barrel", tmp_path)
+    if foreign.endswith(".txt"):  # a folder without modules hides nothing
+        assert ran.returncode == 0, ran.stderr
+        return
+    assert ran.returncode == 1
+    room = foreign.partition("/")[0].removesuffix(".py")
+    assert ran.stderr.splitlines()[-1] == (
+        f"ImportError: {file} hides the package {root / room}; rename it, or run from another folder"
+    )
+
+
+@pytest.mark.long
+def test_the_wheel_runs_the_main_job_from_any_folder(root: Path, tmp_path: Path):
+    """Build the wheel, install it in an empty environment, run. Needs uv and the network, or uv's cache."""
+    uv = shutil.which("uv") or str(root / ".uv" / "bin" / "uv")
+    environment = tmp_path / "environment"
+    own = environment / "bin" / "python"
+
+    def call(*words: object) -> None:
+        ran = subprocess.run([uv, *map(str, words)], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ran.returncode == 0, ran.stderr
+
+    call("build", "--wheel", "--out-dir", tmp_path / "wheel", root)
+    call("venv", "--python", sys.executable, environment)
+    call("pip", "install", "--python", own, *(tmp_path / "wheel").glob("*.whl"))
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    ran = python(own, MAIN_JOB, folder)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[-1] == "True ()"
+    assert {file.name for file in (folder / "my_run").iterdir()} == LEFT
+    twice = python(own, TWICE.replace("HOME", str(environment)), folder)
+    assert twice.returncode == 0, twice.stderr

@@ -55,7 +55,7 @@ __all__ = ["CASES", "run_all"]
 
 CURRENT, GUST = (0.15, 0.0, 0.0), 0.03  # [m/s] the sea of every scenario
 CONTROLLER = "work"
-NO_BEHAVIOUR = ("timings", "run.seed")  # what metrics hold beside figures
+NO_BEHAVIOUR = ("timings", "run.seed", "run.abort")  # what metrics hold beside figures
 
 
 def figures_of(assessment: Assessment) -> Figures:

@@ -17,8 +17,8 @@ from typing import Literal
 from rich.console import Console
 
 from controllers.tasks.seabed_work import SeabedJob
-from controllers.work_controller import Method
 from models.site.seabed import Kind
+from scenarios.ablations import Method
 from scenarios.campaigns.trials import check_trials
 from scenarios.runner import Evaluation, run_with_report
 from scenarios.seabed_work import SeabedRecorder, SeabedSetting, prepare, run_trials

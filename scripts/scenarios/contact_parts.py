@@ -22,6 +22,7 @@ from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder
 from scenarios import deck_calibration as _deck_calibration
+from scenarios.ablations import ablated
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller, Sensor
@@ -121,7 +122,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     Args:
         name: A name of CONTROLLERS, or MODULE:CLASS.
         own: The vehicle's model of itself.
-        without: Methods to leave out (ablation).
+        without: Methods to leave out (`scenarios.ablations`); the controller gets other objects in their place.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:
@@ -131,7 +132,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     if ":" not in name:
         CONTROLLERS.resolve(name)
     try:
-        made: Any = kind(own, without=without, water_error=water_error)
+        made: Any = kind(own, water_error=water_error, **ablated(without, own, water_error))
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:

@@ -14,7 +14,7 @@ import numpy as np
 from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SupervisorState
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array
 
 _UNDER_WAY = (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE)
@@ -75,7 +75,8 @@ class AxialState:
     began: float = 0.0  # [s] time at which the stand-off was left
     depth: float = 0.0  # [m] of the tip below the surface as identified; negative before it
     speed: float = 0.0  # [m/s] of the advance
-    reason: str = ""  # why the work was broken off
+    abort: AbortCode | None = None  # why the work was broken off
+    reason: str = ""  # the same in a sentence
 
 
 JobT = TypeVar("JobT", bound=AxialJob)
@@ -110,7 +111,7 @@ class AxialWork(Generic[JobT, StateT]):
             state.state, state.since = state.arrival.state, state.arrival.since
             return reference
         if state.arrival.state is not WorkState.APPROACH:  # the stand-off could not be reached
-            state.state, state.reason = state.arrival.state, state.arrival.reason
+            state.state, state.abort, state.reason = state.arrival.state, state.arrival.abort, state.arrival.reason
             return reference
         state.depth, state.began = -self._job.standoff, estimate.time
         self._enter(state, WorkState.APPROACH, estimate.time)
@@ -120,9 +121,9 @@ class AxialWork(Generic[JobT, StateT]):
         """Change to another state."""
         state.state, state.since = what, time
 
-    def _break_off(self, state: StateT, time: float, reason: str) -> None:
+    def _break_off(self, state: StateT, time: float, code: AbortCode, reason: str) -> None:
         """Withdraw the tool, for the given reason."""
-        state.reason = reason
+        state.abort, state.reason = code, reason
         self._enter(state, WorkState.WITHDRAW, time)
 
     def _advance(self, state: StateT, wanted: float, resisted: float = 0.0) -> None:
@@ -144,6 +145,7 @@ class AxialWork(Generic[JobT, StateT]):
         stuck = time - state.since > job.longest
         if stuck:
             said = f"stuck at {1e3 * state.depth:.0f} mm on the way out"
+            state.abort = state.abort or AbortCode.STUCK
             state.reason = f"{state.reason}; {said}" if state.reason else said
         if stuck or state.depth <= -job.standoff:
             state.speed = 0.0
@@ -156,11 +158,13 @@ class AxialWork(Generic[JobT, StateT]):
             return
         off = math.dist(estimate.X_WB[:3, 3].tolist(), state.arrival.X_WB[:3, 3].tolist())
         if off > job.lost_place:
-            self._break_off(state, time, f"the hull cannot hold its place: {off:.2f} m off")
+            self._break_off(state, time, AbortCode.HULL_ADRIFT, f"the hull cannot hold its place: {off:.2f} m off")
         elif force > job.force_limit:
-            self._break_off(state, time, f"felt force {force:.0f} N is above the limit of {job.force_limit:.0f} N")
+            said = f"felt force {force:.0f} N is above the limit of {job.force_limit:.0f} N"
+            self._break_off(state, time, AbortCode.FORCE_LIMIT, said)
         elif time - state.began > job.longest and state.state is not WorkState.WORK:
-            self._break_off(state, time, f"{self._too_long} within {job.longest:.0f} s, at {1e3 * state.depth:.0f} mm")
+            said = f"{self._too_long} within {job.longest:.0f} s, at {1e3 * state.depth:.0f} mm"
+            self._break_off(state, time, AbortCode.TIME_LIMIT, said)
 
 
 def next_speed(

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from controllers.tasks.surface_task_config import SupervisorState, SurfaceTaskConfig
-from sim.interfaces.messages import Fault, FaultKind, StateEstimate, WorkState
+from sim.interfaces.messages import AbortCode, Fault, FaultKind, StateEstimate, WorkState
 
 
 class Reaction(StrEnum):
@@ -52,6 +52,14 @@ _SAID = {
     FaultKind.ESTIMATE: "the state estimate is lost",
     FaultKind.CONTROLLER: "the controller's commands are no numbers",
 }
+_CODES = {
+    FaultKind.VISION: AbortCode.VISION,
+    FaultKind.TORQUE_SENSOR: AbortCode.TORQUE_SENSORS,
+    FaultKind.ENCODER: AbortCode.ENCODER,
+    FaultKind.THRUSTER: AbortCode.THRUSTER,
+    FaultKind.ESTIMATE: AbortCode.ESTIMATE,
+    FaultKind.CONTROLLER: AbortCode.CONTROLLER,
+}
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
 _TOUCHING = (WorkState.APPROACH, WorkState.PRESS, WorkState.WORK)
 
@@ -61,7 +69,8 @@ class Verdict:
     """The most severe response that any condition asks for, and the reason."""
 
     reaction: Reaction
-    reason: str = ""
+    code: AbortCode | None = None
+    reason: str = ""  # the same in a sentence
 
 
 _SOUND = Verdict(Reaction.GO_ON)
@@ -95,7 +104,7 @@ def choose_reaction(
 def _of_faults(job: SurfaceTaskConfig, faults: Sequence[Fault], time: float) -> Verdict:
     """Response to the reported faults, the reason naming all faults of that kind."""
     if not math.isfinite(time):
-        return Verdict(Reaction.STOP, _SAID[FaultKind.ESTIMATE])
+        return Verdict(Reaction.STOP, AbortCode.ESTIMATE, _SAID[FaultKind.ESTIMATE])
     hardest, seen = _SOUND, []
     for fault in faults:
         reaction = _AGAIN.get(fault.kind, REACTIONS[fault.kind]) if fault.kind in seen else REACTIONS[fault.kind]
@@ -106,7 +115,7 @@ def _of_faults(job: SurfaceTaskConfig, faults: Sequence[Fault], time: float) -> 
             alike = [other for other in faults if other.kind is fault.kind]
             figures = "; ".join(other.figures for other in alike if other.figures)
             said = _SAID[fault.kind].format(", ".join(other.part for other in alike))
-            hardest = Verdict(reaction, f"{said} ({figures})" if figures else said)
+            hardest = Verdict(reaction, _CODES[fault.kind], f"{said} ({figures})" if figures else said)
     return hardest
 
 
@@ -121,26 +130,29 @@ def _of_place(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEst
     if state.state in _OVER:
         return _SOUND
     if off > (job.lost_place_at_work if state.state in _TOUCHING else job.lost_place):
-        return Verdict(Reaction.RISE, f"the hull cannot hold its place: {off:.2f} m off")
+        return Verdict(Reaction.RISE, AbortCode.HULL_ADRIFT, f"the hull cannot hold its place: {off:.2f} m off")
     if late:
-        return Verdict(Reaction.RETREAT, f"the hull did not become quiet within {job.settle_limit:.0f} s")
+        said = f"the hull did not become quiet within {job.settle_limit:.0f} s"
+        return Verdict(Reaction.RETREAT, AbortCode.HULL_NOT_AT_REST, said)
     if state.hull_waited > job.settle_limit:
-        return Verdict(Reaction.RETREAT, f"the hull came {job.settle_limit:.0f} s late on its way")
+        return Verdict(Reaction.RETREAT, AbortCode.HULL_LATE, f"the hull came {job.settle_limit:.0f} s late on its way")
     return _SOUND
 
 
 def _of_contact(job: SurfaceTaskConfig, state: SupervisorState, estimate: StateEstimate, felt: float) -> Verdict:
     """Response to a force that is too large, or to a lost contact."""
     if state.state in _TOUCHING and felt > job.force_limit:
-        return Verdict(Reaction.RETREAT, f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N")
+        said = f"felt force {felt:.0f} N is above the limit of {job.force_limit:.0f} N"
+        return Verdict(Reaction.RETREAT, AbortCode.FORCE_LIMIT, said)
     working = state.state is WorkState.WORK and job.force_control and job.contactless is None
     if not working or felt <= (1.0 + job.excess) * state.force + job.touch:
         state.held_at = estimate.time
     elif estimate.time - state.held_at > job.excess_time:
-        return Verdict(Reaction.RETREAT, f"the force cannot be held: {felt:.0f} N felt, {state.force:.0f} N set")
+        said = f"the force cannot be held: {felt:.0f} N felt, {state.force:.0f} N set"
+        return Verdict(Reaction.RETREAT, AbortCode.FORCE_NOT_HELD, said)
     if working:
         if felt > 0.5 * job.touch:
             state.contact_at = estimate.time
         elif estimate.time - state.contact_at > job.lost_time:
-            return Verdict(Reaction.RETREAT, f"contact lost for {job.lost_time} s")
+            return Verdict(Reaction.RETREAT, AbortCode.CONTACT_LOST, f"contact lost for {job.lost_time} s")
     return _SOUND

@@ -22,7 +22,7 @@ from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
 
 _ZERO = readonly(np.zeros(3))
@@ -225,7 +225,9 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         self._advance(state, wanted, max(0.0, axial) / job.force)
         if self._touched(state, axial):
             if state.depth < -job.early:
-                self._break_off(state, time, f"something stands {-state.depth * 1e3:.0f} mm before the mouth")
+                self._break_off(
+                    state, time, AbortCode.OBSTACLE, f"something stands {-state.depth * 1e3:.0f} mm before the mouth"
+                )
             else:
                 self._begin_search(state, time)
         elif state.depth >= -job.entry:
@@ -254,7 +256,8 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         job = self._job
         state.tries += 1
         if state.tries > job.tries:
-            self._break_off(state, time, f"stopped at {state.depth * 1e3:.0f} mm, {job.tries} times over")
+            said = f"stopped at {state.depth * 1e3:.0f} mm, {job.tries} times over"
+            self._break_off(state, time, AbortCode.JAMMED, said)
         elif state.deepest < job.nose:
             self._begin_search(state, time)
         else:
@@ -280,7 +283,8 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
         if state.depth > state.touched_at + job.dip:
             self._enter(state, WorkState.INSERT, time)
         elif radius > job.search_radius:
-            self._break_off(state, time, f"no hole within {job.search_radius * 1e3:.0f} mm of where it was found")
+            said = f"no hole within {job.search_radius * 1e3:.0f} mm of where it was found"
+            self._break_off(state, time, AbortCode.HOLE_NOT_FOUND, said)
 
     def _withdraw(self, state: InsertionState, time: float, axial: float) -> None:
         """Move out of the hole, back to the stand-off."""
@@ -323,6 +327,7 @@ class HoleInsertion(AxialWork[InsertionJob, InsertionState]):
             tare=False,
             scan=False,
             path_s=max(0.0, state.depth),
+            abort=state.abort,
             note=state.reason or state.arrival.note,
             compliant=self._job.compliance and entering and state.depth > -self._job.entry,
         )

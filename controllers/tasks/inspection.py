@@ -24,7 +24,7 @@ from controllers.planning.trajectories import PoseMove, Progress
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
 
 _STEP = 0.02  # [m] distance between samples of the line
@@ -180,7 +180,8 @@ class InspectionState:
     move: PoseMove | None = None
     worked: float = 0.0  # [s] time argument of `progress`
     path_s: float = 0.0  # [m] arc length along the orbit
-    reason: str = ""  # why the inspection was broken off
+    abort: AbortCode | None = None  # why the inspection was broken off
+    reason: str = ""  # the same in a sentence
 
 
 class Inspection:
@@ -241,7 +242,7 @@ class Inspection:
         over = state.state in (WorkState.DONE, WorkState.ABORT)
         off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
         if off > self._job.lost_place and not over:
-            self._give_up(state, time, f"the hull cannot hold its place: {off:.2f} m off")
+            self._give_up(state, time, AbortCode.HULL_ADRIFT, f"the hull cannot hold its place: {off:.2f} m off")
         match state.state:
             case WorkState.SETTLE:
                 if self._quiet(state, estimate):
@@ -259,9 +260,9 @@ class Inspection:
         state.state, state.since, state.quiet_since = what, time, np.inf
         state.v_WB_W = state.w_WB_W = _ZERO
 
-    def _give_up(self, state: InspectionState, time: float, reason: str) -> None:
+    def _give_up(self, state: InspectionState, time: float, code: AbortCode, reason: str) -> None:
         """End the inspection where the vehicle is, for the given reason."""
-        state.reason = reason
+        state.abort, state.reason = code, reason
         self._enter(state, WorkState.ABORT, time)
 
     def _quiet(self, state: InspectionState, estimate: StateEstimate) -> bool:
@@ -273,17 +274,18 @@ class Inspection:
         elif not math.isfinite(state.quiet_since):
             state.quiet_since = time
         if time - state.since > job.settle_limit + (state.move.duration if state.move else 0.0):
-            self._give_up(state, time, f"the hull does not come to rest within {job.settle_limit:g} s")
+            said = f"the hull does not come to rest within {job.settle_limit:g} s"
+            self._give_up(state, time, AbortCode.HULL_NOT_AT_REST, said)
         return time - state.quiet_since > job.settle_time
 
     def _scan(self, state: InspectionState, time: float, target: Target | None) -> None:
         """Plan the orbit and the move to its start from the first identification; give up without one."""
         if target is None or target.time < state.since:
             if time - state.since > 5.0:
-                self._give_up(state, time, "no depth frame arrived within 5 s")
+                self._give_up(state, time, AbortCode.NO_FRAME, "no depth frame arrived within 5 s")
             return
         if not target.accepted:
-            self._give_up(state, time, f"not identified: {target.reason}")
+            self._give_up(state, time, AbortCode.NOT_IDENTIFIED, f"not identified: {target.reason}")
             return
         near_W = transform_points(state.X_WB, self._X_BC[None, :3, 3])[0]
         found = orbit(self._target, target.X_WT, self._job, X_BC=self._X_BC, near_W=near_W)
@@ -299,7 +301,7 @@ class Inspection:
         try:
             self._check_clear(found, move, target.X_WT)
         except ReachError as error:
-            self._give_up(state, time, str(error))
+            self._give_up(state, time, AbortCode.NO_CLEAR_WAY, str(error))
             return
         self._enter(state, WorkState.CLOSE_IN, time)
         state.orbit, state.progress, state.move = found, found.pace(self._job), move
@@ -365,5 +367,6 @@ class Inspection:
             tare=False,
             scan=state.state is WorkState.SCAN,
             path_s=state.path_s,
+            abort=state.abort,
             note=state.reason,
         )

@@ -27,7 +27,7 @@ from controllers.tasks.supervisor import SurfaceWork
 from controllers.tasks.surface_task_config import SurfaceTaskConfig
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
 
 _ZERO = readonly(np.zeros(3))
@@ -194,7 +194,8 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         job = self._job
         self._advance(state, job.approach_speed)
         if axial > job.touch:
-            self._break_off(state, time, f"something stands {-1e3 * state.depth:.0f} mm over the ground as scanned")
+            said = f"something stands {-1e3 * state.depth:.0f} mm over the ground as scanned"
+            self._break_off(state, time, AbortCode.OBSTACLE, said)
         elif state.depth >= -job.guard:
             self._enter(state, WorkState.INSERT, time)
 
@@ -211,7 +212,8 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             state.speed = 0.0
             self._enter(state, WorkState.PRESS, time)
         elif state.depth >= job.depth:
-            self._break_off(state, time, f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N")
+            said = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
+            self._break_off(state, time, AbortCode.TUBE_FULL, said)
 
     def _press(self, state: SeabedWorkState, time: float, axial: float) -> None:
         """Wait under force control until the push has been reached for long enough."""
@@ -221,9 +223,8 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
         if state.borne_for >= job.held:
             self._enter(state, WorkState.WORK, time)
         elif time - state.since > job.press_time:
-            self._break_off(
-                state, time, f"the push of {job.push:g} N was not held in {job.press_time:g} s: {axial:.1f} N"
-            )
+            said = f"the push of {job.push:g} N was not held in {job.press_time:g} s: {axial:.1f} N"
+            self._break_off(state, time, AbortCode.FORCE_NOT_REACHED, said)
 
     def _work(self, state: SeabedWorkState, time: float) -> None:
         """Stay under the push (core), or follow the path (dragged tool)."""
@@ -275,5 +276,6 @@ class SeabedWork(AxialWork[SeabedJob, SeabedWorkState]):
             tare=False,
             scan=False,
             path_s=state.path_s,
+            abort=state.abort,
             note=state.reason or state.arrival.note,
         )

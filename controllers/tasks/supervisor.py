@@ -25,7 +25,7 @@ from controllers.tasks.surface_task_config import SupervisorState, SurfaceTaskCo
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.messages import AbortCode, Command, FaultKind, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, checked, exp_so3, pose, transform_points
 
 _OVER = (WorkState.RETREAT, WorkState.DONE, WorkState.ABORT)
@@ -181,7 +181,7 @@ class SurfaceWork:
         try:
             state.X_WB_near = come_near(estimate, self._X_WB_scan)
         except ReachError as error:
-            self._give_up(state, estimate.time, str(error))
+            self._give_up(state, estimate.time, AbortCode.NO_GROUND, str(error))
             return
         state.quiet_since = np.inf
         self._move_hull(state, estimate.time, state.X_WB_near)
@@ -190,7 +190,7 @@ class SurfaceWork:
         """Take depth frames until the object is identified often enough; change the view if the first one fails."""
         if target is None or target.time < state.look_from:
             if time - max(state.since, state.look_from) > 5.0:
-                self._give_up(state, time, "no depth frame arrived within 5 s")
+                self._give_up(state, time, AbortCode.NO_FRAME, "no depth frame arrived within 5 s")
             return
         state.looks += 1
         if target.accepted and target.path is not None:
@@ -202,7 +202,8 @@ class SurfaceWork:
             assert fused.path is not None
             self._plan(state, time, fused, fused.path)
         elif state.scans >= self._job.scans:
-            self._give_up(state, time, f"not identified in {state.scans} views: {target.reason}")
+            said = f"not identified in {state.scans} views: {target.reason}"
+            self._give_up(state, time, AbortCode.NOT_IDENTIFIED, said)
         else:
             self._other_view(state, time)
 
@@ -221,7 +222,7 @@ class SurfaceWork:
         try:
             placement, path, worked = self._stand(target, path)
         except ReachError as error:
-            self._give_up(state, time, str(error))
+            self._give_up(state, time, AbortCode.OUT_OF_REACH, str(error))
             return
         if worked < 1.0:
             state.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
@@ -369,12 +370,14 @@ class SurfaceWork:
             return
         self._advance(state, job.standoff)
         if state.depth > job.standoff + job.search:
-            self._break_off(state, time, f"no contact within {job.search} m beyond the expected surface")
+            said = f"no contact within {job.search} m beyond the expected surface"
+            self._break_off(state, time, AbortCode.NO_CONTACT, said)
 
     def _approach_without_contact(self, state: SupervisorState, time: float, depth: float) -> None:
         """Move to `depth` [m] from the stand-off, where the work begins; any contact on the way ends it."""
         if state.felt_for >= self._job.touch_time:
-            self._break_off(state, time, "the tool touched something on its way to the distance that it is to keep")
+            said = "the tool touched something on its way to the distance that it is to keep"
+            self._break_off(state, time, AbortCode.OBSTACLE, said)
             return
         self._advance(state, depth)
         if state.depth >= depth:
@@ -408,7 +411,8 @@ class SurfaceWork:
             state.work_start = time
             self._enter(state, WorkState.WORK, time)
         elif late:
-            self._break_off(state, time, f"the force of {first} N was not reached in {job.press_time} s: {felt:.1f} N")
+            said = f"the force of {first} N was not reached in {job.press_time} s: {felt:.1f} N"
+            self._break_off(state, time, AbortCode.FORCE_NOT_REACHED, said)
 
     def _work(self, state: SupervisorState, time: float) -> None:
         """Advance along the path with the set force of the present part; retreat at its end."""
@@ -488,30 +492,31 @@ class SurfaceWork:
         verdict = choose_reaction(self._job, state, estimate, felt, faults)
         state.paused = verdict.reaction is Reaction.PAUSE
         if verdict.reaction is Reaction.STOP and not math.isfinite(state.halted):
-            state.reason, state.halted, state.hull_move, state.joint_moves = verdict.reason, self._HALT, None, []
+            state.abort, state.reason = verdict.code, verdict.reason
+            state.halted, state.hull_move, state.joint_moves = self._HALT, None, []
             self._enter(state, WorkState.RETREAT, time if np.isfinite(time) else state.since)
         state.adrift |= verdict.reaction is Reaction.RISE or bool(state.lost_thrusters)
         if verdict.reaction in (Reaction.GO_ON, Reaction.PAUSE) or state.state in _OVER:
             return
         if state.state in (WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN):
-            self._give_up(state, time, verdict.reason)
+            self._give_up(state, time, verdict.code, verdict.reason)
         elif verdict.reaction is Reaction.WITHDRAW:
             state.q, state.joint_moves, state.arm_held = np.array(estimate.q), [], True
             off = np.array(state.X_WB)
             off[:3, 3] -= self._way_back(state) * self._on_path(state, state.path_s, 0.0)[0][:3, 2]
             self._move_hull(state, time, off)
-            self._break_off(state, time, verdict.reason)
+            self._break_off(state, time, verdict.code, verdict.reason)
         else:
-            self._break_off(state, time, verdict.reason)
+            self._break_off(state, time, verdict.code, verdict.reason)
 
-    def _break_off(self, state: SupervisorState, time: float, reason: str) -> None:
+    def _break_off(self, state: SupervisorState, time: float, code: AbortCode | None, reason: str) -> None:
         """Retreat, for the given reason."""
-        state.reason = reason
+        state.abort, state.reason = code, reason
         self._enter(state, WorkState.RETREAT, time)
 
-    def _give_up(self, state: SupervisorState, time: float, reason: str) -> None:
+    def _give_up(self, state: SupervisorState, time: float, code: AbortCode | None, reason: str) -> None:
         """End the work where the vehicle is, for the given reason."""
-        state.reason = reason
+        state.abort, state.reason = code, reason
         self._enter(state, WorkState.ABORT, time)
 
     # -- references ------------------------------------------------------------------------------------------------
@@ -584,6 +589,7 @@ class SurfaceWork:
             tare=tare,
             scan=state.state is WorkState.SCAN and time >= state.look_from,
             path_s=state.path_s,
+            abort=state.abort,
             note=state.reason or state.note,
             lost_thrusters=state.lost_thrusters,
         )

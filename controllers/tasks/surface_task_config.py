@@ -8,7 +8,7 @@ import numpy as np
 from controllers.planning.hull_placement import Placement
 from controllers.planning.trajectories import JointMove, PoseMove, Progress
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Target, ToolPath, WorkState
+from sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array
 
 _HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is for overshoot
@@ -124,5 +124,6 @@ class SupervisorState:
     adrift: bool = False  # the hull cannot keep station: ascend once the tool is off the surface
     rising_from: Array | None = None  # (3,) [m] position of the hull in W at the start of the ascent
     risen: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m] displacement since then, in W
-    reason: str = ""  # why the work was broken off
+    abort: AbortCode | None = None  # why the work was broken off
+    reason: str = ""  # the same in a sentence
     note: str = ""  # other message for the user

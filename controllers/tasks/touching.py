@@ -200,9 +200,8 @@ class TouchSequence:
             last: the controller's last command; not used.
 
         Returns:
-            The state and the reference for the controller. While its `tare` is True the encoders are read, for the
-                touch of
-            index `path_s`.
+            The state and the reference for the controller. Its `touch` is the index of the touch while the encoders are
+            to be read.
         """
         tuning, t = self.tuning, estimate.time - state.since
         if state.at >= len(self._touches):
@@ -228,15 +227,9 @@ class TouchSequence:
         if state.phase == 2:
             if t < tuning.settle + tuning.reading:
                 p = aim - tuning.beyond * nest.z_WN
-                reading = t >= tuning.settle
-                return state, self._reference(
-                    estimate,
-                    WorkState.PRESS,
-                    X_WG=pose(touch.R_WG, p),
-                    force=tuning.push,
-                    tare=reading,
-                    path_s=float(state.at),
-                )
+                reading = state.at if t >= tuning.settle else None
+                X_WG = pose(touch.R_WG, p)
+                return state, self._reference(estimate, WorkState.PRESS, X_WG=X_WG, force=tuning.push, touch=reading)
             X_WG = estimate.X_WB @ self._vehicle.X_BA @ self._chain.forward(estimate.q)
             offset = X_WG[:3, 3] - nest.p_WN
             if float(np.linalg.norm(offset)) < tuning.believable:
@@ -266,8 +259,7 @@ class TouchSequence:
         qd: Array | None = None,
         X_WG: Array | None = None,
         force: float = 0.0,
-        tare: bool = False,
-        path_s: float = 0.0,
+        touch: int | None = None,
     ) -> Reference:
         """Reference for the controller; the hull pose is always the same."""
         rest = np.zeros(len(estimate.q))
@@ -283,7 +275,8 @@ class TouchSequence:
             qd=rest if qd is None else qd,
             force=force,
             force_control=False,
-            tare=tare,
+            tare=False,
             scan=False,
-            path_s=path_s,
+            path_s=0.0,
+            touch=touch,
         )

@@ -15,7 +15,6 @@ from models.vehicle import Vehicle
 from perception.navigation.strapdown_filter import Navigation
 from sim import hydrodynamics
 from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, pose
 from sim.loop.rollout import Moment, Observer, Parts, rollout
 from sim.plant.plant import Plant
@@ -51,9 +50,9 @@ class Readings:
 
     def observe(self, moment: Moment) -> None:
         """Appends the readings of one step to those of the present touch."""
-        if not moment.reference.tare or moment.reference.state is not WorkState.PRESS:
+        touch = moment.reference.touch
+        if touch is None:
             return
-        touch = round(moment.reference.path_s)
         self.q.setdefault(touch, []).append(moment.estimate.q)
         self.X_WB.setdefault(touch, []).append(moment.estimate.X_WB)
         self.tip.setdefault(touch, []).append(np.array(moment.truth.p_WG))

@@ -131,6 +131,7 @@ class Assessment:
             "seed": seed,
             "state": state,
             "note": note,
+            "abort": None if final.abort is None else final.abort.value,
             "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
             "trajectory_sha256": recording.digest(),
         }

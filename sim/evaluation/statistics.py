@@ -96,7 +96,7 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """Metrics common to all tasks, for a trial that crashed for `reason`."""
     run = ("simulated_s", "collision_s", "trajectory_sha256")
     return {
-        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason},
+        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason, "abort": None},
         "accepted": False,
         "failed": [reason],
         "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),

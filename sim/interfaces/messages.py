@@ -36,6 +36,36 @@ class WorkState(StrEnum):
     ABORT = "abort"  # tool withdrawn before the path was finished
 
 
+class AbortCode(StrEnum):
+    """Cause for which work was broken off; `Reference.note` gives the same in a sentence, with figures."""
+
+    NO_FRAME = "no frame"  # no depth frame or ping arrived
+    NOT_IDENTIFIED = "not identified"  # neither the object nor a place on the seabed was accepted
+    NO_GROUND = "no ground"  # the ground under the hull does not allow the descent
+    OUT_OF_REACH = "out of reach"  # from no hull pose does the tool reach its path
+    NO_CLEAR_WAY = "no clear way"  # hull or arm would come too near to the object or the seabed
+    HULL_NOT_AT_REST = "hull not at rest"  # within its time
+    HULL_LATE = "hull late"  # it lags behind its move
+    HULL_ADRIFT = "hull adrift"  # it is off its place
+    NO_CONTACT = "no contact"  # there is no surface where one is expected
+    OBSTACLE = "obstacle"  # contact where none is expected
+    FORCE_NOT_REACHED = "force not reached"
+    FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
+    FORCE_LIMIT = "force limit"  # the estimated force is above its limit
+    CONTACT_LOST = "contact lost"
+    HOLE_NOT_FOUND = "hole not found"
+    JAMMED = "jammed"  # on the way in
+    STUCK = "stuck"  # on the way out
+    TUBE_FULL = "tube full"
+    TIME_LIMIT = "time limit"
+    VISION = "vision lost"
+    TORQUE_SENSORS = "torque sensors wrong"
+    ENCODER = "encoder wrong"
+    THRUSTER = "thruster lost"
+    ESTIMATE = "estimate lost"
+    CONTROLLER = "controller failed"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EncoderMeasurement:
     """Joint encoders."""
@@ -261,7 +291,9 @@ class Reference:
     tare: bool  # average the joint torques now, to remove their bias
     scan: bool  # take a depth frame now
     path_s: float  # [m] arc length reached on the tool path
-    note: str = ""  # reason for an abort, after one
+    abort: AbortCode | None = None  # cause of an abort, from the moment that the work is broken off
+    note: str = ""  # the same in a sentence, or another message
+    touch: int | None = None  # index of the touch whose reading is taken now
     compliant: bool = False  # yield to forces across the tool axis
     lost_thrusters: tuple[int, ...] = ()  # failed, not to be used
     w_WB_W: Array = field(default_factory=lambda: _STILL)  # (3,) [rad/s] angular velocity of the hull pose to hold

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, Reference, Target, WorkState
 from sim.interfaces.spatial import Array, quat_wxyz_from_rotation, readonly
 from sim.loop.rollout import Moment, ticks_per_period
 
@@ -84,6 +84,7 @@ class Event:
     time: float  # [s]
     state: WorkState
     note: str  # reason, if the planner gave one
+    abort: AbortCode | None = None  # cause, if the work was broken off
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -314,7 +315,8 @@ class Recorder:
     def _refer(self, reference: Reference) -> None:
         """Record a new reference; done at the planner's rate, which is several times lower than the loop's."""
         if self._reference is None or reference.state is not self._reference.state:
-            self._events.append(Event(time=reference.time, state=reference.state, note=reference.note))
+            event = Event(time=reference.time, state=reference.state, note=reference.note, abort=reference.abort)
+            self._events.append(event)
         self._reference = reference
         row = self._references.row()
         row[:4] = reference.time, _INDEX[reference.state], reference.force, reference.path_s

@@ -5,7 +5,7 @@ truth -> sensors -> estimator -> (depth frame) -> finder -> planner -> controlle
 The loop depends on protocols only.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -96,10 +96,29 @@ def ticks_per_period(period: float, timestep: float, name: str) -> int:
     return ticks
 
 
+def at_rest_after_work(moment: Moment) -> bool:
+    """True once the planner is in DONE or ABORT and asks for no motion of the arm: the usual end of a run."""
+    reference = moment.reference
+    over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
+    return over and not reference.v_WG_W.any() and not reference.qd.any()
+
+
+def never(moment: Moment) -> bool:
+    """Never true: for `rollout(until=never)`, which runs for its whole duration."""
+    del moment
+    return False
+
+
 def rollout(
-    plant: SteppedPlant, parts: Parts, *, duration: float, rng: np.random.Generator, observers: Sequence[Observer] = ()
+    plant: SteppedPlant,
+    parts: Parts,
+    *,
+    duration: float,
+    rng: np.random.Generator,
+    observers: Sequence[Observer] = (),
+    until: Callable[[Moment], bool] = at_rest_after_work,
 ) -> Moment:
-    """Run until the planner is in DONE or ABORT with the arm at rest, or until `duration` is over.
+    """Run until `until` is true, or until `duration` is over.
 
     Every sensor gets its own random stream, spawned from `rng`, so adding one does not change the others.
 
@@ -109,6 +128,7 @@ def rollout(
         duration: Longest simulated time [s].
         rng: Source of all random streams.
         observers: Called at every step, in order.
+        until: Called at the end of every step; the run ends where it is true.
 
     Returns:
         The last moment.
@@ -191,8 +211,7 @@ def rollout(
         for observer in observers:
             observer.observe(moment)
         plant.step(command)
-        over = reference.state is WorkState.DONE or reference.state is WorkState.ABORT
-        if over and not reference.v_WG_W.any() and not reference.qd.any():
+        if until(moment):
             break
     assert moment is not None
     return moment

@@ -19,7 +19,10 @@ class Told:
 
     @property
     def end(self) -> Reference:
-        return self.references[-1]
+        """The last one; it has a code and a sentence for an abort, and no code without one."""
+        last = self.references[-1]
+        assert (last.abort is not None and last.note != "") is (last.state is WorkState.ABORT), last.note
+        return last
 
     def of(self, *states: WorkState) -> list[Reference]:
         """Those given in `states`."""

@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from controllers.tasks.supervisor import SurfaceWork
 from scenarios.contact_job import AssembledJob
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
-from sim.loop.rollout import Moment, rollout
+from sim.loop.rollout import Moment, never, rollout
 from sim.plant import faults
 from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
@@ -138,36 +137,6 @@ class TraceRecorder:
         )
 
 
-class ContinuingPlanner:
-    """Wrapper of a planner that keeps the run going after its work has ended."""
-
-    def __init__(self, planner: SurfaceWork) -> None:
-        self.period, self._planner = planner.period, planner
-
-    def init(self, estimate: StateEstimate) -> Any:
-        """Initial state of the wrapped planner."""
-        return self._planner.init(estimate)
-
-    def step(
-        self, state: Any, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[Any, Reference]:
-        """Step of the wrapped planner; after its work the reference keeps a negligible velocity, so the loop goes on.
-
-        Args:
-            state: State of the wrapped planner.
-            estimate: State estimate of the vehicle.
-            target: Target, if found.
-            last: Last command.
-
-        Returns:
-            State, reference.
-        """
-        state, reference = self._planner.step(state, estimate, target, last)
-        if reference.state in (WorkState.DONE, WorkState.ABORT):  # 1e-12 m/s: the loop takes it for motion
-            reference = replace(reference, v_WG_W=np.full(3, 1e-12))
-        return state, reference
-
-
 class ForkingObserver:
     """Observer that forks the run into its cases, each at its onset, and collects their traces."""
 
@@ -263,8 +232,7 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
     for name, depth in ((FARTHER, -0.08), (NEARER, 0.05)):
         if name in onsets:
             finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
-    assert isinstance(built.parts.planner, SurfaceWork)
-    parts = replace(built.parts, sensors=sensors, finder=finder, planner=ContinuingPlanner(built.parts.planner))
+    parts = replace(built.parts, sensors=sensors, finder=finder)
     options, dt = built.options, built.plant.timestep
     profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
     current = Current(options.current, gust=options.gust, timestep=dt, rng=built.gusts, profile=profile)
@@ -275,7 +243,7 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
     )
     branch, blew_up = ForkingObserver(onsets, said), ""
     try:
-        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch])
+        rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch], until=never)
     except CaseDoneError:
         pass
     except Exception as error:

@@ -1,13 +1,16 @@
 """The arms' tables against figures that their makers publish, and their frames against MuJoCo."""
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from controllers.mkps import Chain
 from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import pose, quat_wxyz_from_rotation
+from sim.interfaces.spatial import Array, pose, quat_wxyz_from_rotation
 
 
 @pytest.mark.parametrize(
@@ -81,3 +84,99 @@ def test_an_unknown_arm_is_refused_by_name() -> None:
         published_arms.load("puma")
     with pytest.raises(ConfigurationError, match="q: expected shape"):
         published_arms.load("panda").joint_frames(np.zeros(6))
+
+
+def stretched(name: str, origin: int, frame: int, level: bool) -> float:
+    """Largest distance [m] of a frame's origin from joint axis `origin` + 1, or from the base's axis where `level`."""
+    arm = published_arms.load(name)
+    limits, rng = np.clip(arm.limits, -np.pi, np.pi), np.random.default_rng(3)
+
+    def near(q: Array) -> float:
+        points = arm.joint_frames(q)[:, :3, 3]
+        return -float(np.hypot(*points[frame, :2]) if level else np.linalg.norm(points[frame] - points[origin]))
+
+    starts = [limits.mean(axis=1) + 0.1, rng.uniform(*limits.T)]
+    return -min(minimize(near, q, method="L-BFGS-B", bounds=limits, options={"maxiter": 12}).fun for q in starts)
+
+
+@pytest.mark.parametrize(
+    ("name", "origin", "frame", "level", "reach", "miss"),
+    [
+        ("panda", 0, -1, True, 0.855, 5e-3),  # Franka Emika, Robot's technical data: maximum reach 855 mm
+        ("iiwa7", 0, 5, True, 0.8, 1e-3),  # its name, R800: to the wrist
+        ("irb140", 0, 4, True, 0.81, 1e-3),  # ABB, IRB 140 data sheet: reach of 5th axis 810 mm
+        ("gen3", 1, -1, False, 0.902, 5e-3),  # Kinova, Gen3 data sheet: maximum reach 902 mm
+        ("jaco", 1, -1, False, 0.9, 0.03),  # Kinova, Jaco data sheet: reach 90 cm
+        ("ur5", 0, -2, True, 0.85, 0.07),  # Universal Robots: 850 mm, without saying between which points
+        ("ur10e", 0, -2, True, 1.3, 0.03),  # 1300 mm, likewise
+        ("puma560", 0, 4, True, 0.864, 0.03),  # Unimation: 0.864 m to the wrist
+        ("era", 0, -1, False, 11.3, 0.05),  # ESA: 11.3 m
+    ],
+)
+def test_an_arm_reaches_as_far_as_its_maker_says(
+    name: str, origin: int, frame: int, level: bool, reach: float, miss: float
+) -> None:
+    assert stretched(name, origin, frame, level) == pytest.approx(reach, abs=miss)
+
+
+@pytest.mark.parametrize(
+    ("name", "q", "tip"),
+    [
+        # Stretched out level, each of its three offsets one step further along or below.
+        ("baxter", [0, 0, 0, 0, 0, 0, 0], [0.069 + 0.364 + 0.374 + 0.28, 0.0, 0.27 - 0.069 - 0.01]),
+        # The slide points up at zero; a hand's breadth beside it the shoulder.
+        ("stanford", [0, 0, 0.5, 0, 0, 0], [0.0, 0.154 - 0.0203, 0.412 + 0.5]),
+    ],
+)
+def test_the_tip_at_zero_is_read_off_the_drawing(name: str, q: list[float], tip: list[float]) -> None:
+    np.testing.assert_allclose(published_arms.load(name).joint_frames(np.array(q))[-1, :3, 3], tip, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "even", "alike"),
+    [
+        ("puma560", [0, 4, 5], []),
+        ("stanford", [0, 1, 3, 4, 5], [(0, 1), (0, 3), (0, 5)]),
+        ("ur5", range(6), [(0, i) for i in range(1, 6)]),
+        ("ur10e", range(6), [(0, i) for i in range(1, 6)]),
+        ("irb140", [0, 1, 3, 4, 5], []),
+        ("general6r", range(6), [(0, i) for i in range(1, 6)]),
+        ("panda", [0, 1, 2, 4, 6], [(0, 2), (0, 4), (0, 6)]),
+        ("iiwa7", range(7), [(0, 2), (0, 4), (1, 3), (1, 5)]),
+        ("gen3", [1, 3, 5], []),
+        ("xarm7", [0, 2, 4, 6], [(0, 2), (0, 4), (0, 6)]),
+        ("baxter", [0, 2, 4, 6], [(4, 6)]),
+        ("era", range(7), [(0, 6), *((1, i) for i in range(2, 6))]),
+    ],
+)
+def test_limits_are_even_where_the_maker_has_them_so(name: str, even: list[int], alike: list[tuple[int, int]]) -> None:
+    limits = published_arms.load(name).limits
+    np.testing.assert_allclose(limits[even, 0], -limits[even, 1])
+    for i, j in alike:
+        np.testing.assert_allclose(limits[i], limits[j])
+
+
+def test_the_limits_of_upper_and_forearm_mirror_each_other() -> None:
+    """The PUMA's elbow bends by as much as its shoulder swings, the other way; the Jaco's stand even about straight."""
+    puma, jaco = published_arms.load("puma560").limits, published_arms.load("jaco").limits
+    np.testing.assert_allclose(puma[1], -puma[2, ::-1])
+    np.testing.assert_allclose(jaco[1:3].sum(axis=1), 2.0 * np.pi)
+    assert np.isinf(jaco[[0, 3, 4, 5]]).all()
+
+
+def test_the_made_up_arm_has_no_two_axes_that_meet_or_are_parallel() -> None:
+    frames = published_arms.load("general6r").joint_frames(np.zeros(6))[:6]
+    for a, b in pairwise(frames):
+        across = np.cross(a[:3, 2], b[:3, 2])
+        assert np.linalg.norm(across) > 0.3
+        assert abs((b[:3, 3] - a[:3, 3]) @ across) / np.linalg.norm(across) > 0.04
+
+
+def test_the_made_up_tool_stands_off_the_wrist() -> None:
+    puma, tool = published_arms.load("puma560"), published_arms.load("puma560_tool")
+    np.testing.assert_array_equal(puma.dh, tool.dh)
+    np.testing.assert_array_equal(puma.limits, tool.limits)
+    p = tool.X_n_flange[:3, 3]
+    assert np.all(p > 0.0)
+    assert p[2] > 2.0 * np.hypot(p[0], p[1])  # along the last axis, rather than across
+    np.testing.assert_array_equal(puma.X_n_flange, np.eye(4))

@@ -1,5 +1,6 @@
 """The loop's protocol, with parts that only write down what is asked of them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, DepthImage, EncoderMeasurement, Reference, StateEstimate, Target, WorkState
-from sim.loop.rollout import Moment, Parts, rollout
+from sim.loop.rollout import Moment, Parts, at_rest_after_work, never, rollout
 
 STEP = 0.01  # [s]
 NONE = np.zeros(0)
@@ -148,6 +149,7 @@ class Rig:
     planner: dict[str, Any] = field(default_factory=dict)
     controller: float = STEP
     camera_delay: float = 0.0
+    until: Callable[[Moment], bool] = at_rest_after_work
 
     def __post_init__(self) -> None:
         self.diary: list[tuple[str, int, Any]] = []
@@ -168,6 +170,7 @@ class Rig:
             duration=self.duration,
             rng=np.random.default_rng(seed),
             observers=[self.watcher],
+            until=self.until,
         )
         return self
 
@@ -273,3 +276,10 @@ def test_every_sensor_has_a_stream_of_its_own():
 def test_rates_that_do_not_fit_are_refused_with_both_numbers(options, said):
     with pytest.raises(ConfigurationError, match=said):
         Rig(**options).run()
+
+
+def test_a_run_ends_where_until_says_so():
+    over = {"done_at": 5}
+    assert Rig(planner=over).run().last.tick == 5
+    assert Rig(planner=over, until=never).run().last.tick == 19
+    assert Rig(planner=over, until=lambda moment: moment.tick == 8).run().last.tick == 8

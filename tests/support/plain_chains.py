@@ -1,0 +1,81 @@
+"""Chains with their kernel memory, for tests of single kernels of `controllers.ik` in plain Python."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.ik.chain import Chain, memory_of
+from sim.interfaces.spatial import Array, exp_so3, pose
+from uncompiled import uncompiled
+
+kernels, sweeps, descent, stages = uncompiled(
+    "controllers.ik.chain_kernels",
+    "controllers.ik.sweeps",
+    "controllers.ik.damped_descent",
+    "controllers.ik.paper_stages",
+)
+SCALE = 0.5  # of the memories here: a power of two that is not 1
+
+
+@dataclass
+class Plain:
+    """A chain and views of its kernel memory."""
+
+    chain: Chain
+    memory: Array
+    table: Array
+    goal: Array
+    normal: Array
+    work: Array
+    past: Array
+    q: Array
+
+    def errors(self, q: Array) -> tuple[float, float]:
+        """Squared position error [scaled] and squared chord at `q`, from matrices alone."""
+        X = by_exponentials(self.chain, q)
+        R = X[:3, :3] @ self.tool.T
+        p2 = float(np.sum((self.goal[0] - SCALE * X[:3, 3]) ** 2))
+        return p2, float(0.5 * np.sum((self.goal[1:].T - R) ** 2))
+
+    @property
+    def tool(self) -> Array:
+        """Rotation (3, 3) of the tip in the last joint frame."""
+        return self.table[1, :9].reshape(3, 3)
+
+    def aim(self, X: Array) -> None:
+        """Set the target to the tip pose `X` (4, 4)."""
+        assert kernels.set_goal(self.table, X, self.goal)
+
+
+def plain(chain: Chain) -> Plain:
+    memory = memory_of(chain, SCALE)
+    table, goal, normal, work, past, q = kernels.partition(memory, chain.n)
+    return Plain(chain, memory, table, goal, normal, work, past, q)
+
+
+def drawn_chain(rng: np.random.Generator, types: str = "rporrr", limit: float = 2.5) -> Chain:
+    """A chain of links, twists and a tool drawn at random."""
+    n = len(types)
+    dh = np.column_stack(
+        [rng.uniform(-3, 3, n), rng.uniform(-0.3, 0.3, n), rng.uniform(0.2, 0.6, n), rng.uniform(-2, 2, n)]
+    )
+    limits = np.array([(-0.3, 0.4) if kind == "p" else (-limit, 0.9 * limit) for kind in types])
+    return Chain.from_dh(dh, types, limits=limits, tool=pose(exp_so3([0.4, -0.5, 0.3]), [0.02, -0.03, 0.1]))
+
+
+def drawn_q(chain: Chain, rng: np.random.Generator) -> Array:
+    return rng.uniform(0.9 * chain.limits[:, 0], 0.9 * chain.limits[:, 1])
+
+
+def by_exponentials(chain: Chain, q: Array) -> Array:
+    """Tip pose (4, 4) as the product of each joint's displacement in the base frame and the tip pose at zero."""
+    X = np.eye(4)
+    for kind, axis, point, link, value in zip(chain.joint_types, chain.axes, chain.points, chain.links, q, strict=True):
+        R = exp_so3(value * axis)
+        if kind == "r":
+            X = X @ pose(R, point - R @ point)
+        elif kind == "p":
+            X = X @ pose(p=value * axis)
+        else:
+            X = X @ pose(p=R @ link - link)
+    return X @ chain.X_base_tip0

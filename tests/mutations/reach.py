@@ -2,7 +2,8 @@
 
 A node is (module, top-level name); a class is one node. What a statement mentions are its edges: names of its own file,
 names that it imports, attributes of modules, fixtures by their parameters, and modules named by a string
-(`models.load("uuv_puma")`, `script("clean_barrel")`). It is a guide to what is worth running, not a proof.
+(`models.load("uuv_puma")`, `script("clean_barrel")`, `uncompiled("calib.kernels")`). It is a guide to what is worth
+running, not a proof.
 """
 
 import ast
@@ -46,6 +47,8 @@ class Reach:
                 for statement in statements:
                     for used in self._mentioned(module, statement):
                         self._users[used].add((module.name, name))
+                    if isinstance(statement, (ast.For, ast.Expr)):  # done on import, for all that is imported
+                        self._users[(module.name, name)].update((module.name, other) for other in module.names)
 
     def _read(self, root: Path, path: Path) -> None:
         relative = path.relative_to(root)
@@ -104,6 +107,8 @@ class Reach:
                     dotted = module.imports[name]
                 elif isinstance(node, ast.arg) and module.name.startswith("tests."):
                     found.update((m, name) for m in self._by_stem["conftest"] if name in self._modules[m].names)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in self._modules:
+                dotted = node.value  # `uncompiled("controllers.ik.sweeps")`
             elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isidentifier():
                 for named in self._by_stem.get(node.value, ()):
                     if self._modules[named].path.startswith(("models/", "scripts/")):

@@ -9,7 +9,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
 from controllers.estimation.contact_estimators import ContactState, DriveState, TorqueSensors
 from controllers.hull.hull_control import HullControl, HullControlState
-from controllers.tuning import TouchTuning
+from controllers.tuning import DRIVE_PERIOD, TouchTuning
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, log_so3
@@ -38,7 +38,7 @@ class CompliantTouch:
         *,
         clamped: bool,
         push_W: Array | None = None,
-        period: float = 0.002,
+        period: float = DRIVE_PERIOD,
         tuning: TouchTuning | None = None,
         water_error: float = 0.0,
     ) -> None:

@@ -244,4 +244,5 @@ class TouchTuning:
     drives: ArmTuning = _DRIVES  # servo of free motion, and filters of the force estimate
 
 
+DRIVE_PERIOD = 0.002  # [s] of joint servo and contact estimator
 HULL, SAFETY, TOUCH = HullTuning(), SafetyTuning(), TouchTuning()  # defaults, for signatures

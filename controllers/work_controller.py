@@ -23,13 +23,10 @@ from controllers.estimation.contact_estimators import ContactEstimator, ContactS
 from controllers.hull.feedforward import ArmLoad, ArmWrench, Feedforward
 from controllers.hull.hull_control import HullControl, HullControlState
 from controllers.tool_control import DriftCorrection, ForceLaw, ToolControl, ToolControlState
-from controllers.tuning import HULL, ArmTuning, ObserverDeviations
-from models.arms.gear_friction import DryFriction
+from controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
 from sim.interfaces.spatial import Array
-
-PERIOD = 0.002  # [s] of the drives
 
 
 @dataclass(slots=True, eq=False)
@@ -51,11 +48,12 @@ class WorkController:
     It has no state of its own: one controller may step any number of states, also in several threads.
     """
 
+    period = DRIVE_PERIOD
+
     def __init__(
         self,
         model: mujoco.MjModel,
         *,
-        period: float = PERIOD,
         tuning: ArmTuning | None = None,
         estimator: ContactEstimator | None = None,
         force_law: ForceLaw | None = None,
@@ -63,32 +61,27 @@ class WorkController:
         drift: DriftCorrection | None = None,
         feedforward: Feedforward | None = None,
         water_error: float = 0.0,
-        friction: DryFriction | None = None,
     ) -> None:
         """Compose the controller for its own (believed) model of the vehicle.
 
         Args:
             model: believed model, compiled.
-            period: [s] of a step.
             tuning: gains of the arm.
-            estimator: of the contact force, with the same period; None: `TorqueSensors`.
+            estimator: of the contact force; None: `TorqueSensors`.
             force_law: force loop along the tool axis; None: `ForceDisplacement`.
             compliance: lateral compliance; None: the default one.
             drift: correction of the tool for the hull's drift; None: `FromEstimate`.
             feedforward: of the arm's wrench to the thrusters; None: `ArmWrench`.
             water_error: [-] share by which added masses and drags are deliberately wrong.
-            friction: identified friction of the gears; None: the model's.
         """
-        self.period, self._tuning = period, tuning or ArmTuning()
-        arm, tuning = ArmDynamics(model, water_error=water_error), self._tuning
-        self._contact: ContactEstimator = estimator or TorqueSensors(
-            model, arm=arm, tuning=tuning, period=period, friction=friction
-        )
+        self._tuning = tuning = tuning or ArmTuning()
+        arm = ArmDynamics(model, water_error=water_error)
+        self._contact: ContactEstimator = estimator or TorqueSensors(model, arm=arm, tuning=tuning)
         self._tool = ToolControl(model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift)
-        self._servo = JointServo(Vehicle.of(model), tuning, period)
-        self._task_ticks = max(1, round(tuning.task_period / period))
-        self._hull_ticks = max(1, round(tuning.hover_period / period))
-        self._hull = HullControl(model, arm, period=self._hull_ticks * period, water_error=water_error)
+        self._servo = JointServo(Vehicle.of(model), tuning, DRIVE_PERIOD)
+        self._task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
+        self._hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
+        self._hull = HullControl(model, arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error)
         self._feedforward: Feedforward = feedforward or ArmWrench()
 
     @property

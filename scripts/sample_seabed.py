@@ -18,8 +18,8 @@ from rich.console import Console
 
 from controllers.tasks.seabed_work import SeabedJob
 from models.site.seabed import Kind
-from scenarios.ablations import Method
 from scenarios.campaigns.trials import check_trials
+from scenarios.contact_parts import Method
 from scenarios.runner import Evaluation, run_with_report
 from scenarios.seabed_work import SeabedRecorder, SeabedSetting, prepare, run_trials
 from sim.evaluation.seabed_metrics import assess_seabed_work

@@ -22,7 +22,7 @@ from controllers.estimation.tip_force_estimator import (
     estimate_tip_force,
     force_from_external_torques,
 )
-from controllers.tuning import ArmTuning
+from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from models.arms.gear_friction import DryFriction
 from models.vehicle import Vehicle
 from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
@@ -130,7 +130,7 @@ class TorqueSensors(_TorqueResidual):
         *,
         arm: ArmDynamics | None = None,
         tuning: ArmTuning | None = None,
-        period: float = 0.002,
+        period: float = DRIVE_PERIOD,
         water_error: float = 0.0,
         friction: DryFriction | None = None,
     ) -> None:
@@ -219,7 +219,7 @@ class MomentumObserver(_TorqueResidual):
         *,
         arm: ArmDynamics | None = None,
         tuning: ArmTuning | None = None,
-        period: float = 0.002,
+        period: float = DRIVE_PERIOD,
         water_error: float = 0.0,
         friction: DryFriction | None = None,
     ) -> None:

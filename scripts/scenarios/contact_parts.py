@@ -6,12 +6,17 @@ from collections.abc import Callable, Collection, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
 
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.position_force import NominalStiffness
+from controllers.hull.feedforward import Term, WithoutCompensation, WithoutTerms
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tool_control import FromReference
+from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, check_parts
@@ -22,7 +27,6 @@ from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from perception.target_finder import KnownObjectFinder
 from scenarios import deck_calibration as _deck_calibration
-from scenarios.ablations import ablated
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller, Sensor
@@ -30,6 +34,11 @@ from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
+# Words of --without: what a controller leaves out, see `ablated`.
+Method = Literal[
+    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
+]
+_TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
 _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 _FOREIGN = 100  # characters kept of the message of a foreign error
 
@@ -105,6 +114,33 @@ SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar})
 CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 
+def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
+
+    Args:
+        without: methods to leave out, each one of `Method`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-control" in without:
+        parts["force_law"] = NominalStiffness()
+    if "drift-correction" in without:
+        parts["drift"] = FromReference()
+    terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
+    if terms or "compensation" in without:
+        arm = ArmDynamics(own, water_error=water_error)
+        if "compensation" in without:
+            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
+        else:
+            lag = ArmTuning().acceleration_filter
+            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
+    return parts
+
+
 def tool_radius(model: mujoco.MjModel) -> float:
     """Radius [m] of a spherical tool pad; 0 (a point) for a pad of another shape."""
     pad = model.geom(TOOL_GEOM)
@@ -122,7 +158,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     Args:
         name: A name of CONTROLLERS, or MODULE:CLASS.
         own: The vehicle's model of itself.
-        without: Methods to leave out (`scenarios.ablations`); the controller gets other objects in their place.
+        without: Methods to leave out (`ablated`); the controller gets other objects in their place.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:

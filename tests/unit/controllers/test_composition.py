@@ -13,7 +13,7 @@ from controllers.arm.position_force import ForceDisplacement
 from controllers.estimation.contact_estimators import MomentumObserver
 from controllers.work_controller import WorkController, WorkControllerState
 from models.vehicle import Vehicle
-from scenarios.ablations import ablated
+from scenarios.contact_parts import ablated
 from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import exp_so3, pose
 
@@ -27,10 +27,9 @@ def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
     """A drifting hull and a moving arm that presses after a third of the steps, with noise."""
     rng = np.random.default_rng(seed)
     start, rate = VEHICLE.q_ready + rng.uniform(-0.1, 0.1, N), rng.uniform(-0.2, 0.2, N)
-    tau = ARM.inverse(
-        start, np.zeros(N), np.zeros(N), R_WB=np.eye(3), nu_B=np.zeros(6), a_B=np.zeros(6), v_current_W=STILL,
-        wrench_tip_G=np.array([5.0, -3.0, -40.0, 0.0, 0.0, 0.0]),
-    )[0]  # fmt: skip
+    at_rest = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": STILL}
+    push_G = np.array([5.0, -3.0, -40.0, 0.0, 0.0, 0.0])
+    tau = ARM.inverse(start, np.zeros(N), np.zeros(N), wrench_tip_G=push_G, **at_rest)[0]
     rows = []
     for i in range(steps):
         t = DT * i

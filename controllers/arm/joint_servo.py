@@ -18,8 +18,8 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
 
 
-class Gears(NamedTuple):
-    """Gears as `track_gear_friction` takes them."""
+class FrictionTracking(NamedTuple):
+    """Gears and filter of `track_gear_friction`."""
 
     armature: Array  # (n,) [kg m^2] rotor inertias at the joints
     damping: Array  # (n,) [N m s/rad] viscous friction
@@ -164,7 +164,7 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
         tau_measured: (n,) [N m] torques at the gear outputs.
         qd: (n,) [rad/s] joint speeds.
         qdd: (n,) [rad/s^2] joint accelerations.
-        gears: fields of `Gears`, in a tuple.
+        gears: fields of `FrictionTracking`, in a tuple.
         friction: (n,) [N m] tracked friction; updated.
     """
     armature, damping, most, share = gears

@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion
-from controllers.arm.joint_servo import Gears, track_gear_friction
+from controllers.arm.joint_servo import FrictionTracking, track_gear_friction
 from controllers.estimation.force_from_torques import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
@@ -150,7 +150,7 @@ class TorqueSensors(_TorqueResidual):
         self._payload = PayloadIdentification(self._arm)
         self._force_share = min(1.0, period / tuning.force_filter)
         self._gears = tuple(
-            Gears(
+            FrictionTracking(
                 armature=np.array(self._vehicle.armature),
                 damping=np.array(self._vehicle.joint_damping),
                 most=tuning.friction_excess * (friction or self._vehicle.dry_friction).stiction,

@@ -10,8 +10,7 @@ from rich.console import Console
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
-from controllers.tasks.supervisor import SurfaceWork
-from controllers.tasks.surface_task_config import SurfaceTaskConfig
+from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, find
 from models.objects.targets import TargetModel
 from models.site import scenes

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from controllers.mkps import Chain
-from controllers.tasks.insertion import HoleInsertion, InsertionJob
+from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, HULL_BODY, TIP_SITE, TOOL_GEOM, find
 from models.objects.manifold import manifold
 from models.site import scenes
@@ -130,7 +130,7 @@ def prepare(setting: InsertionSetting, seed: int, *, record: bool = False) -> In
             chain,
             target,
             aimed_at,
-            InsertionJob(depth=setting.depth, nose=tool_radius, compliance=setting.compliance),
+            InsertionJob(depth=setting.depth, compliance=setting.compliance, inside=EntryLimits(nose=tool_radius)),
             X_WB_scan=X_WB,
             hull_box=hull_box(own, arm),
         ),

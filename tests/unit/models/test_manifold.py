@@ -133,3 +133,17 @@ def test_the_sampler_gives_way_by_its_springs(within):
 def test_a_sampler_wants_a_pad():
     with pytest.raises(ConfigurationError, match="'pad'"):
         sampler.fit(models.load("bluerov2_heavy"))
+
+
+@pytest.mark.parametrize(("radius", "depth", "chamfer"), HOLES)
+def test_beside_each_hole_a_short_path_lies_on_the_face(radius, depth, chamfer):
+    """Of 40 mm along x at even steps, its middle 15 mm beyond the chamfer's edge; the tool into the face."""
+    made = manifold(radius, depth, chamfer)
+    for name, hole in made.holes.items():
+        path = made.target.paths[f"beside_{name}"]
+        np.testing.assert_allclose(
+            np.diff(path.p, axis=0), np.tile([0.04 / (len(path.p) - 1), 0.0, 0.0], (len(path.p) - 1, 1))
+        )
+        np.testing.assert_allclose(path.p.mean(axis=0), hole.p_T + [0.0, radius + chamfer + 0.015, 0.0], atol=1e-12)
+        np.testing.assert_allclose(path.a, np.tile([0.0, 0.0, -1.0], (len(path.p), 1)))
+        np.testing.assert_allclose(path.b, np.tile([1.0, 0.0, 0.0], (len(path.p), 1)))

@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from controllers.ik.chain import Chain
 from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, stages
 from sim.interfaces.spatial import Array, exp_so3, pose
+
+H = np.pi / 2
+PUMA = [(0, 0, 0, H), (0, 0, 0.4318, 0), (0, 0.15005, 0.0203, -H), (0, 0.4318, 0, H), (0, 0, 0, -H), (0, 0, 0, 0)]
+HOME = np.array([0.1, -0.6, 0.7, 0.3, 0.6, 0.2])
 
 
 def only(it: Plain, joint: int, q: Array) -> None:
@@ -191,3 +196,21 @@ def test_loose_angles_suffice_where_either_is_met(rng: np.random.Generator) -> N
         assert met <= (code == kernels.CONVERGED)
     moved = by_exponentials(it.chain, q) @ pose(p=[0.0, 0.0, 0.01])
     assert solve(it, moved, q, 1, dict.fromkeys(("r", "one", "two"), 3.0))[1] > 0
+
+
+def test_stages_in_turn_bring_a_near_start_to_the_pose(rng: np.random.Generator) -> None:
+    it = plain(Chain.from_dh(PUMA))
+    solved = []
+    for _ in range(5):
+        q = HOME + rng.uniform(-0.3, 0.3, 6)
+        X = by_exponentials(it.chain, q)
+        code, count, _, position, angle, out, _ = solve(it, X, q + 0.02, 150)
+        solved.append(code == kernels.CONVERGED)
+        if code == kernels.CONVERGED:
+            it.aim(X)
+            p2, _ = it.errors(out)
+            assert position == pytest.approx(math.sqrt(p2) / SCALE, rel=1e-6)
+            assert position <= 1e-3
+            assert angle <= 2.5e-2  # of two axes, each within 1e-2
+            assert count > 0
+    assert sum(solved) >= 2

@@ -12,9 +12,9 @@ from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
 from controllers.tasks.monitors import Reaction
-from controllers.tasks.phase import Abort, Context, Decide, Event, Held, Outcome, Phase, Setpoint, ToolLine
+from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
 from controllers.tasks.pose_fusion import fuse_poses
-from controllers.tasks.task import Row, at_once
+from controllers.tasks.task import TaskRow, at_once
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -45,14 +45,14 @@ class ScanLimits:
 
 @dataclass(slots=True, eq=False)
 class ScanState:
-    """State of `Scan`."""
+    """State of `ScanTarget`."""
 
     look_from: float  # [s] earliest time of the next depth frame
     looks: int = 0  # depth frames from this view
     finds: tuple[Target, ...] = ()  # accepted identifications from this view
 
 
-class Scan(Phase):
+class ScanTarget(Phase):
     """Take depth frames until the target is identified often enough."""
 
     def __init__(self, limits: ScanLimits, *, path: bool = True) -> None:
@@ -79,9 +79,9 @@ class Scan(Phase):
             return None
         if state.finds:
             held.target = fuse_poses(state.finds)
-            return Event.DONE
+            return PhaseEvent.DONE
         if held.views < limits.views:
-            return Event.REFUSED
+            return PhaseEvent.REFUSED
         views = f" in {limits.views} views" if limits.views > 1 else ""
         return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
 
@@ -98,7 +98,7 @@ class Since:
     since: float  # [s]
 
 
-class Tare(Phase):
+class TareSensors(Phase):
     """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
 
     def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
@@ -113,7 +113,7 @@ class Tare(Phase):
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done after both times."""
         del held
-        return Event.DONE if now.time - state.since > self._after + self._seconds else None
+        return PhaseEvent.DONE if now.time - state.since > self._after + self._seconds else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool at rest, and the tare in its time."""
@@ -168,7 +168,7 @@ def around(vehicle: Vehicle, chain: Chain, hull_box: Array, model: TargetModel) 
 
 def arrival(
     site: Site, limits: ArrivalLimits, *, then: str, depth: float, offset: float, broken: Mapping[Reaction, str]
-) -> Iterable[tuple[str, Row]]:
+) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle stays where it is.
 
     Args:
@@ -184,7 +184,7 @@ def arrival(
     """
     settle, move = Settle(limits.rest), partial(MoveHull, limits.motion)
     free = dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held")
-    row = partial(Row, leave={**free, Reaction.STOP: "halt"})
+    row = partial(TaskRow, leave={**free, Reaction.STOP: "halt"})
 
     def come_near(held: Held, now: Context) -> None:
         assert site.come_near is not None
@@ -214,18 +214,21 @@ def arrival(
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
 
     again = "settle" if site.come_near is None else "settled"
-    yield "settle", row(settle, WorkState.SETTLE, {Event.DONE: "scan" if site.come_near is None else at_once("near")})
+    yield (
+        "settle",
+        row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan" if site.come_near is None else at_once("near")}),
+    )
     if site.come_near is not None:
-        yield "near", row(Decide(come_near, AbortCode.NO_GROUND), WorkState.SETTLE, {Event.DONE: "descend"})
-        yield "descend", row(move(lambda held: held.X_WB_scan), WorkState.SETTLE, {Event.DONE: at_once(again)})
-        yield again, row(settle, WorkState.SETTLE, {Event.DONE: "scan"})
-    scanned = {Event.DONE: at_once("stand"), Event.REFUSED: "other view"}
-    yield "scan", row(Scan(limits.scan), WorkState.SCAN, scanned)
-    yield "other view", row(move(other_view), WorkState.SETTLE, {Event.DONE: at_once(again)})
-    yield "stand", row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {Event.DONE: "travel"})
-    yield "travel", row(move(), WorkState.CLOSE_IN, {Event.DONE: "unfold"})
-    yield "unfold", row(Unfold(limits.joint_speed), WorkState.CLOSE_IN, {Event.DONE: "close in"})
+        yield "near", row(Decide(come_near, AbortCode.NO_GROUND), WorkState.SETTLE, {PhaseEvent.DONE: "descend"})
+        yield "descend", row(move(lambda held: held.X_WB_scan), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+        yield again, row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan"})
+    scanned = {PhaseEvent.DONE: at_once("stand"), PhaseEvent.REFUSED: "other view"}
+    yield "scan", row(ScanTarget(limits.scan), WorkState.SCAN, scanned)
+    yield "other view", row(move(other_view), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+    yield "stand", row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"})
+    yield "travel", row(move(), WorkState.CLOSE_IN, {PhaseEvent.DONE: "unfold"})
+    yield "unfold", row(Unfold(limits.joint_speed), WorkState.CLOSE_IN, {PhaseEvent.DONE: "close in"})
     close_in = move(lambda held: held.start_of_line().X_WB)
-    yield "close in", row(close_in, WorkState.CLOSE_IN, {Event.DONE: "rest"})
-    yield "rest", row(settle, WorkState.CLOSE_IN, {Event.DONE: "tare"})
-    yield "tare", Row(Tare(), WorkState.TARE, {Event.DONE: then}, broken)
+    yield "close in", row(close_in, WorkState.CLOSE_IN, {PhaseEvent.DONE: "rest"})
+    yield "rest", row(settle, WorkState.CLOSE_IN, {PhaseEvent.DONE: "tare"})
+    yield "tare", TaskRow(TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)

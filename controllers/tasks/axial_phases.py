@@ -22,8 +22,8 @@ from controllers.tasks.monitors import (
     fault_monitors,
     too_much_force,
 )
-from controllers.tasks.phase import Abort, Context, Event, Held, Hold, HoldTool, Outcome, Phase, Setpoint, towards
-from controllers.tasks.task import Row
+from controllers.tasks.phase import Abort, Context, Held, Hold, HoldTool, Outcome, Phase, PhaseEvent, Setpoint, towards
+from controllers.tasks.task import TaskRow
 from sim.interfaces.messages import AbortCode, WorkState
 
 _AT_WORK = frozenset({WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.PRESS, WorkState.WORK})
@@ -135,8 +135,8 @@ class AxialApproach(AxialPhase):
         if state.seconds and state.seconds >= contact.touch_time:
             if held.depth < -contact.early:
                 return Abort(AbortCode.OBSTACLE, contact.obstacle.format(f"{-held.depth * 1e3:.0f}"))
-            return Event.TOUCHED
-        return Event.DONE if held.depth >= self._to else None
+            return PhaseEvent.TOUCHED
+        return PhaseEvent.DONE if held.depth >= self._to else None
 
 
 class Stay(AxialPhase):
@@ -154,7 +154,7 @@ class Stay(AxialPhase):
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done when the time is over; the tool comes to rest."""
         self._advance(held, now, 0.0)
-        return Event.DONE if now.time - state.since > self._seconds else None
+        return PhaseEvent.DONE if now.time - state.since > self._seconds else None
 
 
 class Withdraw(AxialPhase):
@@ -182,7 +182,7 @@ class Withdraw(AxialPhase):
             return None
         held.speed = 0.0
         said = f"stuck at {1e3 * held.depth:.0f} mm on the way out"
-        return Abort(AbortCode.STUCK, said) if stuck else Event.DONE
+        return Abort(AbortCode.STUCK, said) if stuck else PhaseEvent.DONE
 
 
 _ANY = (Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW)
@@ -190,12 +190,12 @@ WITHDRAW: Mapping[Reaction, str] = dict.fromkeys(_ANY, "withdraw")  # how work i
 PARK: Mapping[Reaction, str] = {**dict.fromkeys(_ANY, "parked"), Reaction.STOP: "halt"}  # and a tare
 
 
-def axial_end(withdraw: Withdraw) -> Iterable[tuple[str, Row]]:
+def axial_end(withdraw: Withdraw) -> Iterable[tuple[str, TaskRow]]:
     """Rows that end axial work."""
-    yield "withdraw", Row(withdraw, WorkState.WITHDRAW, {Event.DONE: "parked"}, {Reaction.RETREAT: "parked"})
-    yield "parked", Row(HoldTool(), WorkState.DONE)
-    yield "held", Row(Hold(), WorkState.DONE)
-    yield "halt", Row(Halt(), WorkState.RETREAT, {Event.DONE: "held"})
+    yield "withdraw", TaskRow(withdraw, WorkState.WITHDRAW, {PhaseEvent.DONE: "parked"}, {Reaction.RETREAT: "parked"})
+    yield "parked", TaskRow(HoldTool(), WorkState.DONE)
+    yield "held", TaskRow(Hold(), WorkState.DONE)
+    yield "halt", TaskRow(Halt(), WorkState.RETREAT, {PhaseEvent.DONE: "held"})
 
 
 def axial_monitors(limits: AxialLimits, *, lost_place: float, blind_time: float, too_long: str) -> tuple[Monitor, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from controllers.planning.trajectories import Progress
 from controllers.tasks.arrival import Since
-from controllers.tasks.phase import ZERO, Abort, Context, Event, Held, Outcome, Phase, Setpoint, towards, way_back
+from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
 from sim.interfaces.messages import AbortCode
 from sim.interfaces.spatial import Array
 
@@ -59,10 +59,10 @@ class GuardedApproach(Phase):
             if held.depth < depth:
                 return None
             held.depth = depth
-            return Event.DONE
+            return PhaseEvent.DONE
         if touched:
             held.force, held.speed = now.normal, 0.0
-            return Event.DONE
+            return PhaseEvent.DONE
         self._advance(held, now, limits.standoff)
         if held.depth > limits.standoff + limits.search:
             return Abort(AbortCode.NO_CONTACT, f"no contact within {limits.search} m beyond the expected surface")
@@ -131,7 +131,7 @@ class Press(Phase):
             state.set_since = now.time
         late = now.time - state.since > limits.within
         if now.time - state.set_since > limits.held or (late and not self._insist):
-            return Event.DONE
+            return PhaseEvent.DONE
         if late:
             said = f"the force of {force} N was not reached in {limits.within} s: {felt:.1f} N"
             return Abort(AbortCode.FORCE_NOT_REACHED, said)
@@ -157,7 +157,7 @@ class Dwell(Phase):
     def step(self, state: Since, held: Held, now: Context) -> Outcome:
         """Done when the time is over."""
         del held
-        return Event.DONE if now.time - state.since > self._seconds else None
+        return PhaseEvent.DONE if now.time - state.since > self._seconds else None
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool at rest under force control."""
@@ -215,7 +215,7 @@ class FollowPath(Phase):
             force = self._forces[part] * (limits.paused_force if now.paused else 1.0)
             held.force = towards(held.force, force, self._rate * now.period)
         if now.time - state.since > progress.duration + limits.linger:
-            return Event.DONE
+            return PhaseEvent.DONE
         placement = held.start_of_line()
         held.X_WB = placement.hull_at(held.s / progress.length)
         state.v_WB_W = rate * state.pace / progress.length * placement.travel_W
@@ -246,7 +246,7 @@ class Unload(Phase):
         """Done when the force is nearly zero."""
         del state
         held.force = towards(held.force, 0.0, self._rate * now.period)
-        return None if held.force > self._until else Event.DONE
+        return None if held.force > self._until else PhaseEvent.DONE
 
     def setpoint(self, state: None, held: Held, now: Context) -> Setpoint:
         """The tool at rest under force control."""
@@ -270,7 +270,7 @@ class Retreat(Phase):
         """Done when the tool is clear; adrift if the hull must then leave as well."""
         if not (now.time - state.since) * self._speed > way_back(held, self._clearance):
             return None
-        return Event.ADRIFT if now.adrift else Event.DONE
+        return PhaseEvent.ADRIFT if now.adrift else PhaseEvent.DONE
 
     def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
         """The tool on its way off."""

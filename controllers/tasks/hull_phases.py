@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.planning.trajectories import JointMove, PoseMove
-from controllers.tasks.phase import ZERO, Abort, Context, Event, Held, Outcome, Phase, Setpoint, way_back
+from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, way_back
 from sim.interfaces.messages import AbortCode
 from sim.interfaces.spatial import Array, pose
 
@@ -53,7 +53,7 @@ class Settle(Phase):
             state.quiet_since = math.inf
         elif not math.isfinite(state.quiet_since):
             state.quiet_since = estimate.time
-        return Event.DONE if estimate.time - state.quiet_since > limits.time else None
+        return PhaseEvent.DONE if estimate.time - state.quiet_since > limits.time else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +63,7 @@ class HullMotion:
     speed: float = 0.25  # [m/s]
     acceleration: float = 0.08  # [m/s^2]
     turn_rate: float = 0.15  # [rad/s]
-    behind: tuple[float, float] = (0.18, 0.42)  # [m] lag of the hull at which the move slows down, and stops
+    behind: tuple[float, float] | None = (0.18, 0.42)  # [m] lag of the hull at which the move slows down, and stops
     late: float = 60.0  # [s] by which it may be delayed in all
 
     def to(self, X_WB: Array, held: Held, now: Context) -> PoseMove:
@@ -74,6 +74,8 @@ class HullMotion:
 
     def pace(self, behind: float) -> float:
         """Speed as a share of that planned, for a hull that is `behind` [m]."""
+        if self.behind is None:
+            return 1.0
         near, far = self.behind
         return min(max((far - behind) / (far - near), 0.0), 1.0)
 
@@ -113,7 +115,7 @@ class MoveHull(Phase):
             return None
         held.X_WB, state.v_WB_W = state.move.X_to, ZERO
         if not state.way:
-            return Event.DONE
+            return PhaseEvent.DONE
         state.move, state.waited = self._motion.to(state.way.pop(0), held, now), 0.0
         return None
 
@@ -147,7 +149,7 @@ class Unfold(Phase):
         """Done at the exact posture."""
         if state.move.done(now.time):
             held.q = np.array(held.start_of_line().q_start)
-            return Event.DONE
+            return PhaseEvent.DONE
         held.q, state.qd = state.move.at(now.time)
         return None
 
@@ -184,7 +186,7 @@ class PullBack(Phase):
     def step(self, state: LeaveState, held: Held, now: Context) -> Outcome:
         """Done at the end of the move; it waits for nothing."""
         held.X_WB, state.v_WB_W = state.move.at(now.time)
-        return Event.DONE if state.move.done(now.time) else None
+        return PhaseEvent.DONE if state.move.done(now.time) else None
 
     def setpoint(self, state: LeaveState, held: Held, now: Context) -> Setpoint:
         """The hull's velocity."""
@@ -224,7 +226,7 @@ class Ascend(Phase):
         if not state.move.done(now.time):
             return None
         held.q = np.array(now.estimate.q)
-        return Event.DONE
+        return PhaseEvent.DONE
 
     def setpoint(self, state: LeaveState, held: Held, now: Context) -> Setpoint:
         """The hull's velocity, and the tool moved along."""
@@ -256,7 +258,7 @@ class Halt(Phase):
         """Done when the time is over; periods are counted, for the time may be unknown."""
         del held
         state.left -= now.period
-        return Event.DONE if state.left <= 0.0 else None
+        return PhaseEvent.DONE if state.left <= 0.0 else None
 
 
 def ascent_direction(normal_W: Array) -> Array:

@@ -32,8 +32,8 @@ from controllers.tasks.axial_phases import (
     axial_end,
     axial_monitors,
 )
-from controllers.tasks.phase import Abort, Context, Event, Held, Outcome
-from controllers.tasks.task import Row, Task, TaskState, at_once
+from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
+from controllers.tasks.task import Task, TaskRow, TaskState, at_once
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -172,7 +172,7 @@ class EnterHole(AxialPhase):
         ease = min(1.0, (limits.side_full - aside) / (limits.side_full - limits.side_easy))
         self._advance(held, now, max(0.0, ease) * job.axial.speed, axial / job.force)
         if held.depth >= job.depth:
-            return Event.DONE
+            return PhaseEvent.DONE
         if held.depth > state.deepest + limits.gain:
             state.deepest, state.gained = held.depth, now.time
         elif now.time - state.gained > limits.stall:
@@ -186,7 +186,7 @@ class EnterHole(AxialPhase):
         if held.tries > limits.tries:
             return Abort(AbortCode.JAMMED, f"stopped at {held.depth * 1e3:.0f} mm, {limits.tries} times over")
         if state.deepest < limits.nose:
-            return Event.TOUCHED
+            return PhaseEvent.TOUCHED
         state.backing_to = max(held.depth - limits.back, -self._job.entry)
         return None
 
@@ -225,7 +225,7 @@ class SpiralSearch(AxialPhase):
             state.angle += search.speed * now.period / math.hypot(radius, search.pitch / (2.0 * np.pi))
             held.aside = (radius * math.cos(state.angle), radius * math.sin(state.angle))
         if held.depth > state.touched_at + search.dip:
-            return Event.DONE
+            return PhaseEvent.DONE
         if radius > search.radius:
             said = f"no hole within {search.radius * 1e3:.0f} mm of where it was found"
             return Abort(AbortCode.HOLE_NOT_FOUND, said)
@@ -307,7 +307,7 @@ class HoleInsertion(Task):
         return max(0.0, held.depth)
 
 
-def insertion_rows(site: Site, limits: ArrivalLimits, job: InsertionJob) -> Iterable[tuple[str, Row]]:
+def insertion_rows(site: Site, limits: ArrivalLimits, job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
     """Table of the insertion.
 
     Args:
@@ -329,11 +329,11 @@ def insertion_rows(site: Site, limits: ArrivalLimits, job: InsertionJob) -> Iter
         yields=True,
     )
     approach = AxialApproach(axial, outside, rim, slow=(-job.guard, job.touch_speed), to=-job.entry)
-    searched = {Event.DONE: "insert", Event.TOUCHED: "search"}
-    inserted = {Event.DONE: "work", Event.TOUCHED: "search"}
+    searched = {PhaseEvent.DONE: "insert", PhaseEvent.TOUCHED: "search"}
+    inserted = {PhaseEvent.DONE: "work", PhaseEvent.TOUCHED: "search"}
     yield from arrival(site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK)
-    yield "approach", Row(approach, states.APPROACH, searched, WITHDRAW)
-    yield "search", Row(SpiralSearch(job, outside), states.SEARCH, {Event.DONE: "insert"}, WITHDRAW)
-    yield "insert", Row(EnterHole(job, inside), states.INSERT, inserted, WITHDRAW)
-    yield "work", Row(Stay(axial, inside, job.stay), states.WORK, {Event.DONE: "withdraw"}, WITHDRAW)
+    yield "approach", TaskRow(approach, states.APPROACH, searched, WITHDRAW)
+    yield "search", TaskRow(SpiralSearch(job, outside), states.SEARCH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
+    yield "insert", TaskRow(EnterHole(job, inside), states.INSERT, inserted, WITHDRAW)
+    yield "work", TaskRow(Stay(axial, inside, job.stay), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
     yield from axial_end(Withdraw(axial, inside, -job.entry))

@@ -21,7 +21,7 @@ ZERO = readonly(np.zeros(3))
 NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
 
 
-class Event(StrEnum):
+class PhaseEvent(StrEnum):
     """End of a phase; the table of the task says what follows."""
 
     DONE = "done"
@@ -77,6 +77,7 @@ class Held:
     way: list[Array] = field(default_factory=list)  # (4, 4) hull poses to move through next
     views: int = 0  # views so far
     target: Target | None = None  # the accepted identification, the mean of several
+    plan: object = None  # of a task's own kind
     line: ToolLine | None = None  # where the tool works
     s: float = 0.0  # [m] arc length reached on the path
     depth: float = 0.0  # [m] of the tool along its axis, see `ToolLine.offset`
@@ -154,7 +155,7 @@ class Setpoint:
     compliant: bool = False
 
 
-Outcome = Event | Abort | None  # of a period; None: the phase goes on
+Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on
 
 
 class Phase:
@@ -228,7 +229,7 @@ class Decide(Phase):
             self._decide(held, now)
         except ReachError as error:
             return Abort(self._code, str(error))
-        return Event.DONE
+        return PhaseEvent.DONE
 
 
 def way_back(held: Held, clearance: float) -> float:

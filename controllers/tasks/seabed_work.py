@@ -38,8 +38,8 @@ from controllers.tasks.axial_phases import (
     axial_monitors,
 )
 from controllers.tasks.contact_phases import FollowState, Press, PressLimits
-from controllers.tasks.phase import Abort, Context, Event, Held, Outcome, Setpoint
-from controllers.tasks.task import Row, Task, at_once
+from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
+from controllers.tasks.task import Task, TaskRow, at_once
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
@@ -102,7 +102,7 @@ class Penetrate(AxialPhase):
         self._advance(held, now, job.axial.speed, axial / job.push)
         if held.depth >= job.depth if job.drag else axial >= job.close * job.push:
             held.speed, held.force = 0.0, job.push
-            return Event.DONE
+            return PhaseEvent.DONE
         if held.depth < job.depth:
             return None
         said = f"the tube is full at {1e3 * job.depth:.0f} mm, the soil bears {axial:.0f} N"
@@ -124,7 +124,7 @@ class Drag(AxialPhase):
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path."""
         held.s, _ = state.progress.at(now.time - state.since)
-        return Event.DONE if now.time - state.since > state.progress.duration else None
+        return PhaseEvent.DONE if now.time - state.since > state.progress.duration else None
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
         """The tool on the path, at its depth."""
@@ -190,7 +190,7 @@ class SeabedWork(Task):
         super().__init__(rows, monitors, X_WB=X_WB, q=vehicle.q_home, period=period)
 
 
-def seabed_rows(site: Site, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, Row]]:
+def seabed_rows(site: Site, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, TaskRow]]:
     """Table of seabed work.
 
     Args:
@@ -207,15 +207,15 @@ def seabed_rows(site: Site, limits: ArrivalLimits, job: SeabedJob, period: float
     stone = AxialContact(touch=job.touch, obstacle="something stands {} mm over the ground as scanned")
     approach = AxialApproach(axial, soil, stone, slow=(math.inf, 0.0), to=-job.guard)
     yield from arrival(site, limits, then=at_once("approach"), depth=-axial.standoff, offset=0.0, broken=PARK)
-    yield "approach", Row(approach, states.APPROACH, {Event.DONE: "insert"}, WITHDRAW)
-    after = {Event.DONE: "work" if job.drag else "press"}
-    yield "insert", Row(Penetrate(job, soil), states.INSERT, after, WITHDRAW)
+    yield "approach", TaskRow(approach, states.APPROACH, {PhaseEvent.DONE: "insert"}, WITHDRAW)
+    after = {PhaseEvent.DONE: "work" if job.drag else "press"}
+    yield "insert", TaskRow(Penetrate(job, soil), states.INSERT, after, WITHDRAW)
     if job.drag:
-        yield "work", Row(Drag(job, soil), states.WORK, {Event.DONE: "withdraw"}, WITHDRAW)
+        yield "work", TaskRow(Drag(job, soil), states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
     else:
         held = replace(job.press, held=job.press.held - 1.5 * period)  # the first period counts, and rounding does not
         press = Press(held, job.push, math.inf)
         stay = Stay(axial, replace(soil, force_control=True), job.stay)
-        yield "press", Row(press, states.PRESS, {Event.DONE: "work"}, WITHDRAW)
-        yield "work", Row(stay, states.WORK, {Event.DONE: "withdraw"}, WITHDRAW)
+        yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, WITHDRAW)
+        yield "work", TaskRow(stay, states.WORK, {PhaseEvent.DONE: "withdraw"}, WITHDRAW)
     yield from axial_end(Withdraw(axial, soil, -job.guard))

@@ -38,8 +38,8 @@ from controllers.tasks.monitors import (
     normal_force,
     too_much_force,
 )
-from controllers.tasks.phase import Context, Event, Held, Hold, HoldTool
-from controllers.tasks.task import Row, Task
+from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from controllers.tasks.task import Task, TaskRow
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -165,7 +165,7 @@ BREAK_OFF = {
 }
 
 
-def surface_rows(site: Site, job: SurfaceTaskConfig) -> Iterable[tuple[str, Row]]:
+def surface_rows(site: Site, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Table of surface work.
 
     Args:
@@ -179,20 +179,23 @@ def surface_rows(site: Site, job: SurfaceTaskConfig) -> Iterable[tuple[str, Row]
     press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control)
     follow = FollowPath(FollowLimits(speed=job.speed), job.forces if job.contactless is None else (), job.force_rate)
     yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=-approach.standoff, broken=BREAK_OFF)
-    meet = Row(
+    meet = TaskRow(
         GuardedApproach(approach, job.contactless),
         states.APPROACH,
-        {Event.DONE: "press" if job.contactless is None else "work"},
+        {PhaseEvent.DONE: "press" if job.contactless is None else "work"},
         BREAK_OFF,
         feels=True,
     )
     yield "approach", meet
-    yield "press", Row(press, states.PRESS, {Event.DONE: "work"}, BREAK_OFF, feels=True)
-    yield "work", Row(follow, states.WORK, {Event.DONE: "unload" if job.presses else "retreat"}, BREAK_OFF, feels=True)
+    yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, BREAK_OFF, feels=True)
+    yield (
+        "work",
+        TaskRow(follow, states.WORK, {PhaseEvent.DONE: "unload" if job.presses else "retreat"}, BREAK_OFF, feels=True),
+    )
     yield from retreat_rows(job)
 
 
-def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, Row]]:
+def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the surface to the end: release, retreat, and what follows a fault.
 
     Args:
@@ -204,14 +207,14 @@ def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, Row]]:
     approach, motion, states = job.approach, job.arrival.motion, WorkState
     clear, stop = approach.standoff, {Reaction.STOP: "halt"}
     retreat = Retreat(approach.speed, clear)
-    yield "unload", Row(Unload(job.force_rate, approach.touch), states.RETREAT, {Event.DONE: "retreat"}, stop)
-    yield "retreat", Row(retreat, states.RETREAT, {Event.DONE: "parked", Event.ADRIFT: "rise"}, stop)
-    yield "rise", Row(Ascend(motion, job.arrival.lift, clear), states.RETREAT, {Event.DONE: "held"}, stop)
-    yield "pull back", Row(PullBack(motion, clear), states.RETREAT, {Event.DONE: "held"}, stop)
-    yield "parked", Row(HoldTool(clear), states.DONE, leave=stop)
-    yield "held", Row(Hold(), states.DONE, leave=stop)
-    yield "halt", Row(Halt(), states.RETREAT, {Event.DONE: "halted"})
-    yield "halted", Row(Hold(), states.DONE)
+    yield "unload", TaskRow(Unload(job.force_rate, approach.touch), states.RETREAT, {PhaseEvent.DONE: "retreat"}, stop)
+    yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked", PhaseEvent.ADRIFT: "rise"}, stop)
+    yield "rise", TaskRow(Ascend(motion, job.arrival.lift, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    yield "pull back", TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=stop)
+    yield "held", TaskRow(Hold(), states.DONE, leave=stop)
+    yield "halt", TaskRow(Halt(), states.RETREAT, {PhaseEvent.DONE: "halted"})
+    yield "halted", TaskRow(Hold(), states.DONE)
 
 
 def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from controllers.tasks.monitors import Monitor, Reaction, watch
-from controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Event, Held, Phase
+from controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array
@@ -24,12 +24,12 @@ def at_once(name: str) -> AtOnce:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Row:
+class TaskRow:
     """One phase of a task, and what follows it."""
 
     phase: Phase
     work: WorkState  # as reported; DONE is reported as ABORT if the work was broken off
-    then: Mapping[Event, str] = field(default_factory=dict)  # next row, by the event that ends the phase
+    then: Mapping[PhaseEvent, str] = field(default_factory=dict)  # next row, by the event that ends the phase
     leave: Mapping[Reaction, str] = field(default_factory=dict)  # next row, by the reaction; RETREAT also for an Abort
     feels: bool = False  # an estimate of the contact force is needed
 
@@ -53,7 +53,7 @@ class Task:
 
     def __init__(
         self,
-        rows: Iterable[tuple[str, Row]],
+        rows: Iterable[tuple[str, TaskRow]],
         monitors: Sequence[Monitor],
         *,
         X_WB: Array,
@@ -133,7 +133,7 @@ class Task:
         self._enter(state, after, now)
         return after
 
-    def _enter(self, state: TaskState, name: str, now: Context) -> Row:
+    def _enter(self, state: TaskState, name: str, now: Context) -> TaskRow:
         """Change to the row `name`."""
         row = self._rows[name]
         state.row, state.since, state.phase = str(name), now.time, row.phase.enter(state.held, now)

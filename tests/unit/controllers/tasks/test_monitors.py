@@ -8,7 +8,7 @@ import pytest
 
 from controllers.tasks.hull_phases import RestLimits, Settle
 from controllers.tasks.monitors import Monitor, Reaction, adrift, fault_monitors, watch
-from controllers.tasks.phase import Abort, Context, Event, Held
+from controllers.tasks.phase import Abort, Context, Held, PhaseEvent
 from controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
 from sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -72,15 +72,11 @@ def test_a_hull_that_does_not_become_quiet_is_waited_for_so_long_and_no_longer()
     phase, moving = Settle(limits), held()
     moving.X_WB = pose(p=[1.1 * limits.error, 0.0, 0.0])
     state = phase.enter(moving, seen(0.0))
-    for tick in range(round(2.0 * limits.within / STEP)):
-        outcome = phase.step(state, moving, seen(tick * STEP))
-        if outcome is not None:
-            break
-    assert isinstance(outcome, Abort)
-    assert outcome.code is AbortCode.HULL_NOT_AT_REST
-    assert limits.within < tick * STEP < limits.within + 2.5 * STEP
+    ticks = range(round(2.0 * limits.within / STEP))
+    given_up = [tick for tick in ticks if isinstance(phase.step(state, moving, seen(tick * STEP)), Abort)]
+    assert limits.within < given_up[0] * STEP < limits.within + 2.5 * STEP
     state = phase.enter(held(), seen(0.0))
-    ends = [tick for tick in range(400) if phase.step(state, held(), seen(tick * STEP)) is Event.DONE]
+    ends = [tick for tick in range(400) if phase.step(state, held(), seen(tick * STEP)) is PhaseEvent.DONE]
     assert limits.time < ends[0] * STEP < limits.time + 2.5 * STEP
 
 

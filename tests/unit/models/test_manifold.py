@@ -144,6 +144,8 @@ def test_beside_each_hole_a_short_path_lies_on_the_face(radius, depth, chamfer):
         np.testing.assert_allclose(
             np.diff(path.p, axis=0), np.tile([0.04 / (len(path.p) - 1), 0.0, 0.0], (len(path.p) - 1, 1))
         )
-        np.testing.assert_allclose(path.p.mean(axis=0), hole.p_T + [0.0, radius + chamfer + 0.015, 0.0], atol=1e-12)
+        np.testing.assert_allclose(
+            path.p.mean(axis=0), hole.p_T + np.array([0.0, radius + chamfer + 0.015, 0.0]), atol=1e-12
+        )
         np.testing.assert_allclose(path.a, np.tile([0.0, 0.0, -1.0], (len(path.p), 1)))
         np.testing.assert_allclose(path.b, np.tile([1.0, 0.0, 0.0], (len(path.p), 1)))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import models
+from models import hydrodynamics
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
@@ -45,7 +46,7 @@ def without(arm: Any, *names: str) -> None:
         values[:] = 0.0
 
 
-def drawn(arm: Any, rng: np.random.Generator) -> dict[str, Any]:
+def drawn(rng: np.random.Generator) -> dict[str, Any]:
     return {
         "R_WB": exp_so3(rng.normal(size=3)),
         "nu_B": rng.normal(size=6),
@@ -58,7 +59,7 @@ def drawn(arm: Any, rng: np.random.Generator) -> dict[str, Any]:
 def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng: np.random.Generator) -> None:
     without(arm, *WATER)
     arm.stations = arm.stations[:0]
-    data, vehicle, case = mujoco.MjData(model), Vehicle.of(model), drawn(arm, rng)
+    data, vehicle, case = mujoco.MjData(model), Vehicle.of(model), drawn(rng)
     joints = [model.joint(name).id for name in arm.joint_names]
     at, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
     q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
@@ -108,7 +109,7 @@ def test_without_weight_and_drag_all_power_becomes_motion(arm: Any, rng: np.rand
     arm.weightless(arm.numbers)
     arm.stations = arm.stations[:0]
     for _ in range(3):
-        case = drawn(arm, rng) | {"v_current_W": np.zeros(3)}
+        case = drawn(rng) | {"v_current_W": np.zeros(3)}
         q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
         h, nu, a = 1e-5, case["nu_B"], case["a_B"]
         rate = np.concatenate([a[:3] - np.cross(nu[3:], nu[:3]), a[3:]])  # of the components of nu
@@ -124,13 +125,12 @@ def test_drag_takes_the_power_of_each_bodys_motion(arm: Any, rng: np.random.Gene
     arm.weightless(arm.numbers)
     nb = arm.layout.shape[1]
     linear, quadratic, origin = arm.of_bodies(arm.numbers, "linear", "quadratic", "origin")
+    stations = arm.stations
     for strips in (False, True):
-        if not strips:
-            stations, arm.stations = arm.stations, arm.stations[:0]
-        else:
-            arm.stations = stations
+        arm.stations = stations if strips else stations[:0]
+        if strips:
             without(arm, "linear", "quadratic")
-        case = drawn(arm, rng)
+        case = drawn(rng)
         q, qd = rng.uniform(-0.4, 0.4, (2, arm.n))
         taken = power(arm, q, qd, np.zeros(arm.n), case | {"v_current_W": np.zeros(3)})
         lost = 0.0
@@ -149,7 +149,7 @@ def test_drag_takes_the_power_of_each_bodys_motion(arm: Any, rng: np.random.Gene
 
 def test_a_current_is_the_opposite_motion_of_the_hull(arm: Any, rng: np.random.Generator) -> None:
     """Weight, and all water; the hull drifting with the current, or at rest in still water."""
-    case = drawn(arm, rng)
+    case = drawn(rng)
     q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
     v_W = case["v_current_W"]
     drifting = case["nu_B"] + np.concatenate([case["R_WB"].T @ v_W, np.zeros(3)])
@@ -211,3 +211,27 @@ def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm:
     tau, wrench_B = arm.inverse(q, none, none, **STILL | {"wrench_tip_G": wrench_G})
     np.testing.assert_allclose(tau - rest, -J.T @ np.concatenate([f, m]), atol=1e-9)
     np.testing.assert_allclose(wrench_B - hull_rest, [*f, *(m + np.cross(X[:3, 3], f))], atol=1e-9)
+
+
+def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
+    """To its length times its coefficients, about its middle, in its direction."""
+    own = dynamics.ArmDynamics(model, water_error=0.1)
+    found = own.stations
+    assert len(found)
+    first = 0
+    hull = Vehicle.of(model).hull
+    for body in range(hull + 1, model.nbody):
+        if not hydrodynamics.carries(model.body_user[body]):
+            continue
+        for strip in hydrodynamics.unpack(model.body_user[body]).segments:
+            part = found[first : first + strip.stations]
+            first += strip.stations
+            length = np.linalg.norm(strip.end - strip.start)
+            np.testing.assert_allclose(part[:, 4:7], np.tile((strip.end - strip.start) / length, (len(part), 1)))
+            np.testing.assert_allclose(
+                part[:, 7:].sum(axis=0), 1.1 * length * np.array([strip.normal, strip.tangential])
+            )
+            middle = np.average(part[:, 1:4], axis=0, weights=part[:, 7])
+            np.testing.assert_allclose(middle, 0.5 * (strip.start + strip.end), atol=1e-12)
+            assert len(set(part[:, 0])) == 1
+    assert first == len(found)

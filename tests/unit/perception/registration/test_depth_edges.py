@@ -75,7 +75,7 @@ def test_an_edge_is_read_where_it_is_in_the_mean(noise: StereoNoise | None, seed
         off.append(beyond_rim(found.tangents, X_ST))
     readings = np.concatenate(off)
     within("mean [px]", readings.mean(), 0.02 if noise is None else 0.12)
-    within("rms [px]", np.sqrt(np.mean(readings**2)) - (0.26 if noise is None else 0.40), 0.06)
+    within("rms [px]", np.sqrt(np.mean(readings**2)) - (0.26 if noise is None else 0.40), 0.09)  # 0.03, spread 0.012
 
 
 @pytest.mark.seeds(0, 1)
@@ -105,4 +105,4 @@ def test_an_edge_at_another_depth_is_not_the_models(bar: float, slab: ModelSurfa
         X_ST = placed(rng)
         found = fine_fit(seen(X_ST, None, rng, bar), slab, X_ST).X_ST
         off = (X_ST[:3, :3].T @ (found[:3, 3] - X_ST[:3, 3]))[:2] / (X_ST[2, 3] * PITCH)
-        within("moved [px]", off, 0.3)
+        within("moved [px]", off, 0.7)  # at most 0.31 on 60 seeds; an edge that is taken wrongly moves it by 1.4 to 1.7

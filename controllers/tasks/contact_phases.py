@@ -277,3 +277,41 @@ class Retreat(Phase):
         back = min((now.time - state.since) * self._speed, way_back(held, self._clearance))
         X_WG = held.tool(back)[0]
         return Setpoint(X_WG=X_WG, v_WG_W=-self._speed * X_WG[:3, 2])
+
+
+class NextPoint(Phase):
+    """Move the tool at the stand-off to the next of several points; more at the point, done after the last one."""
+
+    def __init__(self, points: Sequence[float], limits: FollowLimits, standoff: float) -> None:
+        """Set up the phase; the tool is at the point of index 0 when it is entered first.
+
+        Args:
+            points: [m] arc lengths.
+            limits: of the motion.
+            standoff: [m] distance from the surface.
+        """
+        self._points, self._limits, self._standoff = tuple(points), limits, standoff
+
+    def enter(self, held: Held, now: Context) -> FollowState | None:
+        """Begin where the retreat ended; None after the last point."""
+        k = len(held.places)
+        if k == len(self._points):
+            return None
+        held.depth = min(0.0, held.depth - self._standoff)
+        limits = self._limits
+        return FollowState(Progress(self._points[k] - self._points[k - 1], limits.speed, limits.ramp), now.time)
+
+    def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
+        """More at the point."""
+        if state is None:
+            return PhaseEvent.DONE
+        held.s = self._points[len(held.places) - 1] + state.progress.at(now.time - state.since)[0]
+        return PhaseEvent.MORE if now.time - state.since > state.progress.duration else None
+
+    def setpoint(self, state: FollowState | None, held: Held, now: Context) -> Setpoint:
+        """The tool at the stand-off."""
+        if state is None:
+            return Setpoint(X_WG=held.tool(way_back(held, self._standoff))[0])
+        X_WG, tangent, turn = held.tool()
+        rate = state.progress.at(now.time - state.since)[1]
+        return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn)

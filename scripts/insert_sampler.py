@@ -13,9 +13,8 @@ from typing import Literal
 
 from rich.console import Console
 
-from scenarios.campaigns.trials import check_trials
 from scenarios.insertion import InsertionSetting, run_and_write, run_trials
-from sim.runs.provenance import provenance
+from scenarios.study.options import at_least
 
 
 @dataclass(kw_only=True)
@@ -40,19 +39,23 @@ class Options(ScenarioOptions):
     trials: int = 0
     """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
-    """Processes for the trials; 0: one for each core."""
+    """Processes for the trials; 0: one for each core, 1: this one."""
+    anew: bool = False
+    """Delete the trials in the folder of an earlier command; without it they are resumed."""
     vehicle: str = "uuv_puma"
     """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
     (docs/concepts.md), its geom `pad` a capsule."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
 
+    def __post_init__(self) -> None:
+        at_least(self, trials=0, workers=0)
+
 
 def main() -> int:
     """Runs one insertion or many trials and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    check_trials(options.trials, options.workers)
     setting = InsertionSetting(
         hole=options.hole,
         clearance=1e-3 * options.clearance,
@@ -66,12 +69,9 @@ def main() -> int:
         vehicle=options.vehicle,
         controller=options.controller,
     )
-    console = Console()
-    folder = options.folder("insert_sampler")
-    if not options.trials:
-        return run_and_write(setting, options, folder, console, started)
-    seeds = range(options.seed, options.seed + options.trials)
-    return run_trials(setting, seeds, options.workers, folder, provenance("insert_sampler", options), console)
+    if options.trials:
+        return run_trials(setting, range(options.seed, options.seed + options.trials), options)
+    return run_and_write(setting, options, options.folder("insert_sampler"), Console(), started)
 
 
 if __name__ == "__main__":

@@ -19,13 +19,12 @@ from rich.console import Console
 from controllers.tasks.seabed_work import SeabedJob
 from controllers.work_controller import Method
 from models.site.seabed import Kind
-from scenarios.campaigns.trials import check_trials
 from scenarios.runner import Evaluation, run_with_report
 from scenarios.seabed_work import SeabedRecorder, SeabedSetting, prepare, run_trials
+from scenarios.study.options import at_least
 from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.reporting.seabed_figures import seabed_figures
-from sim.runs.provenance import provenance
 
 
 @dataclass(kw_only=True)
@@ -57,9 +56,14 @@ class Options(ScenarioOptions):
     trials: int = 0
     """Number of seeds to run, without recording; 0: one run with recording."""
     workers: int = 0
-    """Processes for the trials; 0: one for each core."""
+    """Processes for the trials; 0: one for each core, 1: this one."""
+    anew: bool = False
+    """Delete the trials in the folder of an earlier command; without it they are resumed."""
     controller: str = "work"
     """Controller: work, a registered name, or MODULE:CLASS."""
+
+    def __post_init__(self) -> None:
+        at_least(self, trials=0, workers=0)
 
 
 def main() -> int:
@@ -83,12 +87,9 @@ def main() -> int:
         vehicle=options.vehicle,
         controller=options.controller,
     )
-    check_trials(options.trials, options.workers)
-    console = Console()
-    folder = options.folder("sample_seabed")
     if options.trials:
-        seeds = range(options.seed, options.seed + options.trials)
-        return run_trials(setting, seeds, options.workers, folder, provenance("sample_seabed", options), console)
+        return run_trials(setting, range(options.seed, options.seed + options.trials), options)
+    console, folder = Console(), options.folder("sample_seabed")
     work = prepare(setting, options.seed, record=options.record)
     title = (
         f"{'Dragged along' if drag else 'A core of'} a seabed of {options.soil}, {options.terrain}, seed {options.seed}"

@@ -11,18 +11,15 @@ Times are processor times, the methods in turn. They exclude segmentation, excep
 depth frame. A pose counts as found within 1 % of the range and 5 deg, modulo declared symmetry.
 """
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from models.meshes import open3d_loader
 from perception.clouds.scan import facing_normals
@@ -30,35 +27,41 @@ from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit, s
 from perception.registration.identification import identify
 from perception.registration.initialiser import Expected, initial_poses
 from scenarios.object_scenes import ObjectScene, object_scene, target_of
-from scenarios.start import new_folder, parse, run_scenario
-from sim.interfaces.errors import ConfigurationError
+from scenarios.start import parse, run_scenario
+from scenarios.study import Row, Study, StudyOptions, Summary, Table
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
-from sim.runs.saving import write_whole
 
 FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 FIT_POINTS = 10_000  # scan points of a fit that is timed alone
 FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] offset from the truth, where a fit alone starts
-Method = Callable[["SceneCase"], Array]
+Method = Callable[["SceneInput"], Array]
 
 
-@dataclass
-class Options:
+@dataclass(kw_only=True)
+class Options(StudyOptions):
     """Scenes of the benchmark."""
 
     objects: tuple[str, ...] = ("barrel", "manifold", "rock", "starfish", "valve")
     """Names of objects."""
-    scenes: int = 10
-    """Number of scenes of each object."""
+    runs: int = 10
+    """Number of scenes of each object; their seeds are --seed and those that follow."""
     sensor: str = "stereo"
     """Name of the sensor."""
-    first_seed: int = 0
-    """Seed of the first scene; the others follow."""
-    out: Path | None = None
-    """Folder of figures.json."""
+    workers: int = 1
+    """Number of processes; 0: one for each core, 1: this one. Computing times are comparable with 1 only."""
+
+
+@dataclass(frozen=True)
+class RaceCase:
+    """One scene for all methods; a case of the benchmark."""
+
+    object: str
+    seed: int
+    sensor: str
 
 
 @dataclass(frozen=True, eq=False)
-class SceneCase:
+class SceneInput:
     """Input of every method."""
 
     scene: ObjectScene
@@ -72,14 +75,14 @@ class SceneCase:
         return 0.2, 0.05, 3.0 * self.surface.spacing  # [m]
 
 
-def whole(case: SceneCase) -> Array:
+def whole(case: SceneInput) -> Array:
     """Our identification from the depth frame on; X_ST (4, 4)."""
     scene = case.scene
     found = identify(scene.scan, case.surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     return found.X_sensor_target
 
 
-def ours(case: SceneCase) -> Array:
+def ours(case: SceneInput) -> Array:
     """Our search and fit on the segmented points; X_ST (4, 4)."""
     scene, evidence = case.scene, case.evidence
     expected = Expected(p=scene.approach, error=0.45, R=scene.orientation)
@@ -91,7 +94,7 @@ def ours(case: SceneCase) -> Array:
 def open3d_icp(kind: str) -> Method:
     """Open3D's ICP in three stages; `kind` is "point", "plane" or "generalised"."""
 
-    def method(case: SceneCase) -> Array:
+    def method(case: SceneInput) -> Array:
         registration = open3d_loader.load().pipelines.registration
         X_TS = inverse(case.X_start)
         for reach in case.stages:
@@ -101,7 +104,7 @@ def open3d_icp(kind: str) -> Method:
     return method
 
 
-def fpfh(case: SceneCase) -> Array:
+def fpfh(case: SceneInput) -> Array:
     """Open3D's RANSAC on FPFH features, refined by point-to-plane ICP; X_ST (4, 4)."""
     o3d = open3d_loader.load()
     registration = o3d.pipelines.registration
@@ -130,7 +133,7 @@ def fpfh(case: SceneCase) -> Array:
     return inverse(_open3d_stage(registration, "plane", _clouds(case), case.stages[-1], rough.transformation))
 
 
-def small_gicp(case: SceneCase) -> Array:
+def small_gicp(case: SceneInput) -> Array:
     """Generalised ICP of small_gicp in three stages; X_ST (4, 4)."""
     library = import_module("small_gicp")
     model, points = case.surface.points, case.evidence.points
@@ -148,7 +151,7 @@ def small_gicp(case: SceneCase) -> Array:
     return inverse(X_TS)
 
 
-def _clouds(case: SceneCase) -> tuple[Any, Any]:
+def _clouds(case: SceneInput) -> tuple[Any, Any]:
     """Scan and model as Open3D point clouds with normals."""
     o3d = open3d_loader.load()
     clouds = []
@@ -186,17 +189,23 @@ if find_spec("small_gicp"):
     METHODS["small_gicp"] = small_gicp
 
 
-def case_of(scene: ObjectScene, surface: ModelSurface) -> SceneCase | None:
+@cache
+def surface_of(name: str) -> ModelSurface:
+    """Surface model of the object `name`."""
+    return ModelSurface.of(target_of(name))
+
+
+def input_of(scene: ObjectScene, surface: ModelSurface) -> SceneInput | None:
     """Input for the methods from a scene; None if the segmentation leaves no points."""
     found = identify(scene.scan, surface, scene.approach, scene.orientation, sensor=scene.sensor.model)
     if found.evidence is None:
         return None
     R = scene.orientation
     middle = found.evidence.points.mean(axis=0)
-    return SceneCase(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
+    return SceneInput(scene, surface, found.evidence, pose(R, middle - R @ surface.points.mean(axis=0)))
 
 
-def fit_times(case: SceneCase, rng: np.random.Generator) -> dict[str, float]:
+def fit_times(case: SceneInput, rng: np.random.Generator) -> dict[str, float]:
     """Processor time [s] of a fit alone from a close start on 10 000 scan points, ours and Open3D's."""
     evidence, scene = case.evidence, case.scene
     points = evidence.scan.points[evidence.mask]
@@ -213,7 +222,7 @@ def fit_times(case: SceneCase, rng: np.random.Generator) -> dict[str, float]:
     turn, aside = rng.normal(size=(2, 3))
     X_near = scene.X_CT @ pose(exp_so3(FIT_START[1] * turn / np.linalg.norm(turn)))
     X_near[:3, 3] += FIT_START[0] * aside / np.linalg.norm(aside)
-    near = SceneCase(scene, case.surface, dense, X_near)
+    near = SceneInput(scene, case.surface, dense, X_near)
     registration, clouds = open3d_loader.load().pipelines.registration, _clouds(near)
     fits: dict[str, Callable[[], Any]] = {"ours": lambda: fine_fit(dense, case.surface, X_near)}
     for kind in ("point", "plane", "generalised"):
@@ -227,69 +236,69 @@ def _timed(what: Callable[[], Any]) -> tuple[float, Any]:
     return process_time() - began, result
 
 
-def main() -> None:
-    """Runs the benchmark, prints its tables and writes figures.json."""
-    options = parse(Options)
-    if options.scenes < 1:
-        raise ConfigurationError(f"--scenes: must be >= 1, got {options.scenes}")
-    folder = new_folder("bench_identification", options.out, options.first_seed)
-    open3d_loader.load()
-    rows, fits = [], []
-    for name in options.objects:
-        surface = ModelSurface.of(target_of(name))
-        for seed in range(options.first_seed, options.first_seed + options.scenes):
-            scene = object_scene(name, seed, options.sensor)
-            case = case_of(scene, surface)
-            if case is None:
-                continue
-            for method, run in METHODS.items():
-                spent, X = _timed(lambda run=run, case=case: run(case))
-                position, angle = scene.error(X)
-                degrees = float(np.rad2deg(angle))
-                found = position < FOUND[0] * scene.range_m and degrees < FOUND[1]
-                rows.append(
-                    {
-                        "object": name,
-                        "seed": seed,
-                        "method": method,
-                        "found": bool(found),
-                        "position_m": position,
-                        "angle_deg": degrees,
-                        "process_s": spent,
-                    }
-                )
-            fits.append(fit_times(case, np.random.default_rng([seed, 29])))
-    show(rows, fits, options, folder)
+def run(case: RaceCase) -> Row:
+    """Errors and times of all methods on one scene, and times of the fits alone; nothing where there are no points."""
+    scene, surface = object_scene(case.object, case.seed, case.sensor), surface_of(case.object)
+    given = input_of(scene, surface)
+    if given is None:
+        return {"methods": [], "fits": None}
+    rows = []
+    for method, find in METHODS.items():
+        spent, X = _timed(lambda find=find: find(given))
+        position, angle = scene.error(X)
+        degrees = float(np.rad2deg(angle))
+        rows.append(
+            {
+                "object": case.object,
+                "seed": case.seed,
+                "method": method,
+                "found": bool(position < FOUND[0] * scene.range_m and degrees < FOUND[1]),
+                "position_m": position,
+                "angle_deg": degrees,
+                "process_s": spent,
+            }
+        )
+    return {"methods": rows, "fits": fit_times(given, np.random.default_rng([case.seed, 29]))}
 
 
-def show(rows: list[dict[str, Any]], fits: list[dict[str, float]], options: Options, folder: Path) -> None:
-    """Prints the tables and writes figures.json.
-
-    Errors are those of found poses.
-
-    Args:
-        rows: Results of all scenes and methods.
-        fits: Times of the fits alone.
-        options: Options of the benchmark.
-        folder: Folder for figures.json.
-    """
-    table = Table("method", *options.objects, "time: median [ms]", "to ours")
+def summarise(scenes: list[Row]) -> Summary:
+    """Table by method and object, with the errors of found poses, and the times of a fit alone."""
+    rows = [row for scene in scenes for row in scene["methods"]]
+    fits = [scene["fits"] for scene in scenes if scene["fits"]]
+    objects = dict.fromkeys(row["object"] for row in rows)
     base = np.median([row["process_s"] for row in rows if row["method"] == "ours, search and fit"])
+    lines = []
     for method in METHODS:
         cells = []
-        for name in options.objects:
+        for name in objects:
             of = [row for row in rows if row["method"] == method and row["object"] == name]
             found = [1e3 * row["position_m"] for row in of if row["found"]]
             error = f"{np.median(found):.2f} mm" if found else "-"
             cells.append(f"{len(found)}/{len(of)}, {error}")
         spent = float(np.median([row["process_s"] for row in rows if row["method"] == method]))
-        table.add_row(method, *cells, f"{1e3 * spent:.0f}", f"{spent / base:.2f}")
-    console = Console(width=170)
-    console.print(table)
+        lines.append((method, *cells, f"{1e3 * spent:.0f}", f"{spent / base:.2f}"))
     alone = {name: float(np.median([fit[name] for fit in fits])) for name in fits[0]}
-    console.print(f"a fit alone of {FIT_POINTS} points, from 1 cm and 2 deg off, median: ", end="")
-    console.print(", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items()), highlight=False)
-    write_whole(folder / "figures.json", json.dumps({"rows": rows, "fit_alone_s": alone}, indent=1))
+    times = ", ".join(f"{name} {1e3 * spent:.0f} ms" for name, spent in alone.items())
+    return Summary(
+        metrics={"rows": rows, "fit_alone_s": alone},
+        tables=[
+            Table(
+                title="Poses found, their median error, and time",
+                columns=("method", *objects, "time: median [ms]", "to ours"),
+                rows=lines,
+            )
+        ],
+        lines=[f"a fit alone of {FIT_POINTS} points, from 1 cm and 2 deg off, median: {times}"],
+    )
+
+
+def main() -> int:
+    """Runs or resumes the benchmark and returns the exit code."""
+    options = parse(Options)
+    open3d_loader.load()
+    cases = [RaceCase(name, options.seed + k, options.sensor) for name in options.objects for k in range(options.runs)]
+    study = Study(cases=cases, run_one=run, summarise=summarise)
+    return study.carry_out("bench_identification", options, "Identification against other libraries")
 
 
 if __name__ == "__main__":

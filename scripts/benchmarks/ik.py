@@ -420,7 +420,7 @@ def main() -> int:
     shown = tables(vars_of(results), options.limits[0])
     text = []
     for table in shown:
-        console.print(table.rich())
+        console.print(table.printed())
         text.append(table.markdown())
     if missing:
         console.print(f"not in this Python: {', '.join(missing)}")

@@ -20,11 +20,11 @@ import mujoco
 import mujoco.batch
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from benchmarks.peers.physics import auv_sim_bench, fossen_loop, numpy_callback
 from models import hydrodynamics as water
 from scenarios.start import new_folder, parse, run_scenario
+from scenarios.study import Table
 from sim import hydrodynamics
 from sim.runs.saving import write_whole
 
@@ -74,14 +74,9 @@ class Report:
             columns: Headings.
             rows: Cells.
         """
-        table = Table(title=title, title_justify="left")
-        for k, column in enumerate(columns):
-            table.add_column(column, justify="right" if k else "left")
-        for row in rows:
-            table.add_row(*row)
-        self.console.print(table)
-        lines = [columns, ["---"] + ["---:"] * (len(columns) - 1), *rows]
-        self.markdown.append(f"**{title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines))
+        table = Table(title=title, columns=columns, rows=rows)
+        self.console.print(table.printed())
+        self.markdown.append(table.markdown())
 
 
 def vehicle(links: int, integrator: str, *, branched: bool = False) -> mujoco.MjSpec:

@@ -19,7 +19,7 @@ SPEED, LENGTH = 0.02, 0.6  # [m/s] of the tool, [m] length of the path
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTask:
-    """One run with several steps up, each followed by a step down; a picklable value for a worker process."""
+    """One run with several steps up, each followed by a step down; a case of the study."""
 
     stiffness: float  # [N/m]
     seed: int
@@ -47,13 +47,13 @@ def responses(task: StepTask) -> dict[str, Any]:
     job = replace(barrel_job(options, rng), force_rate=task.rate)
     outcome = run(build(job, options, rng, Variation(stiffness=task.stiffness)))
     note = outcome.recording.final.note if outcome.recording.final.state is not WorkState.DONE else ""
-    return {"task": task, "note": note, **steps_up(outcome.recording, task.low, task.high)}
+    found = steps_up(outcome.recording, task.low, task.high)
+    return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
 
 
-def died(task: StepTask) -> dict[str, Any]:
-    """Result in place of `responses` for a run that crashed its process."""
-    none = np.empty((0, len(times())))
-    return {"task": task, "note": "its process died", "set": none, "true": none}
+def failed(task: StepTask, reason: str) -> dict[str, Any]:
+    """Result in place of `responses` for a run that failed for `reason`."""
+    return {"stiffness": task.stiffness, "seed": task.seed, "note": reason, "set": [], "true": []}
 
 
 def times() -> Array:

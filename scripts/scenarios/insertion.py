@@ -1,8 +1,7 @@
 """Insertion of a sampler into a hole: assembly of the parts, run, evaluation and trials over many seeds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +18,12 @@ from models.vehicle import pose_in_body
 from models.vehicles import uuv_puma
 from perception.navigation.strapdown_filter import Navigation
 from perception.target_finder import KnownObjectFinder
-from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.domain_randomisation import NOMINAL
+from scenarios.campaigns.trials import Spread, Trials
 from scenarios.contact_options import coarse_detection
 from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints, scan_pose
 from scenarios.runner import REACTION_TICKS, Evaluation, PreparedRun, RunResult, rehearse, run_through, run_with_report
+from scenarios.study.options import PoolOptions
 from sim import hydrodynamics
 from sim.evaluation.insertion_metrics import AT_THE_HOLE, TrueHole, assess_insertion, crashed, summary
 from sim.evaluation.metrics import Assessment
@@ -186,43 +186,34 @@ def run_and_write(
     return run_with_report("insert_sampler", insertion.ready, judging, title, options, folder, console, started)
 
 
-def run_trials(
-    setting: InsertionSetting,
-    seeds: Sequence[int],
-    workers: int,
-    folder: Path,
-    made_by: dict[str, Any],
-    console: Console,
-) -> int:
+def run_trials(setting: InsertionSetting, seeds: Sequence[int], options: PoolOptions) -> int:
     """Runs one insertion for each seed and reports the statistics.
 
     Args:
         setting: Settings that all trials share.
         seeds: Seeds of the trials.
-        workers: Number of processes; 0: one for each core.
-        folder: Folder of trials.json.
-        made_by: Provenance for the file.
-        console: Terminal.
+        options: Options of the command.
 
     Returns:
         The exit code.
     """
     prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
-    trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
-    figures = summary(trials)
-    return _trials.report_trials(
-        trials, figures, _ROWS, folder, made_by, console, f"; searched in {figures['searched']}"
-    )
+    trials = Trials(one=_one, crashed=crashed, summary=summary, spreads=_SPREADS, also=_searched)
+    return trials.carry_out("insert_sampler", setting, seeds, options)
 
 
-def _one(setting: InsertionSetting, seed: int) -> dict[str, Any]:
-    insertion = prepare(setting, seed)
+def _one(case: tuple[InsertionSetting, int]) -> Mapping[str, Any]:
+    insertion = prepare(*case)
     rehearse(insertion.ready)
     ran = run_through(insertion.ready, Recorder(insertion.ready.plant.model, full=False))
-    return dict(judge(insertion, ran).metrics)
+    return judge(insertion, ran).metrics
 
 
-_ROWS: tuple[_trials.Row, ...] = (
+def _searched(figures: Mapping[str, Any]) -> str:
+    return f"; searched in {figures['searched']}"
+
+
+_SPREADS: tuple[Spread, ...] = (
     ("side force, peak", "side_force_max_n", "N", 1.0, "max"),
     ("axial force, peak", "axial_force_max_n", "N", 1.0, "max"),
     ("depth reached", "depth_m", "mm", 1e3, "min"),

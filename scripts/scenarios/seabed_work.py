@@ -1,14 +1,12 @@
 """Sampling of the seabed: assembly of terrain, soil, sonar and planner, evaluation and trials over many seeds."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import mujoco
 import numpy as np
-from rich.console import Console
 
 from controllers.mkps import Chain
 from controllers.planning.ground_approach import GroundApproach
@@ -24,10 +22,11 @@ from perception.clouds.point_files import read_cloud, read_targets
 from perception.navigation.ground_plane import GroundPlaneEstimator
 from perception.navigation.strapdown_filter import Navigation
 from perception.seabed.seabed_finder import SeabedFinder, SeabedFinderState
-from scenarios.campaigns import trials as _trials
 from scenarios.campaigns.domain_randomisation import NOMINAL
+from scenarios.campaigns.trials import Spread, Trials
 from scenarios.contact_parts import checked_vehicle, controller, hull_box, passive_joints
 from scenarios.runner import REACTION_TICKS, PreparedRun, rehearse, run_through
+from scenarios.study.options import PoolOptions
 from sim import hydrodynamics
 from sim.evaluation.seabed_metrics import TrueGround, assess_seabed_work, crashed, summary
 from sim.interfaces.errors import ConfigurationError
@@ -156,35 +155,30 @@ def prepare(setting: SeabedSetting, seed: int, *, record: bool = False) -> Seabe
     return SeabedRun(ready=ready, truth=truth)
 
 
-def run_trials(
-    setting: SeabedSetting, seeds: Sequence[int], workers: int, folder: Path, made_by: dict[str, Any], console: Console
-) -> int:
+def run_trials(setting: SeabedSetting, seeds: Sequence[int], options: PoolOptions) -> int:
     """Does one run for each seed and reports the statistics.
 
     Args:
         setting: Settings that all trials share.
         seeds: Seeds of the trials.
-        workers: Number of processes; 0: one for each core.
-        folder: Folder of trials.json.
-        made_by: Provenance for the file.
-        console: Terminal.
+        options: Options of the command.
 
     Returns:
         The exit code.
     """
     prepare(setting, seeds[0])  # an error in the settings is raised here once, not in every worker
-    trials = _trials.run_trials(partial(_one, setting), crashed, seeds, workers, console)
-    return _trials.report_trials(trials, summary(trials), _ROWS, folder, made_by, console)
+    trials = Trials(one=_one, crashed=crashed, summary=summary, spreads=_SPREADS)
+    return trials.carry_out("sample_seabed", setting, seeds, options)
 
 
-def _one(setting: SeabedSetting, seed: int) -> dict[str, Any]:
-    work = prepare(setting, seed)
+def _one(case: tuple[SeabedSetting, int]) -> Mapping[str, Any]:
+    work = prepare(*case)
     rehearse(work.ready)
     ran = run_through(work.ready, Recorder(work.ready.plant.model, full=False))
-    return dict(assess_seabed_work(ran.recording, work.truth, seed=seed, wall_s=ran.wall_s).metrics)
+    return assess_seabed_work(ran.recording, work.truth, seed=case[1], wall_s=ran.wall_s).metrics
 
 
-_ROWS: tuple[_trials.Row, ...] = (
+_SPREADS: tuple[Spread, ...] = (
     ("target's height, of what is allowed", "target_error_share", "%", 100.0, "max"),
     ("push, worst while held", "push_error_share", "%", 100.0, "max"),
     ("push, peak", "push_max_n", "N", 1.0, "max"),

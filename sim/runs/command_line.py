@@ -161,7 +161,7 @@ def _blame(error: Exception) -> tuple[str, int]:
     said = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
     places = list(_places(error.__traceback__))
     ours = [place for place in places if any(place[2].is_relative_to(_HOME / room) for room in (*ROOMS, "scripts"))]
-    of_user = [place for place in places if place not in ours and not _installed(place[2])]
+    of_user = [place for place in places if place not in ours and not is_installed(place[2])]
     if of_user:
         frame, line, file = of_user[-1]
         module = frame.f_globals.get("__name__", file.stem)
@@ -178,7 +178,7 @@ def _places(trace: TracebackType | None) -> Iterator[tuple[FrameType, int, Path]
             yield frame, line, Path(frame.f_code.co_filename).resolve()
 
 
-def _installed(file: Path) -> bool:
+def is_installed(file: Path) -> bool:
     """Return True if `file` belongs to Python itself or to an installed package."""
     own = [Path(path).resolve() for name in ("stdlib", "platstdlib") if (path := sysconfig.get_path(name))]
     return not {"site-packages", "dist-packages"}.isdisjoint(file.parts) or any(map(file.is_relative_to, own))

@@ -28,8 +28,8 @@ from perception import identify
 from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
 from scenarios.calibration_input import nominal, simulated
-from scenarios.campaigns.pool import run_all
 from scenarios.contact_job import AssembledJob, ContactJob, build, judge
+from scenarios.control_studies.hover import POSTURES, flow
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
 from scenarios.insertion import InsertionSetting
@@ -42,6 +42,7 @@ from scenarios.pushing import sphere
 from scenarios.runner import PreparedRun, RunResult, run_through
 from scenarios.seabed_work import SeabedSetting
 from scenarios.seabed_work import prepare as prepare_seabed
+from scenarios.study.pool import run_all
 from sim.evaluation.inspection_metrics import assess_inspection
 from sim.evaluation.metrics import Assessment
 from sim.evaluation.seabed_metrics import assess_seabed_work
@@ -49,7 +50,6 @@ from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
 from sim.loop.recording import Recorder
 from sim.runs.command_line import ScenarioOptions
-from studies.hover import POSTURES, flow
 
 __all__ = ["CASES", "run_all"]
 

@@ -44,12 +44,15 @@ def test_results_cannot_go_into_a_file(script, tmp_path: Path, name: str):
     [
         ("benchmarks.ik", ("--targets", 0), "--targets: must be at least 1"),
         ("benchmarks.ik", ("--links", 0), "--links"),
-        ("studies.paths", ("--trials", 0), "--trials: must be at least 1"),
+        ("studies.paths", ("--runs", 0), "--runs: must be at least 1"),
         ("studies.paths", ("--looks", 0), "--looks: must be at least 1"),
         ("studies.identification", ("--ranges", 2, 1), "ranges: must be 0 < near <= far"),
         ("studies.identification", ("--start-error", -1, 5), "start error: must not be negative"),
         ("clean_object", ("--seed", -1), "--seed: must not be negative, got -1"),
-        ("studies.bung", ("--first-seed", -1), "--first-seed: must not be negative, got -1"),
+        ("studies.bung", ("--seed", -1), "--seed: must not be negative, got -1"),
+        ("studies.decisions", ("--workers", -1), "--workers: must be at least 0, got -1"),
+        ("studies.hover", ("--directions", 0), "--directions: must be at least 1, got 0"),
+        ("studies.faults", ("--only", "storm"), "--only storm: there is no such case"),
     ],
 )
 def test_numbers_out_of_range(script, tmp_path: Path, name: str, options: tuple, said: str):

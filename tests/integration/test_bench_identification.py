@@ -17,7 +17,7 @@ def test_one_scene(root: Path, tmp_path: Path):
             "scripts/benchmarks/identification.py",
             "--objects",
             "manifold",
-            "--scenes",
+            "--runs",
             "1",
             "--out",
             tmp_path,
@@ -28,7 +28,7 @@ def test_one_scene(root: Path, tmp_path: Path):
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    figures = json.loads((tmp_path / "figures.json").read_text())
+    figures = json.loads((tmp_path / "metrics.json").read_text())
     rows = {row["method"]: row for row in figures["rows"]}
     assert len(rows) >= 6
     assert all(np.isfinite(row["position_m"]) and row["process_s"] > 0.0 for row in rows.values())

@@ -10,8 +10,8 @@ import clean_object
 from models.meshes.closed_shells import sphere
 from models.meshes.ply_files import write_ply
 from models.objects.targets import TargetModel, barrel, rock
+from scenarios.perception_studies import paths
 from sim.interfaces.errors import ConfigurationError
-from studies import paths
 from surface_distance import signed_distance
 
 
@@ -47,9 +47,9 @@ def test_row_tells_refused_and_unseen():
         "turn_in_pad_rad": spread,
     }
     blind = dict.fromkeys(path) | {"seen": 0.0, "unseen_m": {"rms": 0.05, "max": 0.06}}
-    row = paths.row_of([path, blind, {"refused": "a hole"}], trials=4)
+    row = paths.cells_of([path, blind, {"refused": "a hole"}], trials=4)
     assert row[:8] == ["50%", "25%", "10.0", "30.0", "1.0", "2.0", "100.0%", "60.0"]
-    assert paths.row_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
+    assert paths.cells_of([{"refused": "a hole"}], trials=1) == ["100%", *["-"] * 10]
 
 
 def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPatch):
@@ -58,8 +58,9 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
     known = rock()
     path = known.path("across")
     view = (0.0, 0.0, float(path.p[:, 2].mean()) + 1.0)
-    case = paths.PathCase(known, "fouled", (0.02, 0.03), {"across": path}, view)
-    found = paths.trial(case, 1, paths.Options(looks=4, judged=False))["paths"]["across"]
+    scene = paths.PathScene(known, "fouled", (0.02, 0.03), {"across": path}, view)
+    case = paths.PathCase("rock", 1, looks=4, exact=False, judged=False)
+    found = paths.trial(scene, case)["paths"]["across"]
     assert found["seen"] == 1.0
     assert 0.02 - 5e-3 < found["model_m"]["max"] < 0.03 + 5e-3
     assert found["path_m"]["rms"] < 0.5 * found["model_m"]["rms"]

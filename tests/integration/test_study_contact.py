@@ -18,7 +18,7 @@ def study(root: Path, out: Path, *options: str) -> subprocess.CompletedProcess[s
 
 def rows(out: Path) -> dict[int, dict]:
     lines = map(json.loads, (out / "results.jsonl").read_text(encoding="utf-8").splitlines())
-    return {row["run"]: {key: value for key, value in row.items() if key != "timing"} for row in lines}
+    return {row["run"]: {key: value for key, value in row.items() if key not in ("timing", "case_id")} for row in lines}
 
 
 @pytest.mark.long

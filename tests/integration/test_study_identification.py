@@ -5,15 +5,15 @@ from pathlib import Path
 
 
 def test_one_scene_of_each_sensor(script, tmp_path: Path):
-    run = script("studies.identification", "--objects", "manifold", "--scenes", 1, "--out", tmp_path)
+    run = script("studies.identification", "--objects", "manifold", "--runs", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
-    rows = json.loads((tmp_path / "scenes.json").read_text())
-    assert [row["sensor"] for row in rows] == ["sonar", "stereo", "white"]
-    figures = json.loads((tmp_path / "figures.json").read_text())["figures"]
+    rows = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]
+    assert [row["sensor"] for row in rows] == ["stereo", "white", "sonar"]
+    figures = json.loads((tmp_path / "metrics.json").read_text())["figures"]
     for row in rows:
         assert figures[f"manifold, {row['sensor']}"]["median_mm"] == 1e3 * row["position_m"]
         assert row["found"] == (row["position_m"] < 0.01 * row["range_m"] and row["angle_deg"] < 5.0)
-    assert (tmp_path / "errors.png").stat().st_size > 10_000
+    assert (tmp_path / "report.html").stat().st_size > 10_000
 
 
 def test_unknown_object_is_refused(script):

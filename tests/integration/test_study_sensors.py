@@ -5,14 +5,14 @@ from pathlib import Path
 
 
 def test_one_scene(script, tmp_path: Path):
-    run = script("studies.sensors", "--runs", 1, "--out", tmp_path)
+    run = script("studies.sensors", "--runs", 1, "--workers", 1, "--out", tmp_path)
     assert run.returncode == 0, run.stderr
-    rows = {name: rows[0] for name, rows in json.loads((tmp_path / "sensors.json").read_text()).items()}
+    rows = json.loads((tmp_path / "results.jsonl").read_text())["sensors"]
     wrong = rows["port, calibrated in air"]
     assert wrong["depth_error_m"] > 0.2 * wrong["range_m"]
     assert not wrong["accepted"]
     assert rows["port, in water"]["depth_error_m"] < 0.02
-    assert (tmp_path / "sensors.png").stat().st_size > 10_000
+    assert (tmp_path / "report.html").stat().st_size > 10_000
 
 
 def test_no_scenes_are_refused(script):

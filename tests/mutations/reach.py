@@ -47,6 +47,8 @@ class Reach:
                 for statement in statements:
                     for used in self._mentioned(module, statement):
                         self._users[used].add((module.name, name))
+                    if isinstance(statement, (ast.For, ast.Expr)):  # done on import, for all that is imported
+                        self._users[(module.name, name)].update((module.name, other) for other in module.names)
 
     def _read(self, root: Path, path: Path) -> None:
         relative = path.relative_to(root)

@@ -1,4 +1,4 @@
-"""Tasks for the tests of `scripts/scenarios/campaigns/pool.py`, in a module that a fresh process loads quickly."""
+"""Tasks for the tests of `scripts/scenarios/study`, in a module that a fresh process loads quickly."""
 
 import os
 import signal
@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from sim.interfaces.errors import ConfigurationError
+
 DEADLY = 2
 
 
 def squared(run: int) -> dict[str, Any]:
-    return {"run": run, "without": "", "value": np.random.default_rng(run).normal() ** 2, "timing": os.getpid()}
+    return {"run": run, "value": np.random.default_rng(run).normal() ** 2, "process": os.getpid()}
 
 
 def deadly(run: int) -> dict[str, Any]:
@@ -21,8 +23,14 @@ def deadly(run: int) -> dict[str, Any]:
     return squared(run)
 
 
+def refusing(run: int) -> dict[str, Any]:
+    if run == DEADLY:
+        raise ConfigurationError(f"no luck with {run}")
+    return squared(run)
+
+
 def told_dead(run: int) -> dict[str, Any]:
-    return {"run": run, "without": ""}
+    return {"run": run}
 
 
 def ignores(number: int) -> bool:

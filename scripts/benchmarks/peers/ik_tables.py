@@ -1,15 +1,13 @@
 """Tables and figure of the IK benchmark, from the contents of bench_ik.json."""
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.markup import escape
-from rich.table import Table as RichTable
 
+from scenarios.study import Table
 from sim.interfaces.spatial import Array
 
 # Goals for a peer's time over hybrid's, cold and warm: geometric mean over the goals' arms at bar A.
@@ -31,29 +29,6 @@ _COLORS = {
     "plain, tip's axes": PURPLE,
     "compiled DLS": VERMILION,
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Title, headings and text cells."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-
-    def rich(self) -> RichTable:
-        """The table for the terminal."""
-        table = RichTable(title=escape(self.title), title_justify="left")
-        for i, column in enumerate(self.columns):
-            table.add_column(escape(column), justify="right" if i else "left", no_wrap=i == 0)
-        for row in self.rows:
-            table.add_row(*(escape(cell) for cell in row))
-        return table
-
-    def markdown(self) -> str:
-        """The table as markdown."""
-        lines = [self.columns, tuple("---:" if i else "---" for i in range(len(self.columns))), *self.rows]
-        return f"**{self.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def tables(results: dict[str, Any], degrees: int) -> list[Table]:
@@ -83,7 +58,7 @@ def _rates(rows: list[dict[str, Any]]) -> Table:
                 ]
                 cells.append(f"{100.0 * min(found):.2f}")
         body.append((arm, *cells))
-    return Table("Solve rate [%], targets within 150 deg, the worse of bars A and B", columns, body)
+    return Table(title="Solve rate [%], targets within 150 deg, the worse of bars A and B", columns=columns, rows=body)
 
 
 def _ratios(results: dict[str, Any], degrees: int) -> Table:

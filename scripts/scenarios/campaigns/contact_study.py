@@ -1,13 +1,13 @@
 """One run of the contact study: random draw, simulation, figures, and class of failure."""
 
 import re
-import time
 import traceback
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
+from controllers.work_controller import Method
 from scenarios.barrel import Options as BarrelOptions
 from scenarios.barrel import barrel_job
 from scenarios.campaigns.domain_randomisation import Variation
@@ -18,7 +18,8 @@ from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recording
 from sim.runs.command_line import ScenarioOptions
 
-PATHS = ("longitudinal", "transverse")
+PathName = Literal["longitudinal", "transverse"]
+PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
 DAMAGE = 2.0  # times the set force: damage from there on
 
@@ -109,15 +110,10 @@ class RunTask:
 
     study: int  # seed of the study
     run: int
-    path: str
+    path: PathName
     without: str = ""  # method to leave out; empty: none
     ranges: Ranges
     quick: bool = False
-
-    @property
-    def key(self) -> tuple[int, str]:
-        """Number of the run and ablated method, which identify the row."""
-        return self.run, self.without
 
 
 def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
@@ -163,8 +159,8 @@ def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generato
         gust=gust,
         record=False,
         quick=task.quick,
-        path=task.path,  # pyright: ignore[reportArgumentType]
-        without=(task.without,) if task.without else (),  # pyright: ignore[reportArgumentType]
+        path=task.path,
+        without=(cast(Method, task.without),) if task.without else (),
     )
     stream = np.random.default_rng(seed)
     return options, barrel_job(options, stream), stream, variation
@@ -188,19 +184,7 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     varied = {name: value for name, value in asdict(variation).items() if name in _DRAWN}
     varied |= {"gust": options.gust, "current": float(np.linalg.norm(current)), "current_up": float(current[2])}
     varied |= {"variation_seed": variation.seed}
-    row: dict[str, Any] = {
-        "run": task.run,
-        "without": task.without,
-        "path": task.path,
-        "seed": options.seed,
-        "varied": varied,
-        "class": CRASHED,
-        "kind": "",
-        "detail": "",
-        "missed": [],
-        "figures": {},
-    }
-    wall, cpu = time.perf_counter(), time.process_time()
+    row: dict[str, Any] = {**crashed(task, ""), "seed": options.seed, "varied": varied}
     try:
         built = build(job, options, stream, variation)
         varied |= built.drawn
@@ -217,8 +201,23 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
         row["figures"] = {
             name: value if value is not None and np.isfinite(value) else None for name, value in figures.items()
         }
-    row["timing"] = {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     return row
+
+
+def crashed(task: RunTask, reason: str) -> dict[str, Any]:
+    """Row of a run that gave no result for `reason`."""
+    return {
+        "run": task.run,
+        "without": task.without,
+        "path": task.path,
+        "seed": None,
+        "varied": {},
+        "class": CRASHED,
+        "kind": reason,
+        "detail": "",
+        "missed": [],
+        "figures": {},
+    }
 
 
 def figures_of(outcome: Outcome) -> dict[str, float | None]:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.contact_job import AssembledJob
+from scenarios.study.pool import end_with_study
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
@@ -23,6 +24,9 @@ from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, V
 from sim.water.current import Current
 
 NAN = float("nan")
+PUSH = 90.0  # [N] set force at which the faults begin
+_FULL = 0.999  # share of the set force from which the push counts as full
+_HELD = 0.5  # [s] of full push before the faults begin
 LINGER = 6.0  # [s] that a run continues after its work, to see where the vehicle ends up
 LONGEST = 20.0  # [s] after the fault, limit of a case
 
@@ -94,7 +98,7 @@ class TraceRecorder:
         """Records one step.
 
         Raises:
-            EnoughError: The case is decided.
+            CaseDoneError: The case is decided.
         """
         truth, reference = moment.truth, moment.reference
         time = truth.time - self._began
@@ -138,10 +142,20 @@ class TraceRecorder:
 
 
 class ForkingObserver:
-    """Observer that forks the run into its cases, each at its onset, and collects their traces."""
+    """Observer that forks the run into its cases, each at its onset, and collects their traces.
 
-    def __init__(self, onsets: Mapping[str, Onset], said: Callable[[Trace], None]) -> None:
+    Args:
+        onsets: Onset of each case.
+        force: [N] set force of the job.
+        timestep: [s] of the loop.
+        said: Called with the trace of each case.
+    """
+
+    def __init__(
+        self, onsets: Mapping[str, Onset], force: float, timestep: float, said: Callable[[Trace], None]
+    ) -> None:
         self._onsets, self._said = onsets, said
+        self._full, self._timestep = _FULL * force, timestep
         self._child: TraceRecorder | None = None
         self._pipe = -1
         self._ready = 0.0
@@ -150,7 +164,7 @@ class ForkingObserver:
         """Forks at the onsets; in a child, records.
 
         Raises:
-            EnoughError: The case is decided, or all cases are done.
+            CaseDoneError: The case is decided, or all cases are done.
         """
         if self._child is not None:
             self._child.observe(moment)
@@ -158,9 +172,9 @@ class ForkingObserver:
         if moment.tick == 0:
             self._fork(moment, [case for case in self._onsets if case in AT_START])
         reference = moment.reference
-        full = reference.state is WorkState.WORK and reference.force >= 89.9
+        full = reference.state is WorkState.WORK and reference.force >= self._full
         self._ready = self._ready + 1.0 if full else 0.0
-        if self._ready * 0.002 > 0.5 and self._child is None:  # half a second of full push
+        if self._ready * self._timestep > _HELD and self._child is None:
             self._fork(moment, [case for case in self._onsets if case not in AT_START])
             if self._child is None:
                 raise CaseDoneError
@@ -173,6 +187,7 @@ class ForkingObserver:
                 child = os.fork()
             if child == 0:
                 os.close(reading)
+                end_with_study()
                 self._onsets[case].begin(float(moment.truth.time))
                 self._child, self._pipe = TraceRecorder(case, moment), writing
                 return
@@ -202,6 +217,21 @@ def thruster_cases(names: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     }
 
 
+def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list[str]:
+    """Names of the cases that contain one of the words `only`; all if it is empty.
+
+    Raises:
+        ConfigurationError: No case matches, or the system cannot fork.
+    """
+    if not hasattr(os, "fork"):
+        raise ConfigurationError("this study forks its runs, which this operating system cannot")
+    names = [NOTHING, *thruster_cases(thruster_names), DOUBLED, *SENSORS, *AT_START]
+    chosen = [name for name in names if not only or any(part in name for part in only)]
+    if not chosen:
+        raise ConfigurationError(f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}")
+    return chosen
+
+
 def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
@@ -213,13 +243,8 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
     Raises:
         ConfigurationError: No case matches, the system cannot fork, or a case left no trace.
     """
-    if not hasattr(os, "fork"):
-        raise ConfigurationError("this study forks its runs, which this operating system cannot")
     thrusters = thruster_cases(built.plant.vehicle.thruster_names)
-    names = [NOTHING, *thrusters, DOUBLED, *SENSORS, *AT_START]
-    chosen = [name for name in names if not only or any(part in name for part in only)]
-    if not chosen:
-        raise ConfigurationError(f"--only {' '.join(only)}: there is no such case; there are {', '.join(names)}")
+    chosen = chosen_cases(built.plant.vehicle.thruster_names, only)
     onsets = {name: Onset(duration=SENSORS[name][2] if name in SENSORS else np.inf) for name in chosen}
     sensors = []
     for sensor in built.parts.sensors:
@@ -241,7 +266,7 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
         built.plant,
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
     )
-    branch, blew_up = ForkingObserver(onsets, said), ""
+    branch, blew_up = ForkingObserver(onsets, built.job.forces[0], dt, said), ""
     try:
         rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch], until=never)
     except CaseDoneError:

@@ -1,28 +1,43 @@
-"""Tables and figures of the contact study, for the terminal and report.html."""
+"""Summary of the contact study: tables and figures."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.markup import escape
-from rich.table import Table as RichTable
 
 from scenarios.campaigns.contact_study import CLASSES, KEPT, StudyBounds
-from scenarios.campaigns.study_figures import DRIVEN, DRIVERS, SHOWN, Row, bound_of
+from scenarios.campaigns.study_figures import DRIVEN, DRIVERS, SHOWN, Row, bound_of, summary
+from scenarios.study import Summary, Table
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
-from sim.reporting.report_page import page, provenance, section, table, text
 
 _COLORS = dict(zip(CLASSES, (BLUE, ORANGE, PURPLE, FAINT, VERMILION, INK, SKY), strict=True))
 _MOST_RUNS = 8  # runs listed for one kind of failure
 
-Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
+
+def summarise(rows: Sequence[Row], bounds: StudyBounds, settings: Mapping[str, Any]) -> Summary:
+    """Summary of all runs, with tables and figures.
+
+    Args:
+        rows: Rows of all runs.
+        bounds: Bounds of the figures.
+        settings: Settings of the study.
+    """
+    rows = sorted(rows, key=lambda row: (row["without"], row["run"]))
+    metrics = summary(rows, bounds, settings)
+    return Summary(
+        metrics=metrics,
+        tables=tuple(tables(metrics)),
+        pictures=figures([row for row in rows if not row["without"]], metrics, bounds),
+        caption=f"{metrics['kept']} of {metrics['runs']} runs kept contact and stayed within "
+        f"{bounds.deviation * 1e3:g} mm and {bounds.force_peak:g} N.",
+        failed=metrics["failed"],
+    )
 
 
 def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
-    """Yields title, columns and rows of every table, as text."""
-    yield (
+    """Yields every table."""
+    yield _table(
         "What came of the runs",
         ("class", "kind", "runs", "share", "which"),
         [
@@ -36,7 +51,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
             for group in metrics["outcomes"]
         ],
     )
-    yield (
+    yield _table(
         "Figures of all runs that lived to give them",
         ("figure", "unit", "runs", "median", "95 %", "99 %", "max", "bound", "within"),
         [
@@ -50,7 +65,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
             for name, row in metrics["distributions"].items()
         ],
     )
-    yield (
+    yield _table(
         "By path",
         ("path", "runs", "kept", "share"),
         [
@@ -59,7 +74,7 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
         ],
     )
     if metrics["ablations"]:
-        yield (
+        yield _table(
             "What each method is worth: medians, and the median of the runs' own ratios",
             ("left out", "figure", "unit", "runs", "with", "without", "factor", "kept with", "kept without"),
             [
@@ -79,46 +94,8 @@ def tables(metrics: Mapping[str, Any]) -> Iterator[Table]:
         )
 
 
-def rich_tables(metrics: Mapping[str, Any]) -> Iterator[RichTable]:
-    """Yields the tables of `tables` for the terminal."""
-    for title, columns, rows in tables(metrics):
-        shown = RichTable(title=escape(title), title_justify="left")
-        for i, column in enumerate(columns):
-            shown.add_column(escape(column), justify="right" if i > 1 else "left")
-        for row in rows:
-            shown.add_row(*map(escape, row))
-        yield shown
-
-
-def write_report(
-    file: Path, rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds, *, title: str, pace: str
-) -> None:
-    """Writes report.html.
-
-    Args:
-        file: HTML file.
-        rows: Rows of all runs.
-        metrics: Contents of metrics.json.
-        bounds: Bounds of the figures.
-        title: Title of the page.
-        pace: Sentence about the computing time.
-    """
-    verdict = "accepted" if metrics["accepted"] else "not accepted"
-    reasons = "".join(f"<li>{text(line)}</li>" for line in metrics["failed"])
-    main = [row for row in rows if not row["without"]]
-    body = [
-        f"<header><h1>{text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
-        f"<ul class=reasons>{reasons}</ul>" if reasons else "",
-        f"<p class=caption>{metrics['kept']} of {metrics['runs']} runs kept contact and stayed within "
-        f"{bounds.deviation * 1e3:g} mm and {bounds.force_peak:g} N. {text(pace)}</p></header>",
-        *(
-            f"<section><h2>{text(name)}</h2>{table(columns, lines)}</section>"
-            for name, columns, lines in tables(metrics)
-        ),
-        *(section(name, figure, caption) for name, caption, figure in figures(main, metrics, bounds)),
-        f"<section><h2>How the runs were made</h2>{provenance(metrics['settings'])}</section>",
-    ]
-    file.write_text(page(title, "\n".join(body)), encoding="utf-8")
+def _table(title: str, columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
+    return Table(title=title, columns=columns, rows=rows, labels=2)
 
 
 def figures(rows: Sequence[Row], metrics: Mapping[str, Any], bounds: StudyBounds) -> Iterator[tuple[str, str, Figure]]:

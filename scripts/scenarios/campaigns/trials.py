@@ -1,123 +1,77 @@
-"""Trials of one job over many seeds on all cores: metrics, table of their spread, and verdict."""
+"""Trials of one job over many seeds: metrics, table of their spread, and success rate."""
 
-import os
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
-from rich.console import Console
-from rich.table import Table
-
-from scenarios.campaigns.pool import run_all
-from scenarios.runner import NOT_ACCEPTED, progress
-from sim.interfaces.errors import ConfigurationError, UuvError
-from sim.runs.saving import write_json
+from scenarios.study import Row, Study, Summary, Table
+from scenarios.study.options import PoolOptions
 
 WANTED = 0.95  # share of the trials that must be accepted
 Metrics = dict[str, Any]
 # Row of the table: label, key of the summary, unit, scale from SI, and which end is the worst.
-Row = tuple[str, str, str, float, Literal["min", "max"]]
+Spread = tuple[str, str, str, float, Literal["min", "max"]]
 
 
-def run_trials(
-    one: Callable[[int], Metrics],
-    crashed: Callable[[int, str], Metrics],
-    seeds: Iterable[int],
-    workers: int,
-    console: Console,
-) -> list[Metrics]:
-    """Metrics of each seed, in the order of `seeds`.
+@dataclass(frozen=True, kw_only=True)
+class Trials:
+    """Trials of one kind of job."""
 
-    A trial that fails with an error does not end the others. `one` and `crashed` must be importable by a fresh Python
-    under their module's name.
+    one: Callable[[tuple[Any, int]], Mapping[str, Any]]  # metrics of a trial, from the shared settings and its seed
+    crashed: Callable[[int, str], Metrics]  # metrics of a seed whose trial failed, with the message
+    summary: Callable[[Sequence[Metrics]], Metrics]
+    spreads: tuple[Spread, ...]
+    also: Callable[[Metrics], str] = lambda _: ""  # appended to the line of the success rate, from the summary
 
-    Args:
-        one: Metrics of one seed.
-        crashed: Metrics of a seed whose trial failed, with the message.
-        seeds: Seeds of the trials.
-        workers: Number of processes; 0: one for each core.
-        console: Terminal.
-    """
-    found: dict[int, Metrics] = {}
-    seeds = list(seeds)
-    with progress(console) as shown:
-        bar = shown.add_task("trials", total=len(seeds), note="")
-        done = run_all(seeds, workers or os.cpu_count() or 1, partial(_trial, one, crashed), partial(_died, crashed))
-        for seed, metrics in done:
-            found[seed] = metrics
-            if not metrics["accepted"]:
-                shown.console.print(f"seed {seed}: {'; '.join(metrics['failed'])}", highlight=False)
-            good = sum(bool(each["accepted"]) for each in found.values())
-            shown.update(bar, advance=1, note=f"{good} of {len(found)} accepted")
-    return [found[seed] for seed in seeds]
+    def carry_out(self, name: str, setting: Any, seeds: Iterable[int], options: PoolOptions) -> int:
+        """Runs a trial for each seed and reports the statistics; one that fails with an error does not end the others.
 
+        Args:
+            name: Name of the scenario.
+            setting: Settings that all trials share.
+            seeds: Seeds of the trials.
+            options: Options of the command.
 
-def _trial(one: Callable[[int], Metrics], crashed: Callable[[int, str], Metrics], seed: int) -> Metrics:
-    try:
-        return one(seed)
-    except UuvError as error:
-        return crashed(seed, str(error))
+        Returns:
+            The exit code.
+        """
+        study = Study(
+            cases=[(setting, seed) for seed in seeds],
+            run_one=self.one,
+            summarise=self._summarise,
+            failed=lambda case, reason: self.crashed(case[1], reason),
+            line=_line,
+        )
+        return study.carry_out(f"{name}_trials", options, f"Trials of {name}")
 
-
-def _died(crashed: Callable[[int, str], Metrics], seed: int) -> Metrics:
-    return crashed(seed, "its process died")
-
-
-def check_trials(trials: int, workers: int) -> None:
-    """Checks the options --trials and --workers.
-
-    Raises:
-        ConfigurationError: One of them is negative.
-    """
-    if trials < 0 or workers < 0:
-        raise ConfigurationError(f"--trials and --workers: must be >= 0, got {trials} and {workers}")
-
-
-def report_trials(
-    trials: Sequence[Metrics],
-    figures: Metrics,
-    rows: Iterable[Row],
-    folder: Path,
-    made_by: Metrics,
-    console: Console,
-    said: str = "",
-) -> int:
-    """Writes trials.json and prints the summary.
-
-    Args:
-        trials: Metrics of each trial.
-        figures: Summary of the trials.
-        rows: Rows of the table.
-        folder: Folder of trials.json.
-        made_by: Provenance for the file.
-        console: Terminal.
-        said: Text appended to the line of the success rate.
-
-    Returns:
-        The exit code.
-    """
-    write_json(folder / "trials.json", {"summary": figures, "trials": list(trials), "provenance": made_by})
-    console.print(trials_table(figures, rows))
-    console.print(
-        f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "
-        f"{figures['share_low']:.1%} to {figures['share_high']:.1%}{said}",
-        highlight=False,
-    )
-    if figures["failures"]:
+    def _summarise(self, trials: list[Row]) -> Summary:
+        figures = self.summary(trials)
+        rate = (
+            f"{figures['accepted']} of {figures['trials']} accepted: {figures['share']:.1%}, 95 % interval "
+            f"{figures['share_low']:.1%} to {figures['share_high']:.1%}{self.also(figures)}"
+        )
         kinds = ", ".join(f"{kind} {count}" for kind, count in figures["failures"].items())
-        console.print(f"failures: {kinds} (seeds {figures['failed_seeds']})", highlight=False)
-    console.print(f"written to {folder}/trials.json", highlight=False)
-    return 0 if figures["share"] >= WANTED else NOT_ACCEPTED
+        failures = [f"failures: {kinds} (seeds {figures['failed_seeds']})"] if kinds else []
+        too_few = figures["share"] < WANTED
+        return Summary(
+            metrics={"summary": figures},
+            tables=[_spread_table(figures, self.spreads)],
+            lines=[rate, *failures],
+            failed=[f"accepted: {figures['share']:.1%}, wanted {WANTED:.0%}"] if too_few else [],
+        )
 
 
-def trials_table(figures: Metrics, rows: Iterable[Row]) -> Table:
-    """Table of the spread of each figure over the trials; rows without figures are left out."""
-    table = Table()
-    for name in ("figure", "median", "95 %", "worst", "unit"):
-        table.add_column(name, justify="left" if name in ("figure", "unit") else "right")
-    for label, key, unit, scale, worst in rows:
+def _line(trial: Row) -> str:
+    return "" if trial["accepted"] else f"seed {trial['run']['seed']}: {'; '.join(trial['failed'])}"
+
+
+def _spread_table(figures: Metrics, spreads: Iterable[Spread]) -> Table:
+    """Table of the spread of each figure over the trials; those without values are left out."""
+    rows = []
+    for label, key, unit, scale, worst in spreads:
         values = figures[key]
         if values is not None:
-            table.add_row(label, *(f"{values[name] * scale:.2f}" for name in ("median", "p95", worst)), unit)
-    return table
+            rows.append((label, unit, *(f"{values[name] * scale:.2f}" for name in ("median", "p95", worst))))
+    return Table(
+        title="Spread over the trials", columns=("figure", "unit", "median", "95 %", "worst"), rows=rows, labels=2
+    )

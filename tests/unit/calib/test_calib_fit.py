@@ -1,9 +1,12 @@
 """Calibration by touching against products of elementary moves, finite differences, energy and known truths."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calib import Arm, Loads, identify, kernels
+from calib.fit import Data, _robust_noise
 from calib.parameters import DEFAULT_PRIOR
 from calib.planner import plan, random_merits
 from calib.simulation import HAND_NOISE, touch, wrong_arm
@@ -11,6 +14,7 @@ from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
 from dh_product import tips_here
 from models.arms.kinematics import BETA, ROW
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 from untyped import untyped
 
@@ -331,3 +335,36 @@ def test_the_size_of_an_arm_has_its_derivative(rng, within):
     used = np.ones(len(values), dtype=bool)
     used[np.arange(5) * ROW + BETA] = False  # beta is small, and its derivative not asked for
     within("derivative", (gradient - differences)[used], 1e-8)  # measured 5e-10
+
+
+def scatter(residuals: Array, effective: float, counted: np.ndarray | None = None) -> float:
+    """Noise [m] of touches of one point that a fit of `effective` parameters leaves."""
+    count = len(residuals)
+    data = Data(q=np.zeros((count, 6)), starts=np.array([0]), weights=np.ones(count))
+    fit = SimpleNamespace(residuals=residuals, effective=effective)
+    return _robust_noise(untyped(fit), data, np.ones(count, dtype=bool) if counted is None else counted)
+
+
+def test_robust_noise_is_that_of_most_touches(rng):
+    residuals = rng.normal(scale=2e-4, size=(2000, 3))
+    assert scatter(residuals, 0.0) == pytest.approx(2e-4, rel=0.06)
+    # Parameters and means take up degrees of freedom: what is left looks smaller than it is.
+    assert scatter(residuals, 3000.0) == pytest.approx(2e-4 * np.sqrt(6000.0 / 2997.0), rel=0.06)
+    wild = residuals.copy()
+    wild[:200] *= 1e3
+    assert scatter(wild, 0.0) == pytest.approx(2e-4, rel=0.25)
+    some = np.arange(2000) >= 200
+    assert scatter(wild, 0.0, some) == pytest.approx(2e-4, rel=0.06)
+
+
+def test_robust_noise_stays_finite_where_no_degree_of_freedom_is_left():
+    few = np.full((3, 3), 1e-4)
+    assert scatter(few, 6.0) == pytest.approx(scatter(few, 100.0))  # bounded
+    assert scatter(few, 0.0) < scatter(few, 6.0) < 10.0 * scatter(few, 0.0)
+    assert scatter(np.zeros((3, 3)), 0.0) > 0.0  # nothing is known exactly
+
+
+@pytest.mark.parametrize("robust", ["yes", 1, None])
+def test_robust_is_yes_or_no(robust, off_axis: list[Array]):
+    with pytest.raises(ConfigurationError, match="robust: must be True or False"):
+        identify(off_axis, PAPER, robust=untyped(robust))

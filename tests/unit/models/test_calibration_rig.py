@@ -29,6 +29,7 @@ def test_ball_finds_the_nest_from_aside(axis, within):
         touch_rig.add_nests(spec, [point], [z])
         model = spec.compile()
         assert model.ngeom == 6  # the old tool's two, the pin's ball, the nest's three
+        assert model.body("link").mass[0] == 1.0  # as before
         model.dof_damping[:] = 2.0
         data = mujoco.MjData(model)
         data.qpos[:3] = place

@@ -1,18 +1,11 @@
 """The contact study's own parts: what it draws, how it names what came of a run, and that no run depends on another."""
 
 import json
-import os
 import signal
-import subprocess
-import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
-from time import monotonic, sleep
 from types import MappingProxyType, SimpleNamespace
 from typing import Any, ClassVar
 
@@ -23,7 +16,6 @@ from rich.console import Console
 
 import models
 from models.vehicle import Vehicle
-from pool_tasks import deadly, ignores, squared, told_dead
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import STATES, Event, Recording, Series
@@ -41,16 +33,6 @@ def study() -> Any:
 @pytest.fixture
 def told() -> Any:
     return import_module("scenarios.campaigns.study_figures")
-
-
-@pytest.fixture
-def pool() -> Any:
-    return import_module("scenarios.campaigns.pool")
-
-
-@pytest.fixture
-def log() -> Any:
-    return import_module("scenarios.campaigns.row_log")
 
 
 # -- drawing -----------------------------------------------------------------------------------------------------------
@@ -217,78 +199,7 @@ def test_force_is_measured_against_what_is_set_then(study):
     assert over == pytest.approx(1.6)
 
 
-# -- processes ---------------------------------------------------------------------------------------------------------
-
-
-def test_rows_do_not_depend_on_the_number_of_workers(pool, log):
-    one, two = ([row for _, row in pool.run_all(range(6), workers, squared, told_dead)] for workers in (1, 2))
-    assert log.in_order(one) == log.in_order(two)
-    assert [row["run"] for row in log.in_order(two)] == list(range(6))
-    assert len({row["value"] for row in one}) == 6
-    assert os.getpid() not in {row["timing"] for row in two}
-
-
-def test_a_run_that_kills_its_process_is_told_and_the_others_are_done(pool):
-    rows = [row for _, row in pool.run_all(range(5), 2, deadly, told_dead)]
-    assert sorted(row["run"] for row in rows) == list(range(5))
-    assert [row["run"] for row in rows if "value" not in row] == [2]
-
-
-def test_no_run_is_lost_where_a_pool_breaks_between_two_of_them(pool, monkeypatch):
-    class Breaking(ThreadPoolExecutor):
-        """Refuses the second run that it is given, as a pool does of which a process died meanwhile."""
-
-        given = 0
-
-        def submit(self, *what: Any, **how: Any) -> Any:
-            self.given += 1
-            if self.given == 2:
-                raise BrokenProcessPool
-            return super().submit(*what, **how)
-
-    monkeypatch.setattr(pool, "_pool", Breaking)
-    rows = [row for _, row in pool.run_all(range(4), 2, squared, told_dead)]
-    assert sorted(row["run"] for row in rows) == list(range(4))
-    assert all("value" in row for row in rows)
-
-
-def test_workers_ignore_the_signals_that_the_study_ignores(pool):
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        found = dict(pool.run_all([signal.SIGINT, signal.SIGTERM], 1, ignores, told_dead))
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert found == {signal.SIGINT: True, signal.SIGTERM: False}
-
-
-WATCHED = """
-import sys
-sys.path.insert(0, "scripts")
-from scenarios.campaigns.pool import run_all
-from pool_tasks import told_dead, waiting
-if __name__ == "__main__":
-    for _ in run_all([sys.argv[1] + "/0", sys.argv[1] + "/1"], 2, waiting, told_dead): pass
-"""
-
-
-def gone(process: int) -> bool:
-    """Whether it has ended (what nobody has waited for has ended as well)."""
-    try:
-        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
-    except OSError:
-        return True
-
-
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
-def test_workers_end_with_a_study_that_is_killed(root, tmp_path):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root), str(root / "tests" / "support")])}
-    (tmp_path / "study.py").write_text(WATCHED)
-    with subprocess.Popen([sys.executable, tmp_path / "study.py", tmp_path], cwd=root, env=environment) as study:
-        until(lambda: len(list(tmp_path.glob("[01]"))) == 2, "its workers are at work")
-        workers = [int(file.read_text()) for file in tmp_path.glob("[01]")]
-        assert not any(map(gone, workers))
-        study.kill()
-    until(lambda: all(map(gone, workers)), "they are gone")
+# -- signals ---------------------------------------------------------------------------------------------------------
 
 
 def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
@@ -344,78 +255,6 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     assert "written to" in said.getvalue()
 
 
-def until(true: Callable[[], bool], what: str, longest: float = 60.0) -> None:
-    """Wait for it; a failure after `longest` [s]."""
-    began = monotonic()
-    while not true():
-        assert monotonic() - began < longest, f"not within {longest:g} s: {what}"
-        sleep(0.02)
-
-
-def test_fingerprint_is_of_all_scripts_that_a_run_imports(log, root, tmp_path):
-    names = {
-        path.name for path in log.imported_scripts(Path(log.__file__).with_name("contact_study.py"), root / "scripts")
-    }
-    assert names >= {"contact_study.py", "contact_job.py", "runner.py", "contact_options.py", "deck_calibration.py"}
-    assert not names & {"study_report.py", "study_figures.py", "contact.py"}
-    (tmp_path / "a.py").write_text("import b\ndef later():\n    from c import d\n")
-    (tmp_path / "b.py").write_text("import os, a\n")
-    (tmp_path / "c.py").write_text("")
-    assert {path.name for path in log.imported_scripts(tmp_path / "a.py", tmp_path)} == {"a.py", "b.py", "c.py"}
-
-
-def test_two_studies_do_not_share_a_folder(log, root, tmp_path):
-    other = "import sys, pathlib, sim.runs.run_folder as of\nwith of.alone_in(pathlib.Path(sys.argv[1])): pass"
-    command = [sys.executable, "-c", other, str(tmp_path)]
-    with log.StudyLog.open(tmp_path, {"seed": 1}):
-        refused = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False)
-        assert f"process {os.getpid()} is at work in it" in refused.stderr
-    assert subprocess.run(command, cwd=root, check=False).returncode == 0
-
-
-def test_a_study_leaves_the_files_of_others_alone(log, tmp_path):
-    (tmp_path / "metrics.json").write_text("{}")
-    with pytest.raises(ConfigurationError, match=r"something else than a study \(metrics.json\)"):
-        log.StudyLog(tmp_path, {"seed": 1})
-
-
-def test_a_bad_line_with_rows_after_it_costs_none_of_them(log, tmp_path):
-    begun = log.StudyLog(tmp_path, {"seed": 1})
-    for run in range(3):
-        begun.add({"run": run, "without": ""})
-    file = tmp_path / "results.jsonl"
-    spoilt = file.read_text().replace('{"run": 1', '{"run": ')
-    file.write_text(spoilt)
-    with pytest.raises(ConfigurationError, match=r"results.jsonl: line 2 is no row"):
-        log.StudyLog(tmp_path, {"seed": 1})
-    assert file.read_text() == spoilt
-
-
-def test_anew_leaves_nothing_of_the_old_runs(log, tmp_path):
-    log.StudyLog(tmp_path, {"seed": 1}).add({"run": 0, "without": ""})
-    for name in ("metrics.json", "report.html"):
-        (tmp_path / name).write_text("")
-    assert log.StudyLog(tmp_path, {"seed": 2}, anew=True).rows == []
-    assert [path.name for path in tmp_path.iterdir()] == ["study.json"]
-
-
-def test_log_goes_on_where_it_was_cut(log, tmp_path):
-    begun = log.StudyLog(tmp_path, {"seed": 1})
-    begun.add({"run": 0, "without": ""})
-    begun.add({"run": 1, "without": ""})
-    file = tmp_path / "results.jsonl"
-    file.write_text(file.read_text() + '{"run": 2, "wit')
-    begun = log.StudyLog(tmp_path, {"seed": 1})
-    assert [row["run"] for row in begun.rows] == [0, 1]
-    begun.add({"run": 2, "without": ""})
-    with file.open("ab") as cut:
-        cut.write(bytes(30) + b"\n")  # of a power cut
-    assert [row["run"] for row in log.StudyLog(tmp_path, {"seed": 1}).rows] == [0, 1, 2]
-    with pytest.raises(ConfigurationError, match="another study \\(other: seed\\)"):
-        log.StudyLog(tmp_path, {"seed": 2})
-    assert log.StudyLog(tmp_path, {"seed": 2}, anew=True).rows == []
-
-
 # -- figures -----------------------------------------------------------------------------------------------------------
 
 
@@ -460,34 +299,31 @@ def test_drivers_are_found_where_there_are_some(told):
     assert abs(found["force_peak_n"]["friction"]) < 0.6
 
 
-def test_metrics_keep_their_schema_and_the_report_is_one_page(told, study, tmp_path):
+def test_metrics_keep_their_schema_and_the_report_is_one_page(study, tmp_path):
     rows = [row(i, force_rms_n=0.5 + 0.01 * i) for i in range(12)]
     rows[4] |= {"class": "broken off", "kind": "contact lost"}
     rows[5] |= {"class": "refused", "kind": "out of reach", "figures": {}}
     rows.append(row(0, "fusion", force_rms_n=3.0))
-    metrics = told.summary(rows, study.StudyBounds(), {"seed": 0})
+    found = import_module("scenarios.campaigns.study_report").summarise(rows, study.StudyBounds(), {"seed": 0})
+    metrics = found.metrics
     jsonschema.validate(metrics, SCHEMA)
     assert metrics["kept"] == 10
     assert not metrics["accepted"]
     assert [group["class"] for group in metrics["outcomes"]] == ["kept", "broken off", "refused"]
     file = tmp_path / "report.html"
-    import_module("scenarios.campaigns.study_report").write_report(
-        file, rows, metrics, study.StudyBounds(), title="T & T", pace=""
-    )
+    found.write_page(file, "T & T", {}, "")
     page = file.read_text()
     assert page.count("<img") == 5
     assert "T &amp; T" in page
     assert 'src="http' not in page
 
 
-def test_no_runs_that_worked_give_a_page_without_pictures(told, study, tmp_path):
+def test_no_runs_that_worked_give_a_page_without_pictures(study, tmp_path):
     rows = [{**row(i), "class": "refused", "kind": "out of reach", "figures": {}} for i in range(3)]
-    metrics = told.summary(rows, study.StudyBounds(), {})
-    jsonschema.validate(metrics, SCHEMA)
+    found = import_module("scenarios.campaigns.study_report").summarise(rows, study.StudyBounds(), {})
+    jsonschema.validate(found.metrics, SCHEMA)
     file = tmp_path / "report.html"
-    import_module("scenarios.campaigns.study_report").write_report(
-        file, rows, metrics, study.StudyBounds(), title="T", pace=""
-    )
+    found.write_page(file, "T", {}, "")
     assert "<img" not in file.read_text()
 
 

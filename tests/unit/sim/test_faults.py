@@ -183,3 +183,16 @@ def test_refusals():
         faults.Onset(at=float("nan"))
     with pytest.raises(ConfigurationError, match="ramp"):
         faults.changing(faults.Onset(at=0.0), 2.0, ramp=0.0)
+
+
+def test_what_a_fault_changes_can_be_changed_by_nobody_else() -> None:
+    reading = read(None, faults.Onset(0.0))[0]
+    for index in (None, 1):
+        changed = faults._changed(reading, "tau", index, lambda old: 2.0 * old)
+        assert not changed.tau.flags.writeable
+        assert changed.time == reading.time
+        expected = reading.tau * ([2.0, 2.0, 2.0] if index is None else [1.0, 2.0, 1.0])
+        np.testing.assert_allclose(changed.tau, expected)
+    for bad in (-1, 3):
+        with pytest.raises(ConfigurationError, match="no element"):
+            faults._changed(reading, "tau", bad, lambda old: old)

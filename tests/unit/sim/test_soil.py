@@ -202,3 +202,18 @@ def test_what_cannot_be_is_refused():
             narrow=1.0,
             quake=0.0,
         )
+
+
+@pytest.mark.parametrize(("rake", "ok"), [(None, True), (1.2, True), (0.5 * np.pi, True), (0.0, False), (1.6, False)])
+def test_a_blade_leans_or_stands(rake, ok):
+    if ok:
+        assert SoilTool(edge=1e-4, skin=0.1, breadth=0.05, rake=rake).rake == rake
+        return
+    with pytest.raises(ConfigurationError, match="rake must lie in"):
+        SoilTool(edge=1e-4, skin=0.1, breadth=0.05, rake=rake)
+
+
+@pytest.mark.parametrize("name", ["edge", "skin", "breadth"])
+def test_a_tool_in_soil_has_a_size(name):
+    with pytest.raises(ConfigurationError, match="edge, skin and breadth"):
+        SoilTool(**({"edge": 1e-4, "skin": 0.1, "breadth": 0.05} | {name: 0.0}))

@@ -1,5 +1,6 @@
 """Newton-Euler kernel, uncompiled: against MuJoCo where dry; in water by power, virtual work and invariance."""
 
+from copy import copy
 from typing import Any
 
 import mujoco
@@ -59,6 +60,8 @@ def drawn(rng: np.random.Generator) -> dict[str, Any]:
 def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng: np.random.Generator) -> None:
     without(arm, *WATER)
     arm.stations = arm.stations[:0]
+    model = copy(model)
+    model.body_user[:] = 0.0  # no water, whichever callback another test has installed
     data, vehicle, case = mujoco.MjData(model), Vehicle.of(model), drawn(rng)
     joints = [model.joint(name).id for name in arm.joint_names]
     at, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]

@@ -7,7 +7,7 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
-from controllers.planning.hull_placement import Placement, PlacementSearch, middle_part, place_hull, tool_pose
+from controllers.planning.hull_placement import Placement, PlacementSearch, hull_gap, middle_part, place_hull, tool_pose
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
@@ -239,3 +239,15 @@ def test_travel_by_half_the_way_is_a_longer_reach(own):
     still, going = (found(own, target, path, search, travel=travel)[1] for travel in (0.0, 0.5))
     assert going.margin > still.margin
     assert going.hull_at(1.0)[:3, 3] - going.hull_at(0.0)[:3, 3] == pytest.approx(0.5 * (path.p[-1] - path.p[0]))
+
+
+def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
+    """Outside by the distance to a clamped point, inside by the nearest face."""
+    box = np.array([[-0.8, -0.4, -0.3], [0.6, 0.5, 0.2]])
+    X_WB = pose(exp_so3(rng.normal(size=3)), 3.0 * rng.normal(size=3))
+    for _ in range(20):
+        p_B = rng.uniform(-2.0, 2.0, (4, 3))
+        outside = np.linalg.norm(p_B - np.clip(p_B, *box), axis=1)
+        depth = np.minimum(p_B - box[0], box[1] - p_B).min(axis=1)
+        expected = outside.min() if outside.min() > 0.0 else -depth.max()
+        assert hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)

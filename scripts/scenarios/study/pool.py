@@ -69,13 +69,18 @@ def _begin() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # ignored under nohup: the workers keep that
             signal.signal(number, signal.SIG_DFL)  # only the study prints a message
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_study()
 
 
-def _end_with_parent() -> None:
+def end_with_study() -> None:
+    """Lets this process end when the study's process does; for workers and for processes that a worker forks."""
     parent = multiprocessing.parent_process()
-    assert parent is not None
-    wait_for([parent.sentinel])  # a pipe that the system closes when the parent ends
+    if parent is not None:  # else this is the study's process, or one that it forked
+        threading.Thread(target=_wait_and_end, args=(parent.sentinel,), daemon=True).start()
+
+
+def _wait_and_end(sentinel: int) -> None:
+    wait_for([sentinel])  # a pipe that the system closes when the study ends
     os._exit(1)
 
 

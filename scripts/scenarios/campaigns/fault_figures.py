@@ -1,0 +1,142 @@
+"""Figures of the fault cases of one contact job, and their table over paths and seeds."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from scenarios import barrel
+from scenarios.campaigns.fault_cases import PUSH, Trace, run_branched
+from scenarios.campaigns.fault_picture import draw
+from scenarios.contact_job import build
+from scenarios.study import Row, Summary, Table
+from sim.interfaces.messages import WorkState
+
+_COLUMNS = ("fault", "path", "found", "after s", "reaction", "peak N", "hull mm", "tilt deg", "damage")
+
+
+@dataclass(frozen=True, slots=True)
+class BranchedCase:
+    """One run on one path, branched into all fault cases; a case of the study."""
+
+    path: Literal["longitudinal", "transverse"]
+    seed: int
+    only: tuple[str, ...]  # parts of the names of the fault cases; empty: all
+
+
+@dataclass(frozen=True, slots=True)
+class FaultFigures:
+    """Figures of one case on one path with one seed."""
+
+    case: str
+    path: str
+    seed: int
+    found: str  # first fault found by the vehicle
+    detection_s: float | None
+    reaction: str
+    reaction_s: float | None
+    peak_n: float  # largest true force from the fault on
+    excursion_m: float
+    tilt_deg: float
+    lost_s: float  # without contact while at work
+    final: str
+    note: str
+    damage: bool
+
+
+def figures(trace: Trace, path: str, seed: int) -> FaultFigures:
+    """Figures of one trace.
+
+    Args:
+        trace: Time series of the case.
+        path: Name of the path.
+        seed: Seed of the run.
+    """
+    time, least = trace.rows[:, 0], trace.rows[:, 9]
+    peak = float(trace.rows[:, 10].max())
+    states = [state for _, state, _ in trace.states]
+    left = next((t for t, state, _ in trace.states if state in (WorkState.RETREAT, WorkState.ABORT)), None)
+    working = time < (left if left is not None else np.inf)
+    step = float(time[1] - time[0])
+    hull = np.linalg.norm(trace.rows[:, 4:7], axis=1)
+    reaction = " > ".join(states)
+    if states == [WorkState.WORK] and np.any(trace.rows[:, 3] < 0.9 * trace.set_force):
+        reaction = "work, at less force for a while"
+    return FaultFigures(
+        case=trace.case,
+        path=path,
+        seed=seed,
+        found=" ".join(trace.found[0][1:]) if trace.found else "",
+        detection_s=trace.found[0][0] if trace.found else None,
+        reaction=reaction,
+        reaction_s=left,
+        peak_n=peak,
+        excursion_m=float(hull.max()),
+        tilt_deg=float(np.degrees(trace.rows[:, 7].max())),
+        lost_s=float(np.count_nonzero(least[working] < 1.0) * step) if states[0] is WorkState.WORK else 0.0,
+        final=str(states[-1]),
+        note=trace.blew_up or trace.states[-1][2],
+        damage=bool(peak > 2.0 * (trace.set_force or 60.0) or trace.rows[:, 8].any() or trace.blew_up),
+    )
+
+
+def run(case: BranchedCase, folder: Path, picture: str) -> Row:
+    """Figures of all fault cases of one run; their time series and pictures go to `folder`.
+
+    Args:
+        case: The run.
+        folder: Folder of the study.
+        picture: Part of the names of the cases that are drawn.
+    """
+    asked = barrel.Options(path=case.path, seed=case.seed, forces=(PUSH,), record=False)
+    rng = np.random.default_rng(case.seed)
+    found: list[FaultFigures] = []
+
+    def keep(trace: Trace) -> None:
+        found.append(figures(trace, case.path, case.seed))
+        file = folder / f"{case.path}_{case.seed}_{trace.case.replace(' ', '_').replace('/', '_')}.npz"
+        np.savez_compressed(file, rows=trace.rows)
+        if picture in trace.case:
+            draw(trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png"))
+
+    run_branched(build(barrel.barrel_job(asked, rng), asked, rng), case.only, keep)
+    return {"path": case.path, "seed": case.seed, "cases": [asdict(one) for one in found]}
+
+
+def lines(row: Row) -> str:
+    """A line about each case of one run."""
+    return "\n".join(_line(FaultFigures(**one)) for one in row["cases"])
+
+
+def summarise(rows: list[Row]) -> Summary:
+    """Table of all cases; those with damage fail."""
+    found = [FaultFigures(**one) for row in rows for one in row["cases"]]
+    cells = [
+        (
+            one.case,
+            one.path[:5],
+            one.found,
+            "" if one.detection_s is None else f"{one.detection_s:.2f}",
+            one.reaction,
+            f"{one.peak_n:.0f}",
+            f"{1e3 * one.excursion_m:.0f}",
+            f"{one.tilt_deg:.1f}",
+            "yes" if one.damage else "no",
+        )
+        for one in found
+    ]
+    return Summary(
+        metrics={"cases": [asdict(one) for one in found]},
+        tables=[Table(title=f"Faults at a push of {PUSH:g} N", columns=_COLUMNS, rows=cells, labels=3)],
+        failed=[f"damage: {one.case}, {one.path} path, seed {one.seed}" for one in found if one.damage],
+    )
+
+
+def _line(one: FaultFigures) -> str:
+    after = "-" if one.detection_s is None else f"{one.detection_s:.2f} s"
+    return (
+        f"{one.path[:4]} {one.seed}  {one.case:30} found {one.found or '-':28} {after:>7}  peak {one.peak_n:4.0f} N  "
+        f"hull {1e3 * one.excursion_m:4.0f} mm {one.tilt_deg:4.1f} deg  {one.reaction}  {one.note}"
+        f"{'  DAMAGE' if one.damage else ''}"
+    )

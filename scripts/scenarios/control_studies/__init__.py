@@ -1,0 +1,1 @@
+"""Studies of single parts of the control stack: cases, one run, summary."""

@@ -1,0 +1,1 @@
+"""Studies of sensors, identification and tool paths on scenes of known truth: cases, one run, summary."""

@@ -1,0 +1,51 @@
+"""Files that a result depends on: source of all loaded modules that belong to no installed package, and their data."""
+
+import hashlib
+import sys
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+
+from sim.runs.command_line import ROOMS, is_installed
+from sim.runs.provenance import HOME
+
+PACKAGES = frozenset(
+    (*ROOMS, "scenarios", "studies", "benchmarks", "papers")
+)  # the project's, wherever it is installed
+
+
+def loaded_files() -> frozenset[str]:
+    """Source files of the project's and the user's modules that this process has loaded, and the data beside them.
+
+    Data are all other files in a package's folder. Paths are relative to the checkout where they lie in it.
+    """
+    found: set[str] = set()
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if file and file.endswith(".py"):
+            found.update(_with_data(name.partition(".")[0], file))
+    return frozenset(found)
+
+
+def digests(files: Iterable[str]) -> dict[str, str]:
+    """Digest of the content of each of `files`, named as by `loaded_files`; empty for one that is not there."""
+    return {file: _digest(HOME / file) for file in sorted(files)}
+
+
+@cache
+def _with_data(package: str, file: str) -> tuple[str, ...]:
+    """A module's file and its data; none for one that is installed and not of the project."""
+    if package not in PACKAGES and is_installed(Path(file)):
+        return ()
+    path = Path(file).resolve()
+    found = [path]
+    if (path.parent / "__init__.py").exists():
+        found += [other for other in path.parent.iterdir() if other.is_file() and other.suffix not in (".py", ".pyc")]
+    return tuple(str(one.relative_to(HOME) if one.is_relative_to(HOME) else one) for one in found)
+
+
+def _digest(file: Path) -> str:
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    except OSError:
+        return ""

@@ -114,7 +114,7 @@ _KINDS = (
     ("no height", "no height to work at"),
     ("hole", "hole in the cloud"),
     ("plane", "no plane"),
-    ("was not held", "push not held"),
+    ("was not reached", "push not held"),
     ("full", "tube full"),
     ("limit", "force limit"),
     ("hull", "hull adrift"),

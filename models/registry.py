@@ -70,9 +70,8 @@ class Registry(Generic[T]):
             ConfigurationError: for an unknown name or option, with those there are, and for whatever another package's
                 maker raises while it is imported or called.
         """
-        name = self.resolve(name)
-        own = name in self._built_in
-        make = self._built_in[name] if own else self._imported(self._of_packages()[name])
+        name, own = self.resolve(name), self.resolve(name) in self._built_in
+        make = self.maker(name)
         if options:
             allowed = inspect.signature(make).parameters
             anything = any(parameter.kind is parameter.VAR_KEYWORD for parameter in allowed.values())
@@ -87,6 +86,15 @@ class Registry(Generic[T]):
             raise
         except Exception as error:
             raise ConfigurationError(f"{self.kind} {name!r}: {type(error).__name__}: {error}") from error
+
+    def maker(self, name: str) -> Callable[..., T]:
+        """The callable that makes the thing of that name.
+
+        Raises:
+            ConfigurationError: The name is unknown, or another package's maker cannot be imported.
+        """
+        name = self.resolve(name)
+        return self._built_in[name] if name in self._built_in else self._imported(self._of_packages()[name])
 
     def _of_packages(self) -> dict[str, EntryPoint]:
         if self._found is None:

@@ -25,7 +25,7 @@ from rich.text import Text
 from calib import report
 from calib.results import write_results
 from calib.touch_files import write_touches
-from scenarios import calibration_input as _calibration
+from scenarios.arm_identification import calibration_input as _calibration
 from scenarios.arm_identification import touch_plan
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number

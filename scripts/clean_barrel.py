@@ -8,17 +8,15 @@ from scenarios.start import parse, run_scenario  # isort: skip
 
 import time
 
-import numpy as np
-
-from scenarios.barrel import Options, barrel_job
-from scenarios.contact_job import run_contact_job
+from scenarios.command import command
+from scenarios.options import BarrelOptions as Options
 
 
 def main() -> int:
     """Runs the scenario and returns the exit code."""
+    started = time.perf_counter()
     options = parse(Options)
-    rng = np.random.default_rng(options.seed)
-    return run_contact_job(barrel_job(options, rng), options, rng, started=time.perf_counter())
+    return command(options.scenario(), options, started)
 
 
 if __name__ == "__main__":

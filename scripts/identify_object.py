@@ -25,9 +25,9 @@ from perception.clouds.scan import SIGMA_ALLOWED, SensorModel
 from perception.registration.identification import Identification, Method, identify
 from perception.registration.pose_check import PoseCheck
 from perception.toolpath.deformation import map_deformation
-from scenarios.contact_options import with_growth_and_dents
 from scenarios.deformation_report import figures, picture_of_deviations, save_cloud, table
 from scenarios.object_scenes import object_scene
+from scenarios.site import with_growth_and_dents
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import exp_so3, transform_points
 from sim.runs.saving import write_json

@@ -134,7 +134,7 @@ class ArrivalLimits:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Site:
+class WorkSite:
     """What is known before the work: the vehicle, where it scans from, and how it chooses its place."""
 
     vehicle: Vehicle
@@ -167,7 +167,7 @@ def around(vehicle: Vehicle, chain: Chain, hull_box: Array, model: TargetModel) 
 
 
 def arrival(
-    site: Site, limits: ArrivalLimits, *, then: str, depth: float, offset: float, broken: Mapping[Reaction, str]
+    site: WorkSite, limits: ArrivalLimits, *, then: str, depth: float, offset: float, broken: Mapping[Reaction, str]
 ) -> Iterable[tuple[str, TaskRow]]:
     """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle stays where it is.
 

@@ -18,7 +18,7 @@ import numpy as np
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import PlacementSearch
 from controllers.planning.path_standing import PathStanding, StandingLimits
-from controllers.tasks.arrival import ArrivalLimits, Site, around, arrival
+from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.axial_phases import (
     PARK,
     WITHDRAW,
@@ -33,7 +33,7 @@ from controllers.tasks.axial_phases import (
     axial_monitors,
 )
 from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
-from controllers.tasks.task import Task, TaskRow, TaskState, at_once
+from controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
@@ -232,7 +232,7 @@ class SpiralSearch(AxialPhase):
         return None
 
 
-class HoleInsertion(Task):
+class HoleInsertion(TaskPlanner):
     """Planner (`sim.interfaces.protocols.Planner`) that inserts the tool into one hole of one known object."""
 
     def __init__(
@@ -271,7 +271,7 @@ class HoleInsertion(Task):
         stand = PathStanding(
             vehicle=vehicle, chain=chain, model=target, hull_box=hull_box, limits=standing, search=search
         )
-        site = Site(
+        site = WorkSite(
             vehicle=vehicle, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(vehicle, chain, hull_box, target)
         )
         limits = ArrivalLimits()
@@ -284,7 +284,7 @@ class HoleInsertion(Task):
     def step(
         self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
     ) -> tuple[TaskState, Reference]:
-        """As `Task.step`; the path is the axis of the hole.
+        """As `TaskPlanner.step`; the path is the axis of the hole.
 
         Args:
             state: state of the task, changed in place.
@@ -307,7 +307,7 @@ class HoleInsertion(Task):
         return max(0.0, held.depth)
 
 
-def insertion_rows(site: Site, limits: ArrivalLimits, job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
+def insertion_rows(site: WorkSite, limits: ArrivalLimits, job: InsertionJob) -> Iterable[tuple[str, TaskRow]]:
     """Table of the insertion.
 
     Args:

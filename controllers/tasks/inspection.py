@@ -27,7 +27,7 @@ from controllers.tasks.arrival import ScanLimits, ScanTarget
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
 from controllers.tasks.monitors import Monitor, Reaction, adrift
 from controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
-from controllers.tasks.task import Task, TaskRow, at_once
+from controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -207,7 +207,7 @@ class FlyOrbit(Phase):
         return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W)
 
 
-class Inspection(Task):
+class Inspection(TaskPlanner):
     """Planner (`sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
 
     def __init__(

@@ -23,7 +23,7 @@ from controllers.planning.ground_approach import GroundApproach
 from controllers.planning.hull_placement import Placement
 from controllers.planning.seabed_height import HeightSearch, choose_height
 from controllers.planning.trajectories import Progress
-from controllers.tasks.arrival import ArrivalLimits, ScanLimits, Site, arrival
+from controllers.tasks.arrival import ArrivalLimits, ScanLimits, WorkSite, arrival
 from controllers.tasks.axial_phases import (
     PARK,
     WITHDRAW,
@@ -39,7 +39,7 @@ from controllers.tasks.axial_phases import (
 )
 from controllers.tasks.contact_phases import FollowState, Press, PressLimits
 from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
-from controllers.tasks.task import Task, TaskRow, at_once
+from controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
@@ -134,7 +134,7 @@ class Drag(AxialPhase):
         return replace(super().setpoint(state, held, now), v_WG_W=rate * way, w_WG_W=rate * turn)
 
 
-class SeabedWork(Task):
+class SeabedWork(TaskPlanner):
     """Planner (`sim.interfaces.protocols.Planner`) of one operation in the seabed: a core, or a dragged tool."""
 
     def __init__(
@@ -182,7 +182,7 @@ class SeabedWork(Task):
             return found.placement, path, 1.0
 
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))
-        site = Site(vehicle=vehicle, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
+        site = WorkSite(vehicle=vehicle, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
         monitors = axial_monitors(
             job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long="it was not in the soil"
         )
@@ -190,7 +190,7 @@ class SeabedWork(Task):
         super().__init__(rows, monitors, X_WB=X_WB, q=vehicle.q_home, period=period)
 
 
-def seabed_rows(site: Site, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, TaskRow]]:
+def seabed_rows(site: WorkSite, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, TaskRow]]:
     """Table of seabed work.
 
     Args:

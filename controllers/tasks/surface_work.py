@@ -16,7 +16,7 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import PlacementSearch
 from controllers.planning.path_standing import PathStanding, StandingLimits
-from controllers.tasks.arrival import ArrivalLimits, Site, around, arrival
+from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.contact_phases import (
     ApproachLimits,
     FollowLimits,
@@ -39,7 +39,7 @@ from controllers.tasks.monitors import (
     too_much_force,
 )
 from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
-from controllers.tasks.task import Task, TaskRow
+from controllers.tasks.task import TaskPlanner, TaskRow
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -101,7 +101,7 @@ class SurfaceTaskConfig:
         return self.force_control and self.contactless is None
 
 
-class SurfaceWork(Task):
+class SurfaceWork(TaskPlanner):
     """Planner (`sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
 
     def __init__(
@@ -144,7 +144,7 @@ class SurfaceWork(Task):
             search=search,
             holding=holding if job.contactless is None else None,
         )
-        site = Site(
+        site = WorkSite(
             vehicle=vehicle,
             X_WB_scan=np.array(X_WB_scan),
             stand=stand,
@@ -165,7 +165,7 @@ BREAK_OFF = {
 }
 
 
-def surface_rows(site: Site, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
     """Table of surface work.
 
     Args:

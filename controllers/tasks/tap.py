@@ -4,18 +4,18 @@ from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 
 from controllers.tasks import contact_phases as contact
-from controllers.tasks.arrival import Site, arrival
+from controllers.tasks.arrival import WorkSite, arrival
 from controllers.tasks.phase import Context, Decide, Held, Phase, PhaseEvent
 from controllers.tasks.surface_work import BREAK_OFF, SurfaceTaskConfig, retreat_rows, surface_monitors
-from controllers.tasks.task import Task, TaskRow, at_once
+from controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate, WorkState
 from sim.interfaces.spatial import Array
 
 
 def tap(
-    site: Site, job: SurfaceTaskConfig, points: Sequence[float], tip: Callable[[StateEstimate], Array], hold: float
-) -> Task:
+    site: WorkSite, job: SurfaceTaskConfig, points: Sequence[float], tip: Callable[[StateEstimate], Array], hold: float
+) -> TaskPlanner:
     """Planner that touches points of the path with `job.forces[0]` [N].
 
     Args:
@@ -54,4 +54,4 @@ def tap(
         yield "next", TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF)
         yield from retreat_rows(job)
 
-    return Task(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.vehicle.q_home)
+    return TaskPlanner(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.vehicle.q_home)

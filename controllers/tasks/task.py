@@ -1,4 +1,4 @@
-"""A task: a table of phases with what follows each, and monitors that watch over them; `Task` runs it as a planner."""
+"""A task: a table of phases with what follows each, and monitors that watch over them; run by `TaskPlanner`."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -48,7 +48,7 @@ class TaskState:
     lost_thrusters: tuple[int, ...] = ()  # indices
 
 
-class Task:
+class TaskPlanner:
     """Planner (`sim.interfaces.protocols.Planner`) that runs a table of phases."""
 
     def __init__(

@@ -27,7 +27,7 @@ from calib import identify
 from calib.fit import Data, Problem, solve
 from calib.parameters import prior_deviations, select
 from calib.touches import first_tcp
-from scenarios.calibration_input import nominal, simulated
+from scenarios.arm_identification.calibration_input import nominal, simulated
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, pose
 

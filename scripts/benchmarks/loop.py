@@ -21,9 +21,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scenarios import barrel
-from scenarios.contact_job import AssembledJob, Outcome, build, run
-from scenarios.runner import rehearse
+from scenarios.assembly import Assembly, assemble
+from scenarios.options import BarrelOptions
+from scenarios.runner import Run, rehearse, run
 from scenarios.start import parse, run_scenario
 from sim.interfaces.errors import UuvError
 from sim.interfaces.messages import WorkState
@@ -37,7 +37,7 @@ SLOWEST = 0.01  # share of a part's slowest calls that is left out: in those the
 
 
 @dataclass(kw_only=True)
-class Options(barrel.Options):
+class Options(BarrelOptions):
     """Cost of every part of the loop, in the job of clean_barrel.py without recording."""
 
     record: bool = False
@@ -125,7 +125,7 @@ class Rest:
 class Instants:
     """Observer that copies the plant's data every second, for steps of MuJoCo alone from the same states."""
 
-    def __init__(self, built: AssembledJob) -> None:
+    def __init__(self, built: Assembly) -> None:
         self._model, self._data, self.copies = built.plant.model, built.plant.data, []
         self._ticks = round(1.0 / built.plant.timestep)
 
@@ -147,15 +147,14 @@ class Instants:
         return 1e-3 * float(np.mean(best))
 
 
-def fresh(options: Options) -> AssembledJob:
+def fresh(options: Options) -> Assembly:
     """The job assembled from the seed, with its code loaded."""
-    rng = np.random.default_rng(options.seed)
-    built = build(barrel.barrel_job(options, rng), options, rng)
-    rehearse(built.ready)
+    built = assemble(options.scenario(), full=options.record)
+    rehearse(built)
     return built
 
 
-def digest(outcome: Outcome) -> str:
+def digest(outcome: Run) -> str:
     """Hash of the recording, twelve hexadecimal digits."""
     word = hashlib.sha256()
     for name, series in sorted(outcome.recording.series.items()):
@@ -163,7 +162,7 @@ def digest(outcome: Outcome) -> str:
     return word.hexdigest()[:12]
 
 
-def as_it_is(options: Options) -> tuple[Outcome, dict[str, float], Instants]:
+def as_it_is(options: Options) -> tuple[Run, dict[str, float], Instants]:
     """Runs the unchanged job; returns outcome, processor times [s] (whole, identification, placement) and instants."""
     built = fresh(options)
     seeing, placing, planning = (Stopwatch(time.process_time_ns) for _ in range(3))
@@ -176,12 +175,12 @@ def as_it_is(options: Options) -> tuple[Outcome, dict[str, float], Instants]:
     )
     instants = Instants(built)
     began = time.process_time()
-    outcome = run(replace(built, parts=parts), observers=[instants])
+    outcome = run(replace(built, loop=replace(built.loop, parts=parts)), observers=[instants])
     spent = {"whole": time.process_time() - began, "identification": seeing.total, "placement": placing.total}
     return outcome, spent, instants
 
 
-def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]:
+def by_part(options: Options) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
     """Runs the job with a stopwatch around every part; returns outcome, stopwatches and the one for the rest."""
     built = fresh(options)
     watches: dict[str, Stopwatch] = {}
@@ -201,8 +200,8 @@ def by_part(options: Options) -> tuple[Outcome, dict[str, Stopwatch], Stopwatch]
     stepped = Part(Part(plant, "observe", watch("plant, up to the sensors")), "step", watch("plant, from the commands"))
     rest = Rest(watches)
     recorder_part: Any = Part(recorder, "observe", watch("recorder"))
-    timed_built: Any = replace(built, parts=timed, plant=stepped)
-    outcome = run(timed_built, recorder=recorder_part, observers=[rest])
+    timed_loop: Any = replace(built.loop, parts=timed, plant=stepped)
+    outcome = run(replace(built, loop=timed_loop), recorder=recorder_part, observers=[rest])
     return outcome, watches, rest.watch
 
 
@@ -215,7 +214,7 @@ def main() -> int:
     again, watches, rest_watch = by_part(options)
     if digest(outcome) != digest(again):
         raise UuvError(f"the two runs differ: {digest(outcome)} and {digest(again)}")
-    steps = outcome.last.tick + 1
+    steps = outcome.result.last.tick + 1
     simulated = outcome.recording.duration
     loop = spent["whole"] - spent["identification"] - spent["placement"]
     clock = Stopwatch(time.perf_counter_ns)

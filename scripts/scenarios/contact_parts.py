@@ -1,9 +1,8 @@
-"""Factories for the parts of a contact job: vehicle models, sensor, controller, scan pose, hull box."""
+"""Factories for parts of a run: models of the vehicle, sensor, controller."""
 
 import importlib
 import traceback
-from collections.abc import Callable, Collection, Set
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Set
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,18 +13,17 @@ import numpy as np
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.work_controller import WorkController
 from models.arms import dh_geometry
-from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE, TOOL_GEOM, check_parts
+from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.registry import Registry
-from models.site import scenes
-from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
-from perception.target_finder import KnownObjectFinder
-from scenarios import deck_calibration as _deck_calibration
+from scenarios.arm_identification import deck_calibration as _deck_calibration
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec
+from scenarios.scenario import Belief, VehicleSetup
+from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
-from sim.interfaces.messages import Measurement, StateEstimate, Target
 from sim.interfaces.protocols import Controller, Sensor
-from sim.interfaces.spatial import Array, exp_so3, finite_number, pose, readonly, shown, whole_number
+from sim.interfaces.spatial import Array, finite_number, shown
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
@@ -33,43 +31,36 @@ _FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
 _FOREIGN = 100  # characters kept of the message of a foreign error
 
 
-def believed_and_built(
-    vehicle: str, *, arm_errors: int | None, calibrated: bool, arm_file: Path | None
-) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
+def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tuple[mujoco.MjSpec, mujoco.MjSpec, str]:
     """Specs of the vehicle as its controller knows it (believed) and as it is (built).
 
     Both are equal but for the arm errors that are asked for.
 
     Args:
-        vehicle: Name of the vehicle, or an MJCF file.
-        arm_errors: Seed of the errors with which the arm is built; None: no errors.
-        calibrated: Identify the believed arm from touches on deck.
-        arm_file: File of the believed arm; excludes `calibrated`.
+        vehicle: The vehicle as it is.
+        belief: What it believes of itself.
+        task: Its task, which tells the tool, and the parts that are not needed.
 
     Returns:
         Believed spec, built spec, line about the arm for the terminal (empty: nothing to report).
 
     Raises:
-        ConfigurationError: The arm is to be both calibrated and read from a file, or the file does not match.
+        ConfigurationError: The vehicle is unknown, or the file of the arm does not match.
     """
-    if arm_errors is not None:
-        whole_number(arm_errors, "--arm-errors")
-    believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
-    if arm_errors is None and not calibrated and arm_file is None:
+    believed, built = vehicle_spec(vehicle.vehicle, task.tool), vehicle_spec(vehicle.vehicle, task.tool)
+    if vehicle.arm_errors is None and not belief.calibrated and belief.arm is None:
         return believed, built, ""
-    if calibrated and arm_file is not None:
-        raise ConfigurationError("--calibrated and --arm: one of the two")
-    drawn = believed.compile()
-    passive = passive_joints(drawn, checked_vehicle(drawn))
-    arm = true = dh_geometry.read(drawn, ARM_BASE_BODY, TIP_SITE, exclude=passive)
-    if arm_errors is not None:
-        true = dh_geometry.with_errors(arm, np.random.default_rng(arm_errors))
+    drawn = OwnVehicle.of(believed, task.spares)
+    arm = true = dh_geometry.read(drawn.model, ARM_BASE_BODY, TIP_SITE, exclude=drawn.passive_joints)
+    if vehicle.arm_errors is not None:
+        true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
     known, said = arm, ""
-    if calibrated:
-        known, said = _deck_calibration.calibrate_on_deck(arm, true, np.random.default_rng([arm_errors or 0, 1]))
-    elif arm_file is not None:
-        known, said = _deck_calibration.from_file(arm_file, arm)
+    if belief.calibrated:
+        rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
+        known, said = _deck_calibration.calibrate_on_deck(arm, true, rng)
+    elif belief.arm is not None:
+        known, said = _deck_calibration.from_file(Path(belief.arm), arm)
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
     return believed, built, said
@@ -102,17 +93,6 @@ def _sonar(model: mujoco.MjModel, X_BS: Array) -> tuple[Sensor, SensorModel | No
 
 SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar})
 CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
-
-
-def tool_radius(model: mujoco.MjModel) -> float:
-    """Radius [m] of a spherical tool pad; 0 (a point) for a pad of another shape."""
-    pad = model.geom(TOOL_GEOM)
-    return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
-
-
-def passive_joints(model: mujoco.MjModel, vehicle: Vehicle) -> list[str]:
-    """Names of the joints that belong neither to the arm nor to the hull: springs, a pad."""
-    return [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
 
 
 def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
@@ -163,79 +143,3 @@ def _told(error: BaseException) -> str:
         foreign = [place for place in places if not place.startswith((__file__, "<frozen"))]
         where = f" ({foreign[-1]})" if foreign and "importlib" not in foreign[-1] else ""
     return f"{type(error).__name__}: {one_line(str(error), _FOREIGN)}{where}"
-
-
-def checked_vehicle(own: mujoco.MjModel, but: Collection[str] = ()) -> Vehicle:
-    """The vehicle in `own`, checked for every part that work with the arm needs, except those in `but`.
-
-    Raises:
-        ConfigurationError: Parts are missing; the message names them all and their purpose.
-    """
-    check_parts(own, but)
-    return Vehicle.of(own)
-
-
-def scan_pose(X_BC: Array, approach_W: Array, scan_range: float) -> Array:
-    """Level hull pose (4, 4) in W from which the camera sees the coarse position from the scan range.
-
-    The camera looks towards +x of W, or down, or up.
-
-    Args:
-        X_BC: (4, 4) pose of the camera on the hull.
-        approach_W: (3,) [m] coarse position of the object.
-        scan_range: [m] distance along the camera's axis.
-
-    Raises:
-        ConfigurationError: The scan range is out of range.
-    """
-    finite_number(scan_range, "--range [m]", above=0.0, most=_FARTHEST)
-    R_WB = exp_so3([0.0, 0.0, -np.arctan2(X_BC[1, 2], X_BC[0, 2])])
-    return pose(R_WB, approach_W - R_WB @ (X_BC[:3, 3] + scan_range * X_BC[:3, 2]))
-
-
-def hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
-    """Corners (2, 3) [m] in B of the box around the hull's own geoms."""
-    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
-    if not geoms:
-        return np.zeros((2, 3))
-    centre = np.array([own.geom_pos[g] for g in geoms])
-    reach = np.empty_like(centre)
-    for row, g in enumerate(geoms):
-        R = np.empty(9)
-        mujoco.mju_quat2Mat(R, own.geom_quat[g])
-        box = own.geom_aabb[g]
-        centre[row] += R.reshape(3, 3) @ box[:3]
-        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
-    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShiftedFinder:
-    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
-
-    finder: KnownObjectFinder
-    offset: float  # [m] the found surface lies so far before the true one
-
-    def init(self) -> Any:
-        """Initial state of the wrapped finder."""
-        return self.finder.init()
-
-    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
-        """Step of the wrapped finder, its target shifted.
-
-        Args:
-            state: State of the wrapped finder.
-            estimate: State estimate of the vehicle.
-            measurement: Measurements of this step.
-
-        Returns:
-            New state, shifted target or None.
-        """
-        state, target = self.finder.step(state, estimate, measurement)
-        if target is None or target.path is None:
-            return state, target
-        way = target.path.z[len(target.path.z) // 2]
-        X_WT = np.array(target.X_WT)
-        X_WT[:3, 3] -= self.offset * way
-        path = replace(target.path, p=readonly(target.path.p - self.offset * way))
-        return state, replace(target, X_WT=readonly(X_WT), path=path)

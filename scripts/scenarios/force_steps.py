@@ -5,9 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.barrel import Options, barrel_job
-from scenarios.campaigns.domain_randomisation import Variation
-from scenarios.contact_job import build, run
+from scenarios.assembly import assemble
+from scenarios.options import barrel
+from scenarios.perturbations.pad import Pad
+from scenarios.runner import run
+from scenarios.scenario import Scenario
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.loop.recording import Recording
@@ -33,22 +36,25 @@ class StepTask:
 
 def responses(task: StepTask) -> dict[str, Any]:
     """Set and true force (k, N) [N] of the k steps up, sampled at `times()`; empty if the run was aborted."""
-    options = Options(
+    recording = run(assemble(scenario_of(task))).recording
+    note = recording.final.note if recording.final.state is not WorkState.DONE else ""
+    found = steps_up(recording, task.low, task.high)
+    return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
+
+
+def scenario_of(task: StepTask) -> Scenario:
+    """Scenario of a run with steps."""
+    scenario = barrel(
         seed=task.seed,
         current=task.current,
         gust=task.gust,
-        record=False,
-        path="longitudinal",
         speed=SPEED,
         length=LENGTH,
         forces=(task.low, task.high) * task.steps,
     )
-    rng = np.random.default_rng(task.seed)
-    job = replace(barrel_job(options, rng), force_rate=task.rate)
-    outcome = run(build(job, options, rng, Variation(stiffness=task.stiffness)))
-    note = outcome.recording.final.note if outcome.recording.final.state is not WorkState.DONE else ""
-    found = steps_up(outcome.recording, task.low, task.high)
-    return {"stiffness": task.stiffness, "seed": task.seed, "note": note, **found}
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    work = replace(scenario.task, force_rate=task.rate)
+    return replace(scenario, task=work, perturbations=(Pad(stiffness=task.stiffness),))
 
 
 def failed(task: StepTask, reason: str) -> dict[str, Any]:

@@ -16,16 +16,16 @@ from controllers.hull.station_keeping import StationKeeping
 from controllers.hull.thruster_lead import ThrusterLead
 from controllers.tuning import HULL
 from models.naming import HOME_KEY
-from models.site import scenes
 from models.vehicle import Vehicle
 from models.water.thrusters import DEAD_BAND, TIME_CONSTANT
 from perception.navigation.strapdown_filter import Navigation
+from scenarios.own_vehicle import vehicle_spec
+from scenarios.scenario import Sensing
 from sim import hydrodynamics
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, rotation_angle, skew
 from sim.loop.rollout import Moment, Parts, rollout
 from sim.plant.plant import Plant, Truth
-from sim.sensors import proprioception
 from sim.water.current import Current
 
 FELT_LAG = 0.012  # [s] time constant of the felt force
@@ -273,7 +273,7 @@ def sphere(count: int) -> Array:
 
 def run(case: PushCase, keeper: Callable[..., HullController] = HullController) -> PushFigures:
     """Simulates a case and returns its figures; `keeper` makes the controller."""
-    spec, own = scenes.vehicle_spec(case.vehicle), scenes.vehicle_spec(case.vehicle).compile()
+    spec, own = vehicle_spec(case.vehicle), vehicle_spec(case.vehicle).compile()
     model = hydrodynamics.compile(spec)
     vehicle = Vehicle.of(model)
     inertia = 5.0  # [kg m^2] of the order of the arm's inertia about any joint
@@ -304,13 +304,7 @@ def run(case: PushCase, keeper: Callable[..., HullController] = HullController) 
     )
     seen = _Judge(case, plant, control, pushed)
     parts = Parts(
-        sensors=[
-            proprioception.Encoders(),
-            proprioception.JointTorqueSensors(),
-            proprioception.Imu(),
-            proprioception.Dvl(),
-            proprioception.VisionDrift(),
-        ],
+        sensors=Sensing().proprioception(),
         estimator=Navigation(),
         finder=None,
         planner=StayPut(case.q),

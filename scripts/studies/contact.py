@@ -27,11 +27,12 @@ from scenarios.campaigns.contact_study import (
 )
 from scenarios.campaigns.study_figures import METHODS
 from scenarios.campaigns.study_report import summarise
-from scenarios.contact_job import run_contact_job
+from scenarios.command import command
 from scenarios.study import Row, Study, StudyOptions
 from scenarios.study.options import at_least
 from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
+from sim.runs.command_line import RunOptions
 
 NAME = "study_contact"
 RUNS, QUICK_RUNS = 500, 4  # number of runs by default, and with --quick
@@ -112,12 +113,10 @@ def line(row: Row) -> str:
 
 def one_with_report(options: Options, run: int) -> int:
     """Repeats a single run as a scenario with all its output; returns the exit code."""
-    scenario, job, stream, variation = draw(task_of(options, run))
+    scenario = draw(task_of(options, run))
     name = f"run_{run:04d}" + (f"_without_{options.without}" if options.without else "")
-    scenario = replace(scenario, record=True, out=options.out and options.out / name)
-    title = f"{job.title}, run {run} of study {options.seed}"
-    job = replace(job, scenario=f"{NAME}/{name}", title=title)
-    return run_contact_job(job, scenario, stream, time.perf_counter(), variation)
+    scenario, own = replace(scenario, name=f"{NAME}/{name}"), RunOptions(out=options.out and options.out / name)
+    return command(scenario, own, time.perf_counter(), f", run {run} of study {options.seed}")
 
 
 if __name__ == "__main__":

@@ -11,10 +11,10 @@ from functools import partial
 
 import models
 from models.vehicle import Vehicle
-from scenarios.barrel import Options as BarrelOptions
 from scenarios.campaigns.contact_study import PATHS, PathName
 from scenarios.campaigns.fault_cases import chosen_cases
 from scenarios.campaigns.fault_figures import BranchedCase, lines, run, summarise
+from scenarios.options import BarrelOptions
 from scenarios.study import Study, StudyOptions
 from sim import hydrodynamics
 from sim.runs.run_folder import RUNS

@@ -243,10 +243,10 @@ class FaultyPlant:
         Raises:
             ConfigurationError: A thruster does not exist, or a share is outside [0, 1].
         """
-        self.plant, self._faults = plant, tuple(faults)
+        self.plant, self.faults = plant, tuple(faults)
         self.timestep = plant.timestep
         names = plant.vehicle.thruster_names
-        for fault in self._faults:
+        for fault in self.faults:
             if not 0 <= fault.thruster < len(names):
                 raise ConfigurationError(
                     f"fault: there is no thruster {fault.thruster}; there are {len(names)}: {names}"
@@ -263,7 +263,7 @@ class FaultyPlant:
     def step(self, command: Command) -> None:
         """As `Plant.step`, with the thruster commands changed by the active faults."""
         thrusters, time = np.array(command.thrusters), self.plant.truth.time
-        for fault in self._faults:
+        for fault in self.faults:
             i = fault.thruster
             if not fault.onset.active(time):
                 continue

@@ -33,7 +33,19 @@ Options = TypeVar("Options")
 
 
 @dataclass(kw_only=True)
-class ScenarioOptions:
+class RunOptions:
+    """Options of every run that change no figure."""
+
+    out: Path | None = None
+    """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
+    view: bool = False
+    """Open the Rerun viewer while the run goes on."""
+    record: bool = True
+    """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
+
+
+@dataclass(kw_only=True)
+class ScenarioOptions(RunOptions):
     """Options of every scenario."""
 
     seed: int = 0
@@ -42,14 +54,8 @@ class ScenarioOptions:
     """Steady current [m/s], world axes; gusts come on top."""
     gust: float = 0.03
     """Standard deviation of the gusts [m/s] per axis."""
-    out: Path | None = None
-    """New folder for metrics.json, run.rrd and report.html; runs/<scenario>/<time>-<seed> by default."""
-    view: bool = False
-    """Open the Rerun viewer while the run goes on."""
     quick: bool = False
     """A shorter job, for a first look within a minute."""
-    record: bool = True
-    """Write run.rrd and report.html (--no-record: the figures alone, faster)."""
 
     def folder(self, scenario: str) -> Path:
         """New folder for results.
@@ -122,7 +128,7 @@ def parse(kind: type[Options], args: Sequence[str] | None = None) -> Options:
         mistake = next((part for part in parts if part.strip()), "bad options")
         raise _refusal(f"{mistake.strip().rstrip('.')} (--help lists the options)") from None
     for name, value in vars(options).items():
-        if name.endswith("seed") and value < 0:
+        if name.endswith("seed") and value is not None and value < 0:
             raise _refusal(f"--{name.replace('_', '-')}: must not be negative, got {value}")
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, float) and not math.isfinite(number):

@@ -27,15 +27,16 @@ def provenance(scenario: str, options: Any, model: mujoco.MjModel | None = None)
 
     Args:
         scenario: Name of the scenario.
-        options: Its options, a dataclass; those without effect on results are left out.
+        options: Its options, a dataclass or nested tables; those without effect on results are left out.
         model: Adds the model's digest.
 
     Returns:
         Scenario, options, versions, machine, commit and digest.
     """
+    given = options if isinstance(options, Mapping) else asdict(options)
     made: dict[str, Any] = {
         "scenario": scenario,
-        "options": {name: _plain(value) for name, value in asdict(options).items() if name not in _WHERE},
+        "options": {name: _plain(value) for name, value in given.items() if name not in _WHERE},
         "versions": versions(),
         "machine": f"{platform.system()} {platform.machine()}",
         **commit(),

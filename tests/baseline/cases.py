@@ -8,53 +8,37 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-import inspect_object
 from bands import Figures, numbers_of
 from calib import identify as calibrate
 from calib.simulation import HAND_NOISE
 from calib.verification import kabsch
-from clean_object import Options as ObjectOptions
-from clean_object import object_job
-from clean_pile import Options as PileOptions
-from clean_pile import pile_job
 from controllers.mkps import Chain, solve
-from controllers.tasks.seabed_work import SeabedJob
 from models.arms import published_arms
 from perception import identify
-from scenarios.barrel import Options as BarrelOptions
-from scenarios.barrel import barrel_job
-from scenarios.calibration_input import nominal, simulated
-from scenarios.contact_job import AssembledJob, ContactJob, build, judge
+from scenarios.arm_identification.calibration_input import nominal, simulated
+from scenarios.assembly import assemble
 from scenarios.control_studies.hover import POSTURES, flow
 from scenarios.force_steps import figures as figures_of_step
 from scenarios.force_steps import steps_up
-from scenarios.insertion import InsertionSetting
-from scenarios.insertion import judge as judge_insertion
-from scenarios.insertion import prepare as prepare_insertion
 from scenarios.object_scenes import object_scene
+from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions, barrel
 from scenarios.pushing import PushCase as Push
 from scenarios.pushing import run as push
 from scenarios.pushing import sphere
-from scenarios.runner import PreparedRun, RunResult, run_through
-from scenarios.seabed_work import SeabedSetting
-from scenarios.seabed_work import prepare as prepare_seabed
+from scenarios.runner import Run, run
+from scenarios.scenario import Scenario
 from scenarios.study.pool import run_all
-from sim.evaluation.inspection_metrics import assess_inspection
+from scenarios.tasks.surface_work import SurfaceWorkTask
 from sim.evaluation.metrics import Assessment
-from sim.evaluation.seabed_metrics import assess_seabed_work
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import transform_points
-from sim.loop.recording import Recorder
-from sim.runs.command_line import ScenarioOptions
 
 __all__ = ["CASES", "run_all"]
 
-CURRENT, GUST = (0.15, 0.0, 0.0), 0.03  # [m/s] the sea of every scenario
-CONTROLLER = "work"
+GUST = 0.03  # [m/s]
 NO_BEHAVIOUR = ("timings", "run.seed")  # what metrics hold beside figures
 
 
@@ -63,58 +47,38 @@ def figures_of(assessment: Assessment) -> Figures:
     return numbers_of(assessment.metrics, without=NO_BEHAVIOUR)
 
 
-def ran(ready: PreparedRun) -> RunResult:
-    return run_through(ready, Recorder(ready.plant.model, timestep=ready.plant.timestep, full=False))
-
-
-JobOf = Callable[[Any, np.random.Generator], ContactJob]
-
-
-def built_of(options: ScenarioOptions, job_of: JobOf) -> AssembledJob:
-    """Work on a surface, wired as its script wires it."""
-    rng = np.random.default_rng(options.seed)
-    return build(job_of(options, rng), options, rng)
-
-
-def contact_job(options: ScenarioOptions, job_of: JobOf) -> Figures:
-    built = built_of(options, job_of)
-    return figures_of(judge(built, ran(built.ready)))
+def ran(scenario: Scenario) -> Figures:
+    return figures_of(run(assemble(scenario)).assessment)
 
 
 @lru_cache(maxsize=1)
-def barrel_longitudinal_run(seed: int) -> tuple[AssembledJob, RunResult]:
+def barrel_longitudinal_run(seed: int) -> Run:
     """The main job; the last run is kept, for its trajectory is compared too."""
-    built = built_of(BarrelOptions(seed=seed, record=False, quick=True), barrel_job)
-    return built, ran(built.ready)
+    return run(assemble(barrel(seed=seed, quick=True)))
 
 
 def barrel_longitudinal(seed: int) -> Figures:
-    return figures_of(judge(*barrel_longitudinal_run(seed)))
+    return figures_of(barrel_longitudinal_run(seed).assessment)
 
 
 def barrel_transverse(seed: int) -> Figures:
-    return contact_job(BarrelOptions(seed=seed, record=False, quick=True, path="transverse"), barrel_job)
+    return ran(barrel(seed=seed, quick=True, path="transverse"))
 
 
 def pile(seed: int) -> Figures:
-    return contact_job(PileOptions(seed=seed, record=False, quick=True), pile_job)
+    return ran(PileOptions(seed=seed, quick=True).scenario())
 
 
 def rock(seed: int) -> Figures:
-    return contact_job(ObjectOptions(seed=seed, record=False, quick=True, object="rock"), object_job)
+    return ran(ObjectOptions(seed=seed, quick=True, object="rock").scenario())
 
 
 def force_steps(seed: int) -> Figures:
     """The mean of three abrupt steps of the set force from 60 to 90 N while the tool moves along the barrel."""
     low, high, steps = 60.0, 90.0, 3
-    options = BarrelOptions(seed=seed, record=False, length=0.36, forces=(low, high) * steps)
-
-    def abrupt(asked: BarrelOptions, rng: np.random.Generator) -> ContactJob:
-        return replace(barrel_job(asked, rng), force_rate=1e6)
-
-    rng = np.random.default_rng(seed)
-    built = build(abrupt(options, rng), options, rng)
-    recording = ran(built.ready).recording
+    scenario = barrel(seed=seed, length=0.36, forces=(low, high) * steps)
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    recording = run(assemble(replace(scenario, task=replace(scenario.task, force_rate=1e6)))).recording
     responses = steps_up(recording, low, high)["true"]
     work = recording.within(WorkState.WORK)
     error = (recording["contact_normal"].scalar - recording["set_force"].scalar)[work]
@@ -127,56 +91,20 @@ def force_steps(seed: int) -> Figures:
 
 
 def insertion(seed: int) -> Figures:
-    setting = InsertionSetting(
-        hole="a",
-        clearance=2e-3,
-        depth=0.03,
-        chamfer=2e-3,
-        error=(2.5e-3, 0.0),
-        compliance=True,
-        scan_range=1.25,
-        current=CURRENT,
-        gust=GUST,
-        vehicle="uuv_puma",
-        controller=CONTROLLER,
-    )
-    prepared = prepare_insertion(setting, seed)
-    return figures_of(judge_insertion(prepared, ran(prepared.ready)))
-
-
-def seabed(seed: int, job: SeabedJob) -> Figures:
-    setting = SeabedSetting(
-        kind="ripples",
-        soil="sand",
-        job=job,
-        cloud=None,
-        targets=None,
-        dead_beams=(),
-        current=CURRENT,
-        gust=GUST,
-        without=frozenset(),
-        vehicle="uuv_puma",
-        controller=CONTROLLER,
-    )
-    prepared = prepare_seabed(setting, seed)
-    done = ran(prepared.ready)
-    return figures_of(assess_seabed_work(done.recording, prepared.truth, seed=seed, wall_s=done.wall_s))
+    return ran(InsertionOptions(seed=seed, quick=True, error=(2.5, 0.0)).scenario())
 
 
 def core(seed: int) -> Figures:
-    return seabed(seed, SeabedJob(push=40.0))
+    return ran(SeabedOptions(seed=seed, push=40.0).scenario())
 
 
 def drag(seed: int) -> Figures:
-    return seabed(seed, SeabedJob(depth=0.03, drag=True))
+    return ran(SeabedOptions(seed=seed, work="drag").scenario())
 
 
 def inspection(seed: int) -> Figures:
     """Once around a rock, fast."""
-    options = inspect_object.Options(seed=seed, record=False, object="rock", speed=0.25)
-    ready, truth = inspect_object.prepare(options)
-    done = ran(ready)
-    return figures_of(assess_inspection(done.recording, truth, seed=seed, wall_s=done.wall_s))
+    return ran(InspectionOptions(seed=seed, object="rock", speed=0.25).scenario())
 
 
 def identification(name: str, seed: int) -> Figures:

@@ -91,7 +91,7 @@ def open_loop(name: str) -> Trace:
 
 def closed_loop() -> Trace:
     """Hull and tool in a whole run of the main job."""
-    recording = barrel_longitudinal_run(0)[1].recording
+    recording = barrel_longitudinal_run(0).recording
     names = ("p_WB", "quat_WB_wxyz", "p_pad")
     table = np.hstack([recording[name].value for name in names])
     return Trace.of(table, None)

@@ -17,6 +17,7 @@ import re
 import signal
 import tempfile
 import time
+import tomllib
 import warnings
 import zlib
 from collections import Counter
@@ -46,6 +47,7 @@ from perception.clouds.point_files import read_targets
 from perception.clouds.scan import Scan, SensorModel
 from perception.seabed.terrain_path import plan_seabed_work
 from perception.toolpath.path_shapes import circle, laid_on, line, raster
+from scenarios import scenario_file
 from sim.interfaces.errors import LONGEST as LONGEST_MESSAGE
 from sim.interfaces.errors import UuvError
 from sim.runs import command_line as startup
@@ -758,16 +760,14 @@ def _python_doors() -> Iterator[Door]:
 
 def _options_stage(script: str, options: Any) -> Any:
     """What a script makes of its options before anything runs, where that is cheap."""
-    module, rng = importlib.import_module(script), np.random.default_rng(0)
-    if script == "clean_barrel":
-        return module.barrel_job(options, rng).X_WT
-    if script == "clean_object":
-        return module.object_job(options, rng).X_WT
-    if script == "clean_pile":
-        return module.pile_job(options, rng).X_WT
-    if script in ("inspect_object", "insert_sampler", "sample_seabed") and hasattr(module, "checked_options"):
-        return module.checked_options(options)
-    return None
+    scenario = getattr(options, "scenario", None)
+    if scenario is None:
+        return None
+    made = scenario()
+    again = scenario_file.from_dict(tomllib.loads(scenario_file.to_toml(made)))
+    if again != made:
+        raise FindingError(f"{script}: its scenario's file reads as another one: {again}")
+    return made.site.pose(np.random.default_rng(0))
 
 
 SCRIPTS = (

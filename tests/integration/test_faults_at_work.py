@@ -1,9 +1,7 @@
 """Two faults in a closed loop at full push: one that the work rides through, one that it retreats from."""
 
 import sys
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from sim.interfaces.messages import WorkState
@@ -15,20 +13,19 @@ def scripts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("scripts")
-def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat(tmp_path: Path):
-    from scenarios import barrel
-    from scenarios.campaigns.fault_cases import Trace, run_branched
-    from scenarios.contact_job import build
+def test_a_frozen_torque_sensor_is_ridden_through_and_a_lost_thruster_ends_in_a_retreat():
 
-    options = barrel.Options(seed=0, forces=(90.0,), record=False, quick=True, out=tmp_path)
-    rng = np.random.default_rng(options.seed)
+    from scenarios import assemble, barrel
+    from scenarios.campaigns.fault_cases import Trace, run_branched
+
+    scenario = barrel(seed=0, forces=(90.0,), quick=True)
     traces: dict[str, Trace] = {}
 
     def keep(trace: Trace) -> None:
         traces[trace.case] = trace
 
     cases = ("torque sensor 2 frozen", "thruster heave_front dead")
-    run_branched(build(barrel.barrel_job(options, rng), options, rng), cases, keep)
+    run_branched(assemble(scenario), cases, keep)
     frozen, lost = (traces[case] for case in cases)
 
     assert frozen.found[0][1:] == ("torque sensor", "joint2")

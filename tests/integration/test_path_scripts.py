@@ -5,12 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import clean_barrel
 import clean_object
 from models.meshes.closed_shells import sphere
 from models.meshes.ply_files import write_ply
 from models.objects.targets import TargetModel, barrel, rock
+from scenarios.options import barrel as barrel_scenario
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.perception_studies import paths
+from scenarios.scenario import Scenario
+from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from sim.interfaces.errors import ConfigurationError
 from surface_distance import signed_distance
 
@@ -67,39 +70,48 @@ def test_path_over_growth_is_nearer_than_the_model(monkeypatch: pytest.MonkeyPat
     assert found["tilt_rad"]["rms"] < np.deg2rad(10.0)
 
 
+def placed(scenario: Scenario) -> PlacedSurfaceWork:
+    """The work at its site, without plant and parts."""
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    own = OwnVehicle.of(vehicle_spec(scenario.vehicle.vehicle))
+    return scenario.task.place(scenario, own, np.random.default_rng(scenario.seed))
+
+
 @pytest.mark.parametrize(("fouled", "dented"), [(0.03, 0.0), (0.0, 0.03), (0.02, 0.02)])
-def test_job_on_what_the_sea_has_left(fouled: float, dented: float):
+def test_work_on_what_the_sea_has_left(fouled: float, dented: float):
     """The vehicle knows the clean barrel; what stands there lies off it along the path, both ways where both are."""
-    job = clean_barrel.barrel_job(clean_barrel.Options(fouled=fouled, dented=dented), np.random.default_rng(1))
-    assert job.there is not None
-    off = signed_distance(job.target.vertices, job.target.triangles, job.there.vertices)
-    off, near = off[np.abs(off) > 0.004], job.there.vertices[np.abs(off) > 0.004]
-    assert np.linalg.norm(near[:, None] - job.target.path(job.path).p[::10], axis=-1).min(axis=1).max() < 0.3
+    work = placed(barrel_scenario(seed=1, fouled=fouled, dented=dented))
+    there = work.truth.model
+    off = signed_distance(work.target.vertices, work.target.triangles, there.vertices)
+    off, near = off[np.abs(off) > 0.004], there.vertices[np.abs(off) > 0.004]
+    path = work.target.path(work.truth.path)
+    assert np.linalg.norm(near[:, None] - path.p[::10], axis=-1).min(axis=1).max() < 0.3
     for height, sign in ((fouled, 1.0), (dented, -1.0)):
         assert (0.3 * height - 1e-3 < (sign * off).max() < height + 1e-3) if height else (sign * off).max() < 1e-3
 
 
 def test_clean_job_has_nothing_else_there():
-    assert clean_barrel.barrel_job(clean_barrel.Options(), np.random.default_rng(1)).there is None
+    work = placed(barrel_scenario(seed=1))
+    assert work.truth.model is work.target
     with pytest.raises(ConfigurationError, match="--fouled"):
-        clean_barrel.barrel_job(clean_barrel.Options(fouled=-0.01), np.random.default_rng(1))
+        placed(barrel_scenario(fouled=-0.01))
     with pytest.raises(ConfigurationError, match="--looks"):
-        clean_barrel.barrel_job(clean_barrel.Options(looks=0), np.random.default_rng(1))
+        barrel_scenario(looks=0)
 
 
 def test_mesh_file_gets_a_path_over_its_top(tmp_path: Path, within):
     known, file = barrel(), tmp_path / "drum.ply"
     write_ply(file, known.vertices, known.triangles)
-    job = clean_object.object_job(clean_object.Options(object=str(file)), np.random.default_rng(0))
-    path = job.target.path(job.path)
+    work = placed(clean_object.Options(object=str(file)).scenario())
+    path = work.target.path(work.truth.path)
     within("on the top [m]", path.p[:, 2] - 0.3, 1e-4)
     within("length [m]", np.ptp(path.p[:, 0]) - 0.3, 1e-6)
     within("axis", path.a - [0.0, 0.0, -1.0], 1e-2)
 
 
 def test_rock_is_worked_along_its_own_path():
-    job = clean_object.object_job(clean_object.Options(path="across"), np.random.default_rng(0))
-    assert job.target.name == "rock"
-    assert job.path == "across"
+    work = placed(clean_object.Options(path="across").scenario())
+    assert work.target.name == "rock"
+    assert work.truth.path == "across"
     with pytest.raises(ConfigurationError, match="no path 'under'"):
-        clean_object.object_job(clean_object.Options(path="under"), np.random.default_rng(0))
+        placed(clean_object.Options(path="under").scenario())

@@ -123,7 +123,7 @@ def test_a_file_that_is_no_cloud_is_refused_before_anything_moves(script, tmp_pa
 
 def test_the_story_of_a_drag_has_its_profile_with_both_axes():
     """The finder's state and an estimate with a plane, as in a run, to a log that notes what it is shown."""
-    from scenarios.seabed_work import SeabedRecorder
+    from scenarios.tasks.seabed_sampling import SeabedRecorder
 
     rng = np.random.default_rng(2)
     finder = SeabedFinder([[-0.2, 0.0, -1.5], [0.2, 0.1, -1.5]], cloud_W=flat(rng))

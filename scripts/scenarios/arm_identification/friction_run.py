@@ -1,12 +1,12 @@
 """Identification of the gears' friction by the hovering vehicle: the run, its evaluation, table and picture."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -18,22 +18,21 @@ from controllers.estimation.friction_identification import (
 )
 from models.arms.gear_friction import DryFriction
 from models.naming import CAMERA_SITE, TOOL_GEOM
-from models.site import scenes
 from models.vehicle import Vehicle
-from perception.navigation.strapdown_filter import Navigation
-from scenarios.campaigns.domain_randomisation import NOMINAL, Variation, vary
-from scenarios.contact_parts import checked_vehicle, controller
-from scenarios.runner import Evaluation, PreparedRun, RunResult
-from sim import hydrodynamics
+from perception.clouds.scan import SensorModel
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Scenario
+from scenarios.site import OpenWater
+from scenarios.tasks.task import PlacedTask, RunResult, Task, object_of
 from sim.evaluation.metrics import Assessment, Requirement, run_schema
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
-from sim.interfaces.spatial import Array, pose
-from sim.loop.rollout import Moment, Parts
-from sim.plant.plant import Plant
-from sim.sensors import proprioception as sensors
-from sim.water.current import Current
+from sim.interfaces.protocols import Sensor
+from sim.interfaces.spatial import Array, finite_number, pose
+from sim.loop.recording import Recorder
+from sim.loop.rollout import Moment
 
+SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
 SCHEMA = "friction.schema.json"
 DEPTH = 2.0  # [m] of the hull
 SLOW_SHARE = 2.0 / 3.0  # of the swings' duration, for the slow turn; two fast turns share the rest
@@ -90,75 +89,100 @@ class FrictionSamples:
         return qd, gear, motor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionCase:
-    """A prepared run, with what is believed and what is true of the gears."""
+@dataclass(frozen=True, kw_only=True)
+class GearIdentificationTask(Task):
+    """Swing the joints of the hovering vehicle, free of contact, to identify the friction of its gears."""
 
-    ready: PreparedRun
-    samples: FrictionSamples
+    spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
+    seconds: float = 30.0  # [s] of the swings
+
+    def __post_init__(self) -> None:
+        finite_number(self.seconds, "--seconds [s]", least=SHORTEST, most=LONGEST)
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "FrictionCase":
+        """The swings in open water."""
+        object_of(scenario, OpenWater)
+        return FrictionCase(scenario=scenario, task=self, believed=own.vehicle)
+
+
+@dataclass(kw_only=True, eq=False)
+class FrictionCase(PlacedTask):
+    """Swings in open water, with what is believed and what is true of the gears."""
+
+    exact_start: ClassVar[bool] = True
+    scenario: Scenario
+    task: GearIdentificationTask
     believed: Vehicle
-    true: Vehicle
+    samples: FrictionSamples = field(default_factory=FrictionSamples)
+    model: mujoco.MjModel | None = None  # of the plant; `sensors` sets it
+    found: IdentifiedFriction | None = None  # `assess` sets it
 
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        vehicle, seconds = self.scenario.vehicle.vehicle, self.task.seconds
+        return f"Friction of the gears of {vehicle}, swings of {seconds:g} s, seed {self.scenario.seed}"
 
-def prepare(
-    vehicle: str, *, seconds: float, gear_spread: float, current: tuple[float, float, float], gust: float, seed: int
-) -> FrictionCase:
-    """Builds the hovering vehicle with its true gears, and the parts with its believed ones.
+    @property
+    def X_WB(self) -> Array:
+        """Pose of the hull, DEPTH below the surface."""
+        return pose(p=[0.0, 0.0, -DEPTH])
 
-    Args:
-        vehicle: Name of the vehicle, or an MJCF file.
-        seconds: [s] duration of the swings.
-        gear_spread: Share in +- by which the friction of each true gear deviates from the believed one.
-        current: [m/s] steady current in W.
-        gust: [m/s] standard deviation of the gusts per axis.
-        seed: Seed of gears, gusts and sensors.
+    @property
+    def true(self) -> Vehicle:
+        """The vehicle as it is."""
+        assert self.model is not None
+        return Vehicle.of(self.model)
 
-    Raises:
-        ConfigurationError: The vehicle is unknown or lacks a part, or `gear_spread` is out of range.
-    """
-    own, built = scenes.vehicle_spec(vehicle).compile(), scenes.vehicle_spec(vehicle)
-    believed = checked_vehicle(own, but=(CAMERA_SITE, TOOL_GEOM))
-    vary(built, Variation(gear_spread=gear_spread, seed=seed))
-    model = hydrodynamics.compile(built)
-    gusts, loop = np.random.default_rng(seed).spawn(2)
-    X_WB = pose(p=[0.0, 0.0, -DEPTH])
-    plant = Plant(model, current=Current(current), X_WB=X_WB)
-    flow = Current(current, gust=gust, timestep=model.opt.timestep, rng=gusts)
-    parts = Parts(
-        sensors=[sensors.Encoders(), sensors.JointTorqueSensors(), sensors.Imu(), sensors.Dvl(), sensors.VisionDrift()],
-        estimator=Navigation(),
-        finder=None,
-        planner=FrictionMotion(believed, X_WB, slow=SLOW_SHARE * seconds, fast=0.5 * (1.0 - SLOW_SHARE) * seconds),
-        controller=controller("work", own, without=frozenset(), water_error=NOMINAL.water_error),
-    )
-    ready = PreparedRun(
-        seed=seed, plant=plant, parts=parts, loop=loop, restart=lambda: plant.reset(current=flow, X_WB=X_WB)
-    )
-    return FrictionCase(ready=ready, samples=FrictionSamples(), believed=believed, true=plant.vehicle)
+    @property
+    def timestep(self) -> float:
+        """Time [s] between two samples."""
+        assert self.model is not None
+        return float(self.model.opt.timestep)
 
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """The vehicle alone."""
+        return vehicle
 
-def evaluation(case: FrictionCase, console: Console) -> Evaluation:
-    """Evaluation of the run: identifies the friction, prints it joint by joint, and draws its curves."""
-    found: list[IdentifiedFriction] = []
+    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+        """No sensor sees anything."""
+        self.model = model
+        return [], None
 
-    def assess(ran: RunResult) -> Assessment:
+    def finder(self, sensor: SensorModel | None, seed: int) -> None:
+        """Nothing is looked for."""
+
+    def planner(self) -> FrictionMotion:
+        """Slow swings, then fast ones."""
+        seconds = self.task.seconds
+        slow, fast = SLOW_SHARE * seconds, 0.5 * (1.0 - SLOW_SHARE) * seconds
+        return FrictionMotion(self.believed, self.X_WB, slow=slow, fast=fast)
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Identifies the friction and compares it with the true one."""
         try:
-            found.append(identified(case))
+            self.found = identified(self)
         except ConfigurationError:
             if not ran.recording.interrupted:
                 raise
-        else:
-            console.print(joint_table(case, found[0]))
-        return assessed(case, found[0] if found else None, ran)
+        return assessed(self, self.found, ran)
 
-    def pictures(_: RunResult) -> Iterator[tuple[str, str, Figure]]:
-        if found:
+    def tables(self) -> Iterator[Table]:
+        """Friction joint by joint."""
+        if self.found is not None:
+            yield joint_table(self, self.found)
+
+    def pictures(self, ran: RunResult) -> Iterator[tuple[str, str, Figure]]:
+        """Torque lost over speed."""
+        if self.found is not None:
             caption = (
                 "Torque lost in each gear over its speed: samples, the identified curve, the true one, and belief."
             )
-            yield "Friction", caption, curves(case, found[0])
+            yield "Friction", caption, curves(self, self.found)
 
-    return Evaluation(assess=assess, pictures=pictures, begun=(WorkState.WORK,))
+    def story(self, recorder: Recorder, log: Any) -> FrictionSamples:
+        """Observer that takes the samples."""
+        return self.samples
 
 
 def identified(case: FrictionCase) -> IdentifiedFriction:
@@ -168,7 +192,7 @@ def identified(case: FrictionCase) -> IdentifiedFriction:
         ConfigurationError: A joint moved too little.
     """
     qd, gear, motor = case.samples.columns()
-    speed, acceleration = over_steps(qd, case.ready.plant.timestep)
+    speed, acceleration = over_steps(qd, case.timestep)
     return identify_friction(speed, acceleration, motor[1:], gear[1:], case.believed.armature)
 
 
@@ -229,7 +253,7 @@ def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResul
     ]
     checks.append(Requirement("largest error", figures["error_sigmas"], bounds.sigmas, "sigma"))
     content = {"friction": {**figures, "joints": joints}}
-    return Assessment.of(ran.recording, content, checks, seed=case.ready.seed, wall_s=ran.wall_s)
+    return Assessment.of(ran.recording, content, checks, seed=case.scenario.seed, wall_s=ran.wall_s)
 
 
 def joint_table(case: FrictionCase, found: IdentifiedFriction) -> Table:
@@ -257,7 +281,7 @@ def joint_table(case: FrictionCase, found: IdentifiedFriction) -> Table:
 def curves(case: FrictionCase, found: IdentifiedFriction) -> Figure:
     """Torque lost over speed, one plot for each joint."""
     qd, gear, motor = case.samples.columns()
-    speed, acceleration = over_steps(qd, case.ready.plant.timestep)
+    speed, acceleration = over_steps(qd, case.timestep)
     lost = motor[1:] - case.believed.armature * acceleration - gear[1:] - found.bias
     n = len(case.true.joint_names)
     across = min(n, 3)

@@ -16,8 +16,8 @@ from calib.parameters import DEFAULT_FREE
 from calib.planner import Plan, plan, random_merits
 from calib.simulation import touch
 from calib.touch_files import write_touch_list
-from scenarios.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
-from scenarios.deck_calibration import CONE, DOWN, touched
+from scenarios.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
+from scenarios.arm_identification.deck_calibration import CONE, DOWN, touched
 from sim.interfaces.spatial import Array, whole_number
 from sim.runs.saving import write_json
 

@@ -2,29 +2,30 @@
 
 import re
 import traceback
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
 from controllers.work_controller import Method
-from scenarios.barrel import Options as BarrelOptions
-from scenarios.barrel import barrel_job
-from scenarios.campaigns.domain_randomisation import Variation
-from scenarios.contact_job import ContactJob, Outcome, build, run
+from scenarios.assembly import assemble
+from scenarios.options import barrel
+from scenarios.perturbations.loop import MisplacedSurface
+from scenarios.perturbations.pad import Pad
+from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
+from scenarios.runner import Run, run
+from scenarios.scenario import Belief, Scenario, Sensing
+from scenarios.tasks.surface_work import first_force
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recording
-from sim.runs.command_line import ScenarioOptions
 
 PathName = Literal["longitudinal", "transverse"]
 PATHS: tuple[PathName, ...] = get_args(PathName)
 TICK = 0.002  # [s] loop step; periods and delays are whole multiples of it
 DAMAGE = 2.0  # times the set force: damage from there on
 
-# Scalar fields of a variation. For those drawn for each part, `vary` returns the means.
-_DRAWN = ("friction", "stiffness", "surface_offset", "vision_period", "vision_delay", "vision_noise", "trim_error")
 KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
     "kept",
     "missed",
@@ -116,11 +117,8 @@ class RunTask:
     quick: bool = False
 
 
-def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generator, Variation]:
-    """Draws the job of a run and its variation; the same for every ablation.
-
-    Returns:
-        Options, job, random stream for the job, variation.
+def draw(task: RunTask) -> Scenario:
+    """Draws the scenario of a run; the same for every ablation.
 
     Raises:
         ConfigurationError: The path is unknown.
@@ -131,39 +129,61 @@ def draw(task: RunTask) -> tuple[ScenarioOptions, ContactJob, np.random.Generato
     rise = between(*np.sin(np.radians(ranges.elevation)))
     level = np.sqrt(1.0 - rise * rise)
     current = speed * np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
-    gust = between(*ranges.gust)
-    variation = Variation(
-        water_error=0.0,
-        water_spread=ranges.water,
-        payload_spread=ranges.payload,
-        trim_error=between(-ranges.payload, ranges.payload),
-        thruster_lag_spread=ranges.thruster,
-        thruster_gain_spread=ranges.thruster,
-        gear_spread=ranges.gears,
-        friction=between(*ranges.friction),
-        stiffness=float(np.exp(between(*np.log(ranges.stiffness)))),
-        surface_offset=between(-ranges.surface, ranges.surface),
+    gust, trim_error = between(*ranges.gust), between(-ranges.payload, ranges.payload)
+    pad = Pad(friction=between(*ranges.friction), stiffness=float(np.exp(between(*np.log(ranges.stiffness)))))
+    surface = MisplacedSurface(offset=between(-ranges.surface, ranges.surface))
+    sensing = Sensing(
         vision_period=_ticks(1.0 / between(*ranges.vision_rate)),
         vision_delay=_ticks(between(*ranges.vision_delay)),
         vision_noise=between(*ranges.vision_noise),
         torque_noise=ranges.torque_noise,
         torque_bias=ranges.torque_bias,
-        seed=int(rng.integers(2**31)),
     )
-    seed = int(rng.integers(2**31))
+    perturbation_seed, seed = int(rng.integers(2**31)), int(rng.integers(2**31))
     if task.path not in PATHS:
         raise ConfigurationError(f"path: allowed {', '.join(PATHS)}, got {task.path!r}")
-    options = BarrelOptions(
+    scenario = barrel(
         seed=seed,
         current=tuple(current.tolist()),
         gust=gust,
-        record=False,
         quick=task.quick,
         path=task.path,
         without=(cast(Method, task.without),) if task.without else (),
     )
-    stream = np.random.default_rng(seed)
-    return options, barrel_job(options, stream), stream, variation
+    perturbations = (
+        Water(spread=ranges.water),
+        Payload(spread=ranges.payload, trim_error=trim_error),
+        ThrusterSpread(lag=ranges.thruster, gain=ranges.thruster),
+        Gears(spread=ranges.gears),
+        pad,
+        surface,
+    )
+    return replace(
+        scenario,
+        belief=Belief(water_error=0.0),
+        sensing=sensing,
+        perturbations=perturbations,
+        perturbation_seed=perturbation_seed,
+    )
+
+
+def varied(scenario: Scenario) -> dict[str, float | None]:
+    """Drawn figures of a run's scenario by name; of those drawn for each part, the seed."""
+    pad, surface = scenario.perturbation(Pad), scenario.perturbation(MisplacedSurface)
+    site, sensing = scenario.site, scenario.sensing
+    return {
+        "trim_error": scenario.perturbation(Payload).trim_error,
+        "friction": pad.friction,
+        "stiffness": pad.stiffness,
+        "surface_offset": surface.offset,
+        "vision_period": sensing.vision_period,
+        "vision_delay": sensing.vision_delay,
+        "vision_noise": sensing.vision_noise,
+        "gust": site.gust,
+        "current": float(np.linalg.norm(site.current)),
+        "current_up": float(site.current[2]),
+        "variation_seed": scenario.perturbation_seed,
+    }
 
 
 def _ticks(time: float) -> float:
@@ -179,15 +199,12 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     Raises:
         ConfigurationError: The task itself is invalid.
     """
-    options, job, stream, variation = draw(task)
-    current = np.array(options.current)
-    varied = {name: value for name, value in asdict(variation).items() if name in _DRAWN}
-    varied |= {"gust": options.gust, "current": float(np.linalg.norm(current)), "current_up": float(current[2])}
-    varied |= {"variation_seed": variation.seed}
-    row: dict[str, Any] = {**crashed(task, ""), "seed": options.seed, "varied": varied}
+    scenario = draw(task)
+    drawn: dict[str, float | None] = varied(scenario)
+    row: dict[str, Any] = {**crashed(task, ""), "seed": scenario.seed, "varied": drawn}
     try:
-        built = build(job, options, stream, variation)
-        varied |= built.drawn
+        built = assemble(scenario)
+        drawn |= built.drawn
         outcome = run(built)
     except HydrodynamicsError as error:
         row |= {"class": DIVERGED, "kind": "motion blew up", "detail": str(error)}
@@ -220,7 +237,7 @@ def crashed(task: RunTask, reason: str) -> dict[str, Any]:
     }
 
 
-def figures_of(outcome: Outcome) -> dict[str, float | None]:
+def figures_of(outcome: Run) -> dict[str, float | None]:
     """Figures of a run in SI units; None where the run ended before it gave one."""
     recording, metrics = outcome.recording, outcome.assessment.metrics
     contact, tool, hull = metrics["contact"], metrics["tool"], metrics["hull"]
@@ -244,7 +261,7 @@ def figures_of(outcome: Outcome) -> dict[str, float | None]:
         "hull_excursion_max_m": hull["excursion_max_m"],
         "hull_tilt_max_rad": hull["tilt_max_rad"],
         "hull_unfolding_max_m": _unfolding(recording),
-        "force_over_set": force_over_set(recording, outcome.job.forces[0]),
+        "force_over_set": force_over_set(recording, first_force(outcome.scenario)),
         "collision_s": metrics["run"]["collision_s"],
         "saturated_s": metrics["thrusters"]["saturated_s"],
         "identification_error_m": metrics["identification"]["position_error_m"],
@@ -268,7 +285,7 @@ def _unfolding(recording: Recording) -> float | None:
     return float(np.linalg.norm(off, axis=1).max())
 
 
-def classify(outcome: Outcome, figures: dict[str, float | None], bounds: StudyBounds) -> dict[str, Any]:
+def classify(outcome: Run, figures: dict[str, float | None], bounds: StudyBounds) -> dict[str, Any]:
     """Class, kind and detail of a run's outcome, and the bounds that it missed.
 
     Args:

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.contact_job import AssembledJob
+from scenarios.assembly import Assembly
 from scenarios.study.pool import end_with_study
+from scenarios.tasks.surface_work import first_force
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
@@ -21,7 +22,6 @@ from sim.loop.rollout import Moment, never, rollout
 from sim.plant import faults
 from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, MisplacedFinder, Offset, Onset, Spikes
 from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
-from sim.water.current import Current
 
 NAN = float("nan")
 PUSH = 90.0  # [N] set force at which the faults begin
@@ -232,7 +232,7 @@ def chosen_cases(thruster_names: tuple[str, ...], only: tuple[str, ...]) -> list
     return chosen
 
 
-def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
+def run_branched(built: Assembly, only: tuple[str, ...], said: Callable[[Trace], None]) -> None:
     """Runs the job up to the onsets, and from there once for each case.
 
     Args:
@@ -258,15 +258,13 @@ def run_branched(built: AssembledJob, only: tuple[str, ...], said: Callable[[Tra
         if name in onsets:
             finder = MisplacedFinder(finder, (0.0, 0.0, depth), onsets[name])
     parts = replace(built.parts, sensors=sensors, finder=finder)
-    options, dt = built.options, built.plant.timestep
     profile = faults.changing(onsets[DOUBLED], 2.0, 1.0) if DOUBLED in onsets else None
-    current = Current(options.current, gust=options.gust, timestep=dt, rng=built.gusts, profile=profile)
-    built.plant.reset(current=current, X_WB=built.X_WB)
+    built.plant.reset(current=built.current(profile), X_WB=built.X_WB)
     plant = FaultyPlant(
         built.plant,
         [faults.ThrusterFault(onset=onsets[name], **how) for name, how in thrusters.items() if name in onsets],
     )
-    branch, blew_up = ForkingObserver(onsets, built.job.forces[0], dt, said), ""
+    branch, blew_up = ForkingObserver(onsets, first_force(built.scenario), built.plant.timestep, said), ""
     try:
         rollout(plant, parts, duration=200.0, rng=built.noise, observers=[branch], until=never)
     except CaseDoneError:

@@ -6,10 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from scenarios import barrel
+from scenarios import assemble, barrel
 from scenarios.campaigns.fault_cases import PUSH, Trace, run_branched
 from scenarios.campaigns.fault_picture import draw
-from scenarios.contact_job import build
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.messages import WorkState
 
@@ -89,8 +88,7 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
         folder: Folder of the study.
         picture: Part of the names of the cases that are drawn.
     """
-    asked = barrel.Options(path=case.path, seed=case.seed, forces=(PUSH,), record=False)
-    rng = np.random.default_rng(case.seed)
+    asked = barrel(path=case.path, seed=case.seed, forces=(PUSH,))
     found: list[FaultFigures] = []
 
     def keep(trace: Trace) -> None:
@@ -100,7 +98,7 @@ def run(case: BranchedCase, folder: Path, picture: str) -> Row:
         if picture in trace.case:
             draw(trace, f"{trace.case}, {case.path} path, seed {case.seed}", file.with_suffix(".png"))
 
-    run_branched(build(barrel.barrel_job(asked, rng), asked, rng), case.only, keep)
+    run_branched(assemble(asked), case.only, keep)
     return {"path": case.path, "seed": case.seed, "cases": [asdict(one) for one in found]}
 
 

@@ -10,15 +10,14 @@ from scipy.spatial import cKDTree
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import tool_poses
 from controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
-from models.naming import ARM_BASE_BODY, TIP_SITE
-from models.site import scenes
+from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.site.seabed import KINDS, Seabed, seabed
 from models.vehicle import Vehicle
 from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
-from scenarios.contact_parts import hull_box, passive_joints
-from scenarios.seabed_work import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
+from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.study import Row, Summary, Table
+from scenarios.tasks.seabed_sampling import ABOVE, AHEAD, APART, BEAMS, LOOKS, height_search, sonar_on_hull
 from sim.interfaces.errors import PerceptionError, ReachError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -72,13 +71,8 @@ class TerrainCase:
 @cache
 def searched_with(vehicle: str) -> tuple[Vehicle, Chain, Array]:
     """A vehicle, the kinematics of its arm, and the corners (2, 3) [m] of the hull's box in B."""
-    own = scenes.vehicle_spec(vehicle).compile()
-    parts = Vehicle.of(own)
-    return (
-        parts,
-        Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive_joints(own, parts)),
-        hull_box(own, parts),
-    )
+    own = OwnVehicle.of(vehicle_spec(vehicle), (CAMERA_SITE, TOOL_GEOM))
+    return own.vehicle, own.chain(), own.hull_box
 
 
 def run(case: TerrainCase) -> Row:

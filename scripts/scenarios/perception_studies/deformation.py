@@ -8,9 +8,9 @@ from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
 from perception.registration.multi_frame import with_fused_frames
 from perception.toolpath.deformation import map_deformation
-from scenarios.contact_options import coarse_detection
 from scenarios.object_scenes import object_scene, target_of
 from scenarios.perception_studies.paths import SCENES
+from scenarios.site import coarse_detection
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.spatial import Array, inverse, transform_points
 

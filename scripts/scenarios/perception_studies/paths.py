@@ -19,7 +19,7 @@ from perception.registration.identification import Identification, identify
 from perception.registration.multi_frame import Frame, with_fused_frames
 from perception.toolpath.path_deviation import deviate
 from perception.toolpath.path_planner import carry, densified, plan_path
-from scenarios.contact_options import coarse_detection
+from scenarios.site import coarse_detection
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z

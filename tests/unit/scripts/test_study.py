@@ -2,6 +2,7 @@
 
 import json
 import signal
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from io import StringIO
@@ -16,10 +17,13 @@ from rich.console import Console
 
 import models
 from models.vehicle import Vehicle
+from scenarios import assemble, barrel
+from scenarios import run as run_of
+from scenarios.perturbations.pad import Pad
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import STATES, Event, Recording, Series
-from sim.runs.command_line import Interrupted, ScenarioOptions
+from sim.runs.command_line import Interrupted, RunOptions
 
 DT = 0.002
 SCHEMA = json.loads((Path(__file__).resolve().parents[3] / "sim/schemas/study_contact.schema.json").read_text())
@@ -43,38 +47,36 @@ def task(study: Any, run: int, seed: int = 3, **other: Any) -> Any:
 
 
 def test_a_run_depends_on_its_number_and_the_seed_alone(study):
-    options, job, _, variation = study.draw(task(study, 5))
-    again, job_again, _, varied_again = study.draw(task(study, 5, without="fusion"))
-    assert (options.current, options.gust, options.seed) == (again.current, again.gust, again.seed)
-    assert variation == varied_again
-    assert np.array_equal(job.X_WT, job_again.X_WT)
-    assert job_again.without == {"fusion"}
+    scenario, again = study.draw(task(study, 5)), study.draw(task(study, 5, without="fusion"))
+    assert again.control.without == ("fusion",)
+    assert replace(again, control=scenario.control) == scenario
     for other in (task(study, 6), task(study, 5, seed=4)):
-        assert study.draw(other)[3] != variation
+        assert study.draw(other).perturbations != scenario.perturbations
 
 
 def test_draws_fill_their_ranges_and_no_more(study):
     ranges = study.Ranges(elevation=(-10.0, 30.0), surface=0.02)
     drawn = [study.draw(task(study, run, ranges=ranges)) for run in range(300)]
-    speed = np.array([np.linalg.norm(options.current) for options, *_ in drawn])
-    rise = np.degrees(np.arcsin([options.current[2] / s for (options, *_), s in zip(drawn, speed, strict=True)]))
+    speed = np.array([np.linalg.norm(scenario.site.current) for scenario in drawn])
+    rise = np.degrees(np.arcsin([one.site.current[2] / s for one, s in zip(drawn, speed, strict=True)]))
+    varied = [study.varied(scenario) for scenario in drawn]
     columns = {
         "speed": (speed, ranges.current),
         "rise": (rise, ranges.elevation),
-        "gust": (np.array([options.gust for options, *_ in drawn]), ranges.gust),
-        "delay": (np.array([v.vision_delay for *_, v in drawn]), ranges.vision_delay),
-        "rate": (np.array([1.0 / v.vision_period for *_, v in drawn]), ranges.vision_rate),
-        "noise": (np.array([v.vision_noise for *_, v in drawn]), ranges.vision_noise),
-        "friction": (np.array([v.friction for *_, v in drawn]), ranges.friction),
-        "stiffness": (np.log([v.stiffness for *_, v in drawn]), tuple(np.log(ranges.stiffness))),
-        "surface": (np.array([v.surface_offset for *_, v in drawn]), (-0.02, 0.02)),
+        "gust": (np.array([v["gust"] for v in varied]), ranges.gust),
+        "delay": (np.array([v["vision_delay"] for v in varied]), ranges.vision_delay),
+        "rate": (np.array([1.0 / v["vision_period"] for v in varied]), ranges.vision_rate),
+        "noise": (np.array([v["vision_noise"] for v in varied]), ranges.vision_noise),
+        "friction": (np.array([v["friction"] for v in varied]), ranges.friction),
+        "stiffness": (np.log([v["stiffness"] for v in varied]), tuple(np.log(ranges.stiffness))),
+        "surface": (np.array([v["surface_offset"] for v in varied]), (-0.02, 0.02)),
     }
     for name, (found, (low, high)) in columns.items():
         slack = 0.05 * (high - low)  # of periods, which are whole ticks
         assert low - slack <= found.min() < low + slack, name
         assert high - slack < found.max() <= high + slack, name
-    for *_, variation in drawn:
-        for time in (variation.vision_period, variation.vision_delay):
+    for one in drawn:
+        for time in (one.sensing.vision_period, one.sensing.vision_delay):
             assert abs(time / DT - round(time / DT)) < 1e-9
 
 
@@ -93,14 +95,11 @@ def test_ranges_that_cannot_be_are_refused(study, given, said):
 
 
 def test_a_stiff_surface_costs_substeps_of_the_plant_and_no_steps_of_the_loop():
-    job, scenario = import_module("scenarios.contact_job"), import_module("clean_barrel")
-    options = scenario.Options(record=False, quick=True)
-    rng = np.random.default_rng(0)
-    varied = import_module("scenarios.campaigns.domain_randomisation").Variation(stiffness=3e5)
-    built = job.build(scenario.barrel_job(options, rng), options, rng, varied)
+    scenario = replace(barrel(quick=True), perturbations=(Pad(stiffness=3e5),))
+    built = assemble(scenario)
     assert built.plant.timestep == pytest.approx(DT, rel=1e-12)
     assert built.plant.substeps > 4
-    recording = job.run(built, longest=0.01).recording
+    recording = run_of(built, longest=0.01).recording
     assert len(recording["contact_most"].time) == 5
     assert recording.timestep == built.plant.timestep
     assert recording.substeps == built.plant.substeps
@@ -217,7 +216,7 @@ def test_a_signal_ends_a_run_after_a_whole_step_and_a_second_one_at_once():
 
 def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
     """It comes while the run is judged: the figures are written all the same, and the exit code says so."""
-    whole_run = import_module("scenarios.runner")
+    whole_run = import_module("scenarios.command")
 
     class Judged:
         accepted, failed = True, ()
@@ -229,29 +228,20 @@ def test_a_signal_after_the_run_costs_nothing_of_it(tmp_path, monkeypatch):
         def write(self, file: Path) -> None:
             file.write_text("{}")
 
-    def assess(_ran: Any) -> Judged:
+    def assessed(*_: Any) -> Judged:
         signal.raise_signal(signal.SIGTERM)
         return Judged()
 
     for name in ("rehearse", "run_through"):  # the run itself is not what this is about
         monkeypatch.setattr(whole_run, name, lambda *_, **__: None)
+    monkeypatch.setattr(whole_run, "assessed", assessed)
     monkeypatch.setattr(whole_run, "results_table", lambda _: "")
-    plant = SimpleNamespace(model=models.load("uuv_puma").compile(), timestep=DT)
-    judging = whole_run.Evaluation(assess=assess, pictures=lambda _: (), begun=())
     said = StringIO()
+    monkeypatch.setattr(whole_run, "Console", lambda: Console(file=said))
     with pytest.raises(Interrupted) as ended:
-        whole_run.run_with_report(
-            "x",
-            SimpleNamespace(plant=plant),
-            judging,
-            "x",
-            ScenarioOptions(record=False),
-            tmp_path,
-            Console(file=said),
-            0.0,
-        )
+        whole_run.command(barrel(quick=True), RunOptions(record=False, out=tmp_path / "out"), 0.0)
     assert ended.value.code == 143
-    assert (tmp_path / "metrics.json").exists()
+    assert {"metrics.json", "scenario.toml"} <= {file.name for file in (tmp_path / "out").iterdir()}
     assert "written to" in said.getvalue()
 
 

@@ -19,9 +19,9 @@ from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
-from scenarios.contact_parts import checked_vehicle
-from scenarios.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
-from scenarios.touching import Session, touch
+from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
+from scenarios.arm_identification.touching import Session, touch
+from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
 from sim.loop.rollout import Observer
@@ -240,14 +240,8 @@ def by_contact(
         ReachError: The arm does not reach enough nests.
     """
     believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
-    own = believed.compile()
-    hull = checked_vehicle(own, but=(CAMERA_SITE, TOOL_GEOM))
-    nominal_arm = dh_geometry.read(
-        own,
-        ARM_BASE_BODY,
-        TIP_SITE,
-        exclude=[own.joint(j).name for j in range(own.njnt) if j not in hull.joints and own.jnt_type[j] != 0],
-    )
+    own = OwnVehicle.of(believed, (CAMERA_SITE, TOOL_GEOM))
+    nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
     true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(errors))
     dh_geometry.move(built, nominal_arm, true, ARM_BASE_BODY)
     session = touch(
@@ -270,7 +264,7 @@ def by_contact(
     kept = replace(
         session, series=tuple(session.series[k] for k in found), hulls=tuple(session.hulls[k] for k in found)
     )
-    return replace(case, session=kept, X_BA=np.array(hull.X_BA) if hovering else None)
+    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if hovering else None)
 
 
 def _simulated_case(

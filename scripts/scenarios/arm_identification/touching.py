@@ -8,16 +8,17 @@ import numpy as np
 
 from controllers.mkps import Chain
 from controllers.tasks.touching import CompliantTouch, Nest, Touch, TouchSequence, draw_touches
-from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.tools import touch_rig
 from models.vehicle import Vehicle
 from perception.navigation.strapdown_filter import Navigation
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Sensing
 from sim import hydrodynamics
 from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, inverse, pose
 from sim.loop.rollout import Moment, Observer, Parts, rollout
 from sim.plant.plant import Plant
-from sim.sensors import proprioception
 from sim.water.current import Current
 
 MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
@@ -129,10 +130,8 @@ def touch(
     Raises:
         ReachError: The arm does not reach enough nests or directions.
     """
-    own = believed.compile()
-    vehicle = Vehicle.of(own)
-    passive = [own.joint(j).name for j in range(own.njnt) if j not in vehicle.joints and own.jnt_type[j] != 0]
-    chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+    own = OwnVehicle.of(believed, (CAMERA_SITE, TOOL_GEOM))
+    vehicle, chain = own.vehicle, own.chain()
     X_WB = np.eye(4)
     placing, drawing, gusts, loop = rng.spawn(4)
     rig = place_nests(vehicle, chain, X_WB, nests, placing)
@@ -145,17 +144,11 @@ def touch(
     flow = Current(tuple(current), gust=gust, timestep=model.opt.timestep, rng=gusts)
     plant = Plant(model, current=flow, X_WB=X_WB)
     parts = Parts(
-        sensors=[
-            proprioception.Encoders(),
-            proprioception.JointTorqueSensors(),
-            proprioception.Imu(),
-            proprioception.Dvl(),
-            proprioception.VisionDrift(),
-        ],
+        sensors=Sensing().proprioception(),
         estimator=Navigation(),
         finder=None,
         planner=TouchSequence(vehicle, chain, rig, wanted, X_WB),
-        controller=CompliantTouch(own, clamped=not hovering),
+        controller=CompliantTouch(own.model, clamped=not hovering),
     )
     readings = Readings()
     observers: list[Observer] = [readings] if watch is None else [readings, watch(model)]

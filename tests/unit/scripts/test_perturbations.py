@@ -1,7 +1,4 @@
-"""Variations of a contact job: what the plant then is, against its own compiled numbers and a press on the pad."""
-
-from importlib import import_module
-from types import ModuleType
+"""Perturbations of a scenario: what the plant then is, against its own compiled numbers and a press on the pad."""
 
 import mujoco
 import numpy as np
@@ -11,20 +8,21 @@ import models
 from models import hydrodynamics
 from models.vehicle import Vehicle
 from models.water import thrusters
+from scenarios.perturbations import pad
+from scenarios.perturbations.pad import Pad
+from scenarios.perturbations.perturbation import perturb
+from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
+from scenarios.scenario import Sensing
 from sim import hydrodynamics as hydrodynamics_of_plant
 from sim.interfaces.errors import ConfigurationError
 from sim.sensors import proprioception
 
 
-@pytest.fixture
-def variation() -> ModuleType:
-    return import_module("scenarios.campaigns.domain_randomisation")
-
-
-def test_nominal_changes_nothing(variation):
+def test_nominal_changes_nothing():
     spec = models.load("uuv_puma")
     before = spec.compile()
-    assert variation.vary(spec, variation.NOMINAL) == {}
+    nothing = [Water(), Payload(), ThrusterSpread(), Gears(), Pad()]
+    assert perturb(spec, nothing) == {}
     after = spec.compile()
     assert np.array_equal(before.body_user, after.body_user)
     assert np.array_equal(before.actuator_user, after.actuator_user)
@@ -32,20 +30,16 @@ def test_nominal_changes_nothing(variation):
     assert np.array_equal(before.dof_damping, after.dof_damping)
 
 
-def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default(variation):
-    nominal = variation.Variation()
-    vision = proprioception.VisionDrift(
-        period=nominal.vision_period, delay=nominal.vision_delay, noise=nominal.vision_noise
-    )
+def test_sensors_of_a_job_that_varies_nothing_are_the_ones_that_come_by_default():
+    _, torque, _, _, vision = Sensing().proprioception()
     assert vision == proprioception.VisionDrift()
-    torque = proprioception.JointTorqueSensors(noise=nominal.torque_noise, bias=nominal.torque_bias)
     assert torque == proprioception.JointTorqueSensors()
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_each_coefficient_is_drawn_by_itself_within_its_spread(variation, seed):
+def test_each_coefficient_is_drawn_by_itself_within_its_spread(seed):
     plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-    variation.vary(spec, variation.Variation(water_spread=0.3, seed=seed))
+    perturb(spec, [Water(spread=0.3)], seed)
     ratios = []
     old = hydrodynamics.attached(plain)
     for name, body in hydrodynamics.attached(spec).items():
@@ -65,9 +59,9 @@ def test_each_coefficient_is_drawn_by_itself_within_its_spread(variation, seed):
     assert 1.25 < max(ratios) <= 1.3
 
 
-def test_payload_keeps_the_ballast_of_the_arm_as_drawn(variation, within):
+def test_payload_keeps_the_ballast_of_the_arm_as_drawn(within):
     plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-    said = variation.vary(spec, variation.Variation(payload_spread=0.1, trim_error=0.05, seed=4))
+    said = perturb(spec, [Payload(spread=0.1, trim_error=0.05)], 4)
     before, after = plain.compile(), spec.compile()
     arm = [b for b in range(before.nbody) if before.body(b).name not in ("world", "hull")]
     factors = after.body_mass[arm] / before.body_mass[arm]
@@ -83,9 +77,9 @@ def test_payload_keeps_the_ballast_of_the_arm_as_drawn(variation, within):
     within("said to be too heavy by [kg]", net(after) - said["too_heavy_kg"], 1e-6)
 
 
-def test_thrusters_are_slower_and_weaker_each_by_itself(variation):
+def test_thrusters_are_slower_and_weaker_each_by_itself():
     plain, spec = models.load("bluerov2_heavy"), models.load("bluerov2_heavy")  # tables
-    variation.vary(spec, variation.Variation(thruster_lag_spread=0.2, thruster_gain_spread=0.2, seed=1))
+    perturb(spec, [ThrusterSpread(lag=0.2, gain=0.2)], 1)
     (_, old), (_, new) = thrusters.read(plain.compile()), thrusters.read(spec.compile())
     for column in (thrusters.FORWARD, thrusters.TIME_CONSTANT):
         ratio = new[:, column] / old[:, column]
@@ -93,9 +87,9 @@ def test_thrusters_are_slower_and_weaker_each_by_itself(variation):
         assert len(set(np.round(ratio, 9))) == len(ratio)
 
 
-def test_gears_are_tighter_or_looser_each_by_itself(variation, within):
+def test_gears_are_tighter_or_looser_each_by_itself(within):
     plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-    said = variation.vary(spec, variation.Variation(gear_spread=0.3, seed=2))
+    said = perturb(spec, [Gears(spread=0.3)], 2)
     old, new = (Vehicle.of(one.compile()) for one in (plain, spec))
     ratio = new.dry_friction.coulomb / old.dry_friction.coulomb
     assert np.all(np.abs(ratio - 1.0) <= 0.3)
@@ -105,13 +99,13 @@ def test_gears_are_tighter_or_looser_each_by_itself(variation, within):
     within("mean", said["gear_friction"] - ratio.mean(), 1e-12)
 
 
-def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[float, float]:
+def pressed(stiffness: float, depth: float) -> tuple[float, float]:
     """Mean and deviation of the force on a plate `depth` [m] before the tip of the rigid tool, all but the pad held."""
     varied = models.load("uuv_puma")
-    variation.vary(varied, variation.Variation(stiffness=stiffness))
+    perturb(varied, [Pad(stiffness=stiffness)])
     whole = hydrodynamics_of_plant.compile(varied)
     spec = models.load("uuv_puma")
-    variation.vary(spec, variation.Variation(stiffness=stiffness))
+    perturb(spec, [Pad(stiffness=stiffness)])
     for one in (*spec.actuators, *spec.keys, *(joint for joint in spec.joints if joint.name != "pad")):
         spec.delete(one)
     model = spec.compile()
@@ -137,17 +131,17 @@ def pressed(variation: ModuleType, stiffness: float, depth: float) -> tuple[floa
 
 
 @pytest.mark.parametrize("stiffness", [1e4, 3e4, 1e5, 3e5, 1e6])
-def test_pad_and_surface_yield_as_said(variation, stiffness, within):
+def test_pad_and_surface_yield_as_said(stiffness, within):
     for force in (6.0, 60.0, 90.0):
-        mean, deviation = pressed(variation, stiffness, force / stiffness)
+        mean, deviation = pressed(stiffness, force / stiffness)
         within("stiffness, relative", mean / force - 1.0, 0.08)  # 0.067, at 6 N on 3e5 N/m
         within("chatter [N]", deviation, 1e-3)
 
 
-def test_steps_are_as_long_as_the_pad_allows(variation, rng):
+def test_steps_are_as_long_as_the_pad_allows(rng):
     for stiffness in (1e4, 1e6, *np.exp(rng.uniform(np.log(1e4), np.log(1e6), 6))):
         plain, spec = models.load("uuv_puma"), models.load("uuv_puma")
-        variation.vary(spec, variation.Variation(stiffness=stiffness))
+        perturb(spec, [Pad(stiffness=stiffness)])
         old, new = plain.compile(), spec.compile()
         solref, spring = new.geom("pad").solref[0], float(new.joint("pad").stiffness[0])
         n = old.opt.timestep / new.opt.timestep
@@ -161,15 +155,15 @@ def test_steps_are_as_long_as_the_pad_allows(variation, rng):
             mass: float = new.body("pad").mass[0],
         ) -> bool:
             dt = whole / n
-            soft = solref * (1.0 + 1e-9) >= variation.STEPS_PER_SOLREF * dt
-            return soft and spring * dt**2 <= variation.RESTLESS * mass * (1.0 + 1e-9)
+            soft = solref * (1.0 + 1e-9) >= pad.STEPS_PER_SOLREF * dt
+            return soft and spring * dt**2 <= pad.RESTLESS * mass * (1.0 + 1e-9)
 
         assert rests(round(n))
         assert n < 1.5 or not rests(round(n) - 1)
         contact = 1.0 / (1.0 / stiffness - 1.0 / spring)
         most = solref < old.geom("pad").solref[0]
-        assert contact >= variation.SOFTEST_CONTACT * stiffness * (1.0 - 1e-9)
-        assert not most or contact == pytest.approx(variation.SOFTEST_CONTACT * stiffness, rel=0.3)  # it hardens: 0.2
+        assert contact >= pad.SOFTEST_CONTACT * stiffness * (1.0 - 1e-9)
+        assert not most or contact == pytest.approx(pad.SOFTEST_CONTACT * stiffness, rel=0.3)  # it hardens: 0.2
 
 
 _MASS_WITH_PAD = """
@@ -184,12 +178,12 @@ _MASS_WITH_PAD = """
 
 @pytest.mark.parametrize("stiffness", [1e4, 2.1e4, 3e4, 7.9e4, 1.5e5, 3e5, 1e6, None])
 @pytest.mark.seeds(1)
-def test_what_is_pressed_on_it_comes_to_rest(variation, stiffness, seed, within):
+def test_what_is_pressed_on_it_comes_to_rest(stiffness, seed, within):
     """A free mass under a constant force, nothing but the pad to damp it: too long a step, and it bounces for ever."""
     rng = np.random.default_rng(seed)
     stiffness = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6]))))
     spec = mujoco.MjSpec.from_string(_MASS_WITH_PAD.format(mass=rng.uniform(2.0, 8.0)))
-    variation.vary(spec, variation.Variation(stiffness=stiffness))
+    perturb(spec, [Pad(stiffness=stiffness)])
     model = spec.compile()
     data, one, force = mujoco.MjData(model), np.zeros(6), []
     data.qvel[0], data.ctrl[0] = -0.03, -60.0
@@ -216,13 +210,13 @@ _SLIDING = """
 
 @pytest.mark.parametrize("stiffness", [2e4, 2e5, 5e5, 1e6, None])
 @pytest.mark.seeds(1)
-def test_what_slides_stays_in_contact_with_the_friction_it_has(variation, stiffness, seed, within):
+def test_what_slides_stays_in_contact_with_the_friction_it_has(stiffness, seed, within):
     """Pressed with 60 N and drawn at 2 cm/s: never off the surface, Coulomb's friction; at rest it hardly creeps."""
     rng = np.random.default_rng(seed)
     stiffness, mu = stiffness or float(np.exp(rng.uniform(*np.log([1e4, 1e6])))), float(rng.uniform(0.1, 0.6))
     spec = mujoco.MjSpec.from_string(_SLIDING.format(mass=rng.uniform(2.0, 8.0), friction=mu))
-    variation.vary(spec, variation.Variation(stiffness=stiffness))
-    variation.slide(spec)
+    perturb(spec, [Pad(stiffness=stiffness)])
+    Pad(stiffness=stiffness).on_scene(spec)
     model = spec.compile()
     data, one = mujoco.MjData(model), np.zeros(6)
 
@@ -249,9 +243,9 @@ def test_what_slides_stays_in_contact_with_the_friction_it_has(variation, stiffn
     within("creep [m/s]", data.joint("along").qpos[0] - start, 2e-3)
 
 
-def test_friction_is_that_of_the_pad(variation):
+def test_friction_is_that_of_the_pad():
     spec = models.load("uuv_puma")
-    variation.vary(spec, variation.Variation(friction=0.45))
+    perturb(spec, [Pad(friction=0.45)])
     model = spec.compile()
     pad = model.geom("pad").id
     assert model.geom_friction[pad, 0] == 0.45
@@ -259,14 +253,14 @@ def test_friction_is_that_of_the_pad(variation):
     assert model.opt.timestep == 0.002
 
 
-def test_what_cannot_be_is_refused(variation):
+def test_what_cannot_be_is_refused():
     with pytest.raises(ConfigurationError, match="friction"):
-        variation.Variation(friction=0.0)
-    with pytest.raises(ConfigurationError, match="water_spread"):
-        variation.Variation(water_spread=1.0)
+        Pad(friction=0.0)
+    with pytest.raises(ConfigurationError, match=r"Water spread: must be in \[0, 1\)"):
+        Water(spread=1.0)
     with pytest.raises(ConfigurationError, match="vision_noise"):
-        variation.Variation(vision_noise=float("nan"))
+        Sensing(vision_noise=float("nan"))
     with pytest.raises(ConfigurationError, match="arm_base"):
-        variation.vary(models.load("bluerov2_heavy"), variation.Variation(payload_spread=0.1))
+        perturb(models.load("bluerov2_heavy"), [Payload(spread=0.1)])
     with pytest.raises(ConfigurationError, match="pad"):
-        variation.vary(models.load("bluerov2_heavy"), variation.Variation(stiffness=1e4))
+        perturb(models.load("bluerov2_heavy"), [Pad(stiffness=1e4)])

@@ -1,0 +1,40 @@
+"""Runs a scenario from its file, such as the scenario.toml that every run leaves in its folder.
+
+./uvw run scripts/run_scenario.py runs/clean_barrel/latest/scenario.toml
+"""
+
+from scenarios.start import parse, run_scenario  # isort: skip
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from scenarios.command import command
+from scenarios.scenario_file import read_scenario
+from sim.runs.command_line import RunOptions
+
+
+@dataclass(kw_only=True)
+class Options(RunOptions):
+    """Run a scenario from its file."""
+
+    file: Positional[Path]
+    """Scenario file (TOML)."""
+    seed: int | None = None
+    """Seed instead of that in the file."""
+
+
+def main() -> int:
+    """Runs the scenario and returns the exit code."""
+    started = time.perf_counter()
+    options = parse(Options)
+    scenario = read_scenario(options.file)
+    if options.seed is not None:
+        scenario = replace(scenario, seed=options.seed)
+    return command(scenario, options, started)
+
+
+if __name__ == "__main__":
+    run_scenario(main)

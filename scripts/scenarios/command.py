@@ -1,0 +1,179 @@
+"""A run with its user output: visual log, progress, table, report; and the results of a run that has ended."""
+
+import math
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from controllers.tuning import table
+from scenarios.assembly import assemble
+from scenarios.runner import LONGEST, Run, SignalStop, assessed, rehearse, run_through
+from scenarios.scenario import Scenario
+from scenarios.scenario_file import as_dict, write_scenario
+from sim.evaluation.metrics import Assessment
+from sim.interfaces import kernel_cache
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import WorkState
+from sim.loop.recording import Recorder
+from sim.loop.rollout import Moment, Observer
+from sim.reporting.results_table import results_table
+from sim.runs.command_line import RunOptions, signals
+from sim.runs.provenance import provenance
+from sim.runs.run_folder import new_folder
+
+NOT_ACCEPTED = 1  # exit code
+SCENARIO_FILE = "scenario.toml"  # in the folder of every run
+
+
+def command(scenario: Scenario, options: RunOptions, started: float, after: str = "") -> int:
+    """Assembles and runs a scenario with progress on screen, and writes its results to a new folder.
+
+    Args:
+        scenario: The description.
+        options: Folder, recording and viewer.
+        started: [s] time.perf_counter() at the start of the command.
+        after: Appended to the title of log and report.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        UuvError: The work could not begin.
+        Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
+    """
+    console = Console()
+    if not kernel_cache.is_kept("joint_servo"):
+        console.print("first start: the inner loops are compiled, once; this takes a minute or so")
+    folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
+    assembly = assemble(scenario, full=options.record)
+    if assembly.said:
+        console.print(assembly.said, highlight=False)
+    plant, placed = assembly.plant, assembly.placed
+    title = placed.title + after
+    # Before the run, which stores the current in the model.
+    made_by = provenance(scenario.name, as_dict(scenario), plant.model)
+    recorder = Recorder(plant.model, timestep=plant.timestep, full=options.record)
+    observers: list[Observer] = []
+    rehearse(assembly)
+    write_scenario(scenario, folder / SCENARIO_FILE)
+    log: Any = None
+    try:
+        if options.record or options.view:
+            from sim.reporting.rerun_log import RerunLog
+
+            log = RerunLog(folder / "run.rrd", plant.model, timestep=plant.timestep, title=title, view=options.view)
+            observers.append(log)
+        bar = progress(console)
+        observers += [placed.story(recorder, log), ProgressPrinter(bar, console)]
+        console.print(f"[bold]{title}[/bold]  (ready in {time.perf_counter() - started:.1f} s)")
+        stop = SignalStop()
+        with signals(stop.ask):
+            with bar:
+                result = run_through(assembly, recorder, observers, stop=stop)
+            assessment = assessed(assembly, result).made_by(made_by)
+            assessment.write(folder / "metrics.json")  # before the log, which is slow to close
+            if log is not None:
+                log.close()
+            for each in placed.tables():
+                console.print(each)
+            _say(assessment, console)
+            if options.record:
+                _report(Run(assembly=assembly, result=result, assessment=assessment), folder, title)
+            console.print(f"written to {folder}/", highlight=False)
+    finally:
+        if log is not None:
+            log.close()
+    if stop.asked is not None:
+        raise stop.asked
+    if not result.recording.within(*placed.begun).any():
+        raise ConfigurationError(
+            f"the work could not begin: {result.last.reference.note or f'not within {LONGEST:.0f} s'}"
+        )
+    return 0 if assessment.accepted else NOT_ACCEPTED
+
+
+def show(run: Run, folder: str | Path) -> None:
+    """Prints the table of a run, and writes scenario.toml, metrics.json and report.html to `folder`.
+
+    The report needs a full recording, as `run(scenario)` makes it; without one it is left out. There is no run.rrd:
+    that log is written while a run goes on.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_scenario(run.scenario, folder / SCENARIO_FILE)
+    run.assessment.made_by(provenance(run.scenario.name, as_dict(run.scenario))).write(folder / "metrics.json")
+    _say(run.assessment, Console())
+    if run.assembly.full:
+        _report(run, folder, run.assembly.placed.title)
+
+
+def _report(run: Run, folder: Path, title: str) -> None:
+    from sim.reporting.report import write_report
+
+    write_report(
+        folder / "report.html",
+        run.recording,
+        run.assessment,
+        title=title,
+        options=flat(as_dict(run.scenario)),
+        pictures=run.assembly.placed.pictures(run.result),
+        gains=table(*getattr(run.assembly.parts.controller, "tunings", ())),
+    )
+
+
+def flat(nested: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Values of nested tables by their keys, joined by dots."""
+    found: dict[str, Any] = {}
+    for key, value in nested.items():
+        found |= flat(value, f"{before}{key}.") if isinstance(value, dict) else {before + key: value}
+    return found
+
+
+def _say(assessment: Assessment, console: Console) -> None:
+    """Prints the table, the pace and the verdict."""
+    console.print(results_table(assessment))
+    simulated, timings = assessment.metrics["run"]["simulated_s"], assessment.metrics["timings"]
+    console.print(
+        f"{simulated:.0f} s simulated in {timings['wall_s']:.1f} s, {timings['real_time_factor']:.1f} times real time",
+        highlight=False,
+    )
+    console.print(
+        "[green]accepted[/green]" if assessment.accepted else "[red]not accepted[/red]: " + "; ".join(assessment.failed)
+    )
+
+
+def progress(console: Console) -> Progress:
+    """Progress bar with the state of the work; disabled where the output is no terminal."""
+    return Progress(
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        TextColumn("{task.fields[note]}"),
+        TimeElapsedColumn(),
+        console=console,
+        disable=not sys.stdout.isatty(),
+    )
+
+
+class ProgressPrinter:
+    """Observer that prints each state of the work and updates the progress bar."""
+
+    def __init__(self, progress: Progress, console: Console) -> None:
+        self._progress, self._console = progress, console
+        self._bar = progress.add_task("", total=1.0, note="")
+        self._state: WorkState | None = None
+
+    def observe(self, moment: Moment) -> None:
+        """Prints a new state; updates the bar every 250 steps."""
+        reference, truth = moment.reference, moment.truth
+        if reference.state is not self._state:
+            self._state = reference.state
+            note = f"  {reference.note}" if reference.note else ""
+            self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
+        if moment.tick % 250 == 0:
+            felt = moment.command.contact.normal
+            said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
+            self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -1,0 +1,350 @@
+"""Options of the commands that run one scenario, and the scenario that they describe; angles in degrees, as typed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from controllers.work_controller import Method
+from models.site.seabed import Kind
+from scenarios.arm_identification.friction_run import GearIdentificationTask
+from scenarios.perturbations.vehicle import Gears
+from scenarios.scenario import AblatedMethod, Belief, Control, Scenario, Sensing, VehicleSetup
+from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
+from scenarios.study.options import at_least
+from scenarios.tasks.insertion import InsertionTask
+from scenarios.tasks.inspection import InspectionTask
+from scenarios.tasks.seabed_sampling import SeabedSamplingTask
+from scenarios.tasks.surface_work import SurfaceWorkTask
+from sim.interfaces.spatial import finite_number
+from sim.runs.command_line import ScenarioOptions
+
+BOTTOM = 0.02  # [m] by which a hole is deeper than the depth to reach
+
+
+@dataclass(kw_only=True)
+class VehicleOptions(ScenarioOptions):
+    """Options of every command that drives the whole vehicle."""
+
+    vehicle: str = "uuv_puma"
+    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
+    controller: str = "work"
+    """Controller: work, a registered name, or MODULE:CLASS."""
+
+    def site(self, of: SiteObject) -> Site:
+        """The site with that object."""
+        return Site(object=of, current=self.current, gust=self.gust)
+
+
+@dataclass(kw_only=True)
+class ContactOptions(VehicleOptions):
+    """Options that all contact scenarios share."""
+
+    forces: tuple[float, ...] = ()
+    """Set forces [N] on equal parts of the path; default: 60 90 60 along an object, 60 90 around it."""
+    speed: float = 0.02
+    """Speed of the tool along the path [m/s]."""
+    contactless: float | None = None
+    """Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019]."""
+    fouled: float = 0.0
+    """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
+    dented: float = 0.0
+    """Dents in the object along the path, up to this depth [m]; the vehicle knows the undamaged object only."""
+    looks: int = 1
+    """Successive depth frames, or pings, whose median the tool path is planned on; 16 where growth or dents are
+    possible."""
+    sensor: str = "camera"
+    """Sensor for identification: camera, sonar, or one that an installed package registers."""
+    without: tuple[AblatedMethod, ...] = ()
+    """Controller methods to leave out (ablation)."""
+    arm_errors: int | None = None
+    """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
+    calibrated: bool = False
+    """Calibrate the arm first: four points touched with a hand's noise of 0.1 mm, one known distance."""
+    arm: Path | None = None
+    """File of the controller's arm model: arm.yaml of calibrate_arm.py."""
+    range: float = 1.25
+    """Range from camera to object at the scan [m]."""
+
+    def work(self, name: str, of: SiteObject, path: str | None, *, forces: tuple[float, ...], least: float) -> Scenario:
+        """Surface work.
+
+        Args:
+            name: Name of the scenario.
+            of: The object.
+            path: Name of one of its paths; None: the first.
+            forces: [N] set forces where --forces gives none.
+            least: Share of the path that must be within reach.
+
+        Raises:
+            ConfigurationError: An option is out of range.
+        """
+        return Scenario(
+            name=name,
+            seed=self.seed,
+            site=self.site(of),
+            task=SurfaceWorkTask(
+                path=path,
+                forces=self.forces or forces,
+                speed=self.speed,
+                contactless=self.contactless,
+                least=least,
+                range=self.range,
+            ),
+            vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
+            belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
+            sensing=Sensing(sensor=self.sensor, looks=self.looks),
+            control=Control(controller=self.controller, without=self.without),
+        )
+
+
+@dataclass(kw_only=True)
+class BarrelOptions(ContactOptions):
+    """Clean a barrel with a set force."""
+
+    path: Literal["longitudinal", "transverse"] = "longitudinal"
+    """Along the barrel's top, or half around it."""
+    length: float = 0.6
+    """Length of the longitudinal path [m]."""
+    arc: float = 180.0
+    """Arc of the transverse path [deg]; where the reach ends sooner, the largest from 150 deg on is worked and
+    reported."""
+    azimuth: float = 0.0
+    """Azimuth of the path around the barrel [deg], from the top; a large one is out of reach."""
+
+    def scenario(self) -> Scenario:
+        """The work on the barrel."""
+        arc = 60.0 if self.quick else self.arc
+        along = self.path == "longitudinal"
+        of = Barrel(
+            length=0.2 if self.quick else self.length,
+            arc=float(np.radians(arc)),
+            azimuth=float(np.radians(self.azimuth)),
+            fouled=self.fouled,
+            dented=self.dented,
+        )
+        forces = (60.0, 90.0, 60.0) if along else (60.0, 90.0)
+        least = 1.0 if along else min(1.0, 150.0 / arc)
+        return self.work("clean_barrel", of, self.path, forces=forces, least=least)
+
+
+@dataclass(kw_only=True)
+class PileOptions(ContactOptions):
+    """Clean a vertical pile with a set force."""
+
+    path: Literal["vertical", "ring", "helix"] = "vertical"
+    """Up the pile, around it, or both at once."""
+    length: float = 0.5
+    """Length of the vertical path [m]."""
+    arc: float = 100.0
+    """Arc of ring and helix [deg]; where the reach ends sooner, the largest possible from 80 deg on is worked and
+    reported."""
+    rise: float = 0.3
+    """Rise of the helix [m]."""
+    azimuth: float = 0.0
+    """Azimuth of the path's middle [deg], from the side that the vehicle approaches."""
+    height: float = -0.15
+    """Height of the path's middle above the pile's [m]; the flange is 0.2 to 0.3 m above it."""
+    range: float = 1.8
+    """Range from camera to the pile's axis at the scan [m]."""
+    vehicle: str = "uuv_puma_side"
+
+    def scenario(self) -> Scenario:
+        """The work on the pile."""
+        arc = 40.0 if self.quick else self.arc
+        up = self.path == "vertical"
+        of = Pile(
+            length=0.2 if self.quick else self.length,
+            arc=float(np.radians(arc)),
+            rise=self.rise * arc / self.arc,
+            azimuth=float(np.radians(self.azimuth)),
+            height=self.height,
+            fouled=self.fouled,
+            dented=self.dented,
+        )
+        forces = (60.0, 90.0, 60.0) if up else (60.0, 90.0)
+        return self.work("clean_pile", of, self.path, forces=forces, least=1.0 if up else min(1.0, 80.0 / arc))
+
+
+@dataclass(kw_only=True)
+class ObjectOptions(ContactOptions):
+    """Clean a known object with a set force."""
+
+    object: str = "rock"
+    """A name of models.objects.targets.available(), or a mesh file."""
+    path: str | None = None
+    """Name of one of the object's paths; default: the first."""
+    length: float = 0.3
+    """Length of the line over a mesh [m]."""
+    least: float = 0.6
+    """Least share of the path that must be within reach; the rest is dropped at both ends, and reported."""
+    range: float = 1.2
+
+    def scenario(self) -> Scenario:
+        """The work on the object."""
+        of = KnownObject(object=self.object, length=self.length, fouled=self.fouled, dented=self.dented)
+        forces = (60.0,) if self.quick else (60.0, 90.0, 60.0)
+        return self.work("clean_object", of, self.path, forces=forces, least=self.least)
+
+
+@dataclass(kw_only=True)
+class TrialOptions(VehicleOptions):
+    """Options of commands that can run many seeds."""
+
+    trials: int = 0
+    """Number of seeds to run, without recording; 0: one run with recording."""
+    workers: int = 0
+    """Processes for the trials; 0: one for each core, 1: this one."""
+    anew: bool = False
+    """Delete the trials in the folder of an earlier command; without it they are resumed."""
+
+    def __post_init__(self) -> None:
+        at_least(self, trials=0, workers=0)
+
+
+@dataclass(kw_only=True)
+class InsertionOptions(TrialOptions):
+    """Insert a sampler into a hole."""
+
+    hole: Literal["a", "b"] = "a"
+    """Hole of the manifold."""
+    clearance: float = 2.0
+    """Radial clearance between sampler and hole [mm]."""
+    depth: float = 60.0
+    """Depth to reach below the mouth [mm]; the hole is 20 mm deeper."""
+    chamfer: float = 2.0
+    """Chamfer of the hole's mouth [mm]."""
+    error: tuple[float, float] = (0.0, 0.0)
+    """Error added to the identified hole position along the hole's x and y [mm]; search and compliance must correct
+    it."""
+    compliance: bool = True
+    """Compliance to side forces (--no-compliance: none, for ablation)."""
+    range: float = 1.25
+    """Range from camera to manifold at the scan [m]."""
+    vehicle: str = "uuv_puma"
+    """uuv_puma, which then carries the sampler in place of its pad; or an MJCF file with the named parts
+    (docs/concepts.md), its geom `pad` a capsule."""
+
+    def scenario(self) -> Scenario:
+        """The insertion."""
+        depth = 1e-3 * (30.0 if self.quick else self.depth)
+        of = HoleManifold(clearance=1e-3 * self.clearance, depth=depth + BOTTOM, chamfer=1e-3 * self.chamfer)
+        return Scenario(
+            name="insert_sampler",
+            seed=self.seed,
+            site=self.site(of),
+            task=InsertionTask(
+                hole=self.hole,
+                depth=depth,
+                error=(1e-3 * self.error[0], 1e-3 * self.error[1]),
+                compliance=self.compliance,
+                range=self.range,
+            ),
+            vehicle=VehicleSetup(vehicle=self.vehicle),
+            control=Control(controller=self.controller),
+        )
+
+
+@dataclass(kw_only=True)
+class SeabedOptions(TrialOptions):
+    """Take a sample of the seabed."""
+
+    terrain: Kind | Literal["any"] = "ripples"
+    """Kind of terrain, drawn from the seed; any: the kinds in turn."""
+    soil: str = "sand"
+    """Kind of soil (models/site/soil.py)."""
+    work: Literal["core", "drag"] = "core"
+    """core: push a tube in and withdraw it; drag: drag a box along the profile between the targets."""
+    push: float = 50.0
+    """Set force on the core tube [N]; at most 40 with --quick."""
+    depth: float | None = None
+    """drag: depth of the box [mm], default 30; core: depth at which the tube is full [mm], default 180."""
+    targets: Path | None = None
+    """Text file: points B_i over the seabed and a line `z X Y Z`, in the axes of a level hull 2.5 m above the terrain's
+    middle; default: ahead of the hull."""
+    cloud: Path | None = None
+    """Text, PLY or PCD, in the same axes: replaces the scan, and is judged before the vehicle approaches."""
+    dead_beams: tuple[int, ...] = ()
+    """Beams of the Doppler log, 1 to 4, that return no echo."""
+    without: tuple[Method, ...] = ()
+    """Controller methods to leave out, e.g. compensation (ablation)."""
+    vehicle: str = "uuv_puma"
+    """uuv_puma, which then carries a core tube or a box in place of its pad; or an MJCF file with the named parts
+    (docs/concepts.md)."""
+
+    def scenario(self) -> Scenario:
+        """The sampling."""
+        drag = self.work == "drag"
+        depth = self.depth if self.depth is not None else 30.0 if drag else 180.0
+        return Scenario(
+            name="sample_seabed",
+            seed=self.seed,
+            site=self.site(Ground(terrain=self.terrain, soil=self.soil)),
+            task=SeabedSamplingTask(
+                drag=drag,
+                push=min(self.push, 40.0) if self.quick else self.push,
+                depth=1e-3 * depth,
+                cloud=None if self.cloud is None else str(self.cloud),
+                targets=None if self.targets is None else str(self.targets),
+            ),
+            vehicle=VehicleSetup(vehicle=self.vehicle),
+            sensing=Sensing(dead_beams=self.dead_beams),
+            control=Control(controller=self.controller, without=self.without),
+        )
+
+
+@dataclass(kw_only=True)
+class InspectionOptions(VehicleOptions):
+    """Fly one orbit around a known object."""
+
+    object: str = "barrel"
+    """A name (barrel, starfish, anode, valve, rock ...), or a mesh file, STL, OBJ or PLY [m]."""
+    distance: float = 1.4
+    """Distance from the camera to the object's outline [m]."""
+    clearance: float = 0.3
+    """Least clearance of hull and folded arm to the object and the seabed [m]."""
+    speed: float = 0.15
+    """Speed of the hull [m/s]."""
+
+    def scenario(self) -> Scenario:
+        """The inspection."""
+        return Scenario(
+            name="inspect_object",
+            seed=self.seed,
+            site=self.site(KnownObject(object=self.object)),
+            task=InspectionTask(distance=self.distance, clearance=self.clearance, speed=self.speed),
+            vehicle=VehicleSetup(vehicle=self.vehicle),
+            control=Control(controller=self.controller),
+        )
+
+
+@dataclass(kw_only=True)
+class GearOptions(ScenarioOptions):
+    """Identify the friction of the arm's gears."""
+
+    vehicle: str = "uuv_puma"
+    """A name of models.available(), or an MJCF file with the named parts (docs/concepts.md)."""
+    seconds: float | None = None
+    """Duration of the swings [s], after 4 s of unfolding; default 30, with --quick 15."""
+    gear_spread: float = 0.3
+    """Share in +- by which the true friction of each gear deviates from the controller's model, drawn from the seed."""
+
+    def scenario(self) -> Scenario:
+        """The identification."""
+        finite_number(self.gear_spread, "--gear-spread", least=0.0, most=0.9)
+        seconds = self.seconds if self.seconds is not None else 15.0 if self.quick else 30.0
+        return Scenario(
+            name="identify_friction",
+            seed=self.seed,
+            site=Site(object=OpenWater(), current=self.current, gust=self.gust),
+            task=GearIdentificationTask(seconds=seconds),
+            vehicle=VehicleSetup(vehicle=self.vehicle),
+            perturbations=(Gears(spread=self.gear_spread),),
+            perturbation_seed=self.seed,
+        )
+
+
+def barrel(**options: Any) -> Scenario:
+    """The main job, cleaning of a barrel; `options` are those of `BarrelOptions`, such as seed=3 or quick=True."""
+    return BarrelOptions(**options).scenario()

@@ -1,0 +1,81 @@
+"""The vehicle's model of itself: compiled without the scene and checked once, with all that parts are made of."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from controllers.mkps import Chain
+from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
+from models.site import scenes
+from models.vehicle import Vehicle, pose_in_body
+from models.vehicles import uuv_puma
+from sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OwnVehicle:
+    """The vehicle as its controller and planner know it."""
+
+    model: mujoco.MjModel
+    vehicle: Vehicle
+    hull_box: Array  # (2, 3) [m] corners in B of the box around the hull's own geoms
+
+    @classmethod
+    def of(cls, spec: mujoco.MjSpec, but: Collection[str] = ()) -> Self:
+        """Compiles `spec` and checks it for every part that work with the arm needs, except those in `but`.
+
+        Raises:
+            ConfigurationError: Parts are missing; the message names them all and their purpose.
+        """
+        model = spec.compile()
+        check_parts(model, but)
+        vehicle = Vehicle.of(model)
+        return cls(model=model, vehicle=vehicle, hull_box=_hull_box(model, vehicle))
+
+    def chain(self) -> Chain:
+        """Kinematics of the arm from its base to the tip; springs and pads are left out."""
+        return Chain.from_mjcf(self.model, ARM_BASE_BODY, TIP_SITE, exclude=self.passive_joints)
+
+    @property
+    def passive_joints(self) -> list[str]:
+        """Names of the joints that belong neither to the arm nor to the hull: springs, a pad."""
+        model, driven = self.model, self.vehicle.joints
+        return [model.joint(j).name for j in range(model.njnt) if j not in driven and model.jnt_type[j] != 0]
+
+    @property
+    def X_BC(self) -> Array:
+        """Pose (4, 4) of the camera on the hull."""
+        return pose_in_body(self.model, find(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), self.vehicle.hull)
+
+    @property
+    def tool_radius(self) -> float:
+        """Radius [m] of a spherical tool pad; 0 (a point) for a pad of another shape."""
+        pad = self.model.geom(TOOL_GEOM)
+        return float(pad.size[0]) if pad.type[0] == mujoco.mjtGeom.mjGEOM_SPHERE else 0.0
+
+
+def vehicle_spec(name: str, tool: str | None = None) -> mujoco.MjSpec:
+    """The vehicle's spec: uuv_puma with `tool` in place of its pad, any other vehicle as it is.
+
+    Raises:
+        ConfigurationError: There is no such vehicle or tool, or its file cannot be read.
+    """
+    return uuv_puma.build(tool) if tool is not None and name == "uuv_puma" else scenes.vehicle_spec(name)
+
+
+def _hull_box(own: mujoco.MjModel, vehicle: Vehicle) -> Array:
+    geoms = [g for g in range(own.ngeom) if own.geom_bodyid[g] == vehicle.hull]
+    if not geoms:
+        return np.zeros((2, 3))
+    centre = np.array([own.geom_pos[g] for g in geoms])
+    reach = np.empty_like(centre)
+    for row, g in enumerate(geoms):
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, own.geom_quat[g])
+        box = own.geom_aabb[g]
+        centre[row] += R.reshape(3, 3) @ box[:3]
+        reach[row] = np.abs(R.reshape(3, 3)) @ box[3:]
+    return np.array([(centre - reach).min(axis=0), (centre + reach).max(axis=0)])

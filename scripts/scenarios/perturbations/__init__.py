@@ -1,0 +1,1 @@
+"""Perturbations: deviations of the plant, the scene or the loop from what the controller believes."""

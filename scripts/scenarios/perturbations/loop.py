@@ -1,0 +1,160 @@
+"""Perturbations of the loop: misplaced surface, failure of a thruster or of a sensor."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from scenarios.perturbations.perturbation import Loop, Perturbation
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Measurement, StateEstimate, Target, WorkState
+from sim.interfaces.protocols import TargetFinder
+from sim.interfaces.spatial import finite_number, readonly, shown
+from sim.loop.rollout import Observer
+from sim.plant.faults import FaultyPlant, FaultySensor, Fixed, Frozen, Lost, Offset, Onset, SensorFault, ThrusterFault
+from sim.plant.plant import Plant
+from sim.sensors.proprioception import Dvl, Encoders, Imu, JointTorqueSensors, VisionDrift
+
+SENSORS = {"encoders": Encoders, "torque": JointTorqueSensors, "imu": Imu, "dvl": Dvl, "vision": VisionDrift}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MisplacedSurface(Perturbation):
+    """The surface lies farther along the tool than identified."""
+
+    offset: float = 0.0  # [m]
+
+    def __post_init__(self) -> None:
+        finite_number(self.offset, "MisplacedSurface offset [m]")
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the finder."""
+        if not self.offset:
+            return loop
+        if loop.parts.finder is None:
+            raise ConfigurationError("MisplacedSurface: this task looks for no object")
+        return replace(loop, parts=replace(loop.parts, finder=ShiftedFinder(loop.parts.finder, self.offset)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftedFinder:
+    """Wrapper of a TargetFinder that shifts the found pose and path against the tool's approach direction."""
+
+    finder: TargetFinder
+    offset: float  # [m] the found surface lies so far before the true one
+
+    def init(self) -> Any:
+        """Initial state of the wrapped finder."""
+        return self.finder.init()
+
+    def step(self, state: Any, estimate: StateEstimate, measurement: Measurement) -> tuple[Any, Target | None]:
+        """Step of the wrapped finder, its target shifted.
+
+        Args:
+            state: State of the wrapped finder.
+            estimate: State estimate of the vehicle.
+            measurement: Measurements of this step.
+
+        Returns:
+            New state, shifted target or None.
+        """
+        state, target = self.finder.step(state, estimate, measurement)
+        if target is None or target.path is None:
+            return state, target
+        way = target.path.z[len(target.path.z) // 2]
+        X_WT = np.array(target.X_WT)
+        X_WT[:3, 3] -= self.offset * way
+        path = replace(target.path, p=readonly(target.path.p - self.offset * way))
+        return state, replace(target, X_WT=readonly(X_WT), path=path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Failure(Perturbation):
+    """Failure that begins at a time, or when the planner enters a state."""
+
+    at: float | None = None  # [s]
+    state: str | None = None  # a WorkState, such as "work"
+    force: float = 0.0  # [N] smallest set force for the event
+    after: float = 0.0  # [s] delay after time or event
+    duration: float | None = None  # [s] None: to the end
+
+    def __post_init__(self) -> None:
+        if (self.at is None) == (self.state is None):
+            raise ConfigurationError(f"{type(self).__name__}: give `at` [s] or `state`, one of the two")
+        if self.state is not None and self.state not in (states := [str(state) for state in WorkState]):
+            raise ConfigurationError(
+                f"{type(self).__name__} state: allowed {', '.join(states)}, got {shown(self.state)}"
+            )
+        self.onset()
+
+    def onset(self) -> Onset:
+        """A new onset."""
+        return Onset(
+            at=self.at,
+            state=None if self.state is None else WorkState(self.state),
+            force=self.force,
+            after=self.after,
+            duration=np.inf if self.duration is None else self.duration,
+        )
+
+    def _observers(self, onset: Onset) -> tuple[Observer, ...]:
+        return () if self.state is None else (onset,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrusterFailure(_Failure):
+    """A thruster gives `share` of the commanded thrust, or keeps its last command."""
+
+    thruster: str  # name of its actuator
+    share: float = 0.0
+    stuck: bool = False
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the plant."""
+        plant = loop.plant
+        sound: Any = plant
+        while isinstance(sound, FaultyPlant):
+            sound = sound.plant
+        assert isinstance(sound, Plant)
+        names = sound.vehicle.thruster_names
+        if self.thruster not in names:
+            raise ConfigurationError(
+                f"ThrusterFailure thruster: allowed {', '.join(names)}, got {shown(self.thruster)}"
+            )
+        onset = self.onset()
+        fault = ThrusterFault(names.index(self.thruster), onset, self.share, self.stuck)
+        faulty: Any = FaultyPlant(sound, [*(plant.faults if isinstance(plant, FaultyPlant) else ()), fault])
+        return replace(loop, plant=faulty, observers=(*loop.observers, *self._observers(onset)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorFailure(_Failure):
+    """A sensor falls silent, or a field of its messages freezes, takes a value, or is off by it."""
+
+    sensor: Literal["encoders", "torque", "imu", "dvl", "vision"]
+    effect: Literal["lost", "frozen", "fixed", "offset"] = "lost"
+    field: str = ""  # of the sensor's message, such as "tau"; unused if lost
+    index: int | None = None  # element of the field; None: all
+    value: float = 0.0
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the sensor."""
+        onset, kind = self.onset(), SENSORS[self.sensor]
+        sensors = [
+            FaultySensor(sensor, self._fault(), onset) if isinstance(getattr(sensor, "sound", sensor), kind) else sensor
+            for sensor in loop.parts.sensors
+        ]
+        return replace(
+            loop, parts=replace(loop.parts, sensors=sensors), observers=(*loop.observers, *self._observers(onset))
+        )
+
+    def _fault(self) -> SensorFault:
+        match self.effect:
+            case "lost":
+                return Lost()
+            case "frozen":
+                return Frozen((self.field,), self.index)
+            case "fixed":
+                return Fixed(self.field, self.index, self.value)
+            case "offset":
+                return Offset(self.field, self.index, jump=self.value)

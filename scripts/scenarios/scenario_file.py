@@ -1,0 +1,210 @@
+"""Scenario files: a `Scenario` as TOML, in SI units and radians, and back.
+
+    name = "clean_barrel"
+    seed = 0
+
+    [site]
+    current = [0.15, 0.0, 0.0]
+
+    [site.object]
+    kind = "Barrel"
+    length = 0.6
+
+    [task]
+    kind = "SurfaceWork"
+    forces = [60.0, 90.0, 60.0]
+
+    [[perturbations]]
+    kind = "Water"
+    spread = 0.3
+
+Tables with a `kind` are of one of several classes. A key that is left out has its default; so has None, which TOML
+does not know.
+"""
+
+import json
+import math
+import tomllib
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from models.registry import Registry
+from scenarios.perturbations import perturbation
+from scenarios.perturbations.perturbation import Perturbation
+from scenarios.scenario import Scenario
+from scenarios.site import SITE_OBJECTS, SiteObject
+from scenarios.tasks import task
+from scenarios.tasks.task import Task
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import shown
+from sim.runs.saving import write_whole
+
+KIND = "kind"
+_MOST = 1_000_000  # [characters] of a file
+
+
+@cache
+def _registries() -> Mapping[type, Registry[Any]]:
+    return {SiteObject: SITE_OBJECTS, Task: task.registry(), Perturbation: perturbation.registry()}
+
+
+def read_scenario(file: str | Path) -> Scenario:
+    """The scenario in a TOML file.
+
+    Raises:
+        ConfigurationError: The file cannot be read, or a key or value is none of those allowed; the message names them.
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if len(text) > _MOST:
+            raise ConfigurationError(f"scenario {path}: longer than {_MOST} characters")
+        found = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        said = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise ConfigurationError(f"scenario {path}: cannot be read ({said})") from error
+    try:
+        return from_dict(found)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"scenario {path}: {str(error).removeprefix('--')}") from error
+
+
+def write_scenario(scenario: Scenario, file: str | Path) -> None:
+    """Writes `scenario` as TOML, with every default."""
+    write_whole(Path(file), to_toml(scenario))
+
+
+def from_dict(nested: Mapping[str, Any]) -> Scenario:
+    """The scenario in nested tables.
+
+    Raises:
+        ConfigurationError: A key or value is none of those allowed.
+    """
+    return _made(Scenario, nested, "")
+
+
+def as_dict(scenario: Scenario) -> dict[str, Any]:
+    """Nested tables of a scenario; None is left out, `kind` is the name of a class that is one of several."""
+    return _table(scenario)
+
+
+def to_toml(scenario: Scenario) -> str:
+    """Text of a scenario's file."""
+    head = ["# SI units and radians; keys and their meaning: scripts/scenarios/scenario.py, site.py, tasks/"]
+    return "\n".join([*head, *_lines(as_dict(scenario), "")]) + "\n"
+
+
+def _table(value: Any) -> Any:
+    if is_dataclass(value) and not isinstance(value, type):
+        several = isinstance(value, tuple(_registries()))
+        kind = {KIND: _kind_of(value)} if several else {}
+        own = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {**kind, **{name: _table(each) for name, each in own.items() if each is not None}}
+    return [_table(each) for each in value] if isinstance(value, tuple | list) else value
+
+
+def _kind_of(value: Any) -> str:
+    """Name under which a registry makes the class of `value`."""
+    registry = next(known for base, known in _registries().items() if isinstance(value, base))
+    return next((name for name in registry.names() if registry.maker(name) is type(value)), type(value).__name__)
+
+
+def _lines(nested: Mapping[str, Any], name: str) -> list[str]:
+    plain = {key: value for key, value in nested.items() if not _holds_tables(value)}
+    lines = [f"{key} = {_text(value)}" for key, value in plain.items()]
+    for key, value in nested.items():
+        if key in plain:
+            continue
+        for each in [value] if isinstance(value, dict) else value:
+            brackets = "[{}]" if isinstance(value, dict) else "[[{}]]"
+            lines += ["", brackets.format(name + key), *_lines(each, f"{name}{key}.")]
+    return lines
+
+
+def _holds_tables(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else str(value)
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # TOML takes no raw delete
+    return f"[{', '.join(map(_text, value))}]" if isinstance(value, list) else str(value)
+
+
+def _made(kind: Any, given: Any, where: str) -> Any:
+    """An instance of the dataclass `kind` from the table `given`, which stands at `where` in the file."""
+    place = f"[{where}]" if where else "the file"
+    if not isinstance(given, Mapping):
+        raise ConfigurationError(f"{place}: must be a table, got {shown(given)}")
+    given = dict(given)
+    if kind in _registries():
+        registry, name = _registries()[kind], given.pop(KIND, None)
+        if name is None:
+            raise ConfigurationError(f"{place}: needs a {KIND}; there are {', '.join(registry.names())}")
+        kind = registry.maker(str(name))
+    allowed = {field.name: field for field in fields(kind)}
+    for key in given:
+        if key not in allowed:
+            raise ConfigurationError(f"{place} has no {shown(key)}; it has {', '.join(allowed)}")
+    for name, field in allowed.items():
+        if name not in given and field.default is MISSING and field.default_factory is MISSING:
+            raise ConfigurationError(f"{place}: {name} is missing")
+    hints = get_type_hints(kind)
+    inner = f"{where}." if where else ""
+    return kind(**{key: _value(hints[key], value, f"{inner}{key}") for key, value in given.items()})
+
+
+def _value(hint: Any, given: Any, where: str) -> Any:
+    """`given` as the type `hint` asks for."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        options = [arg for arg in args if arg is not type(None)]
+        if len(options) == 1:
+            return _value(options[0], given, where)
+        choices = [word for option in options for word in get_args(option)]  # of literals
+        return _chosen(choices, given, where)
+    if origin is Literal:
+        return _chosen(args, given, where)
+    if origin is tuple:
+        if not isinstance(given, list):
+            raise ConfigurationError(f"{where}: must be a list, got {shown(given)}")
+        if args[-1] is Ellipsis:
+            return tuple(_value(args[0], each, where) for each in given)
+        if len(given) != len(args):
+            raise ConfigurationError(f"{where}: must be {len(args)} values, got {shown(given)}")
+        return tuple(_value(arg, each, where) for arg, each in zip(args, given, strict=True))
+    if is_dataclass(hint):
+        return _made(hint, given, where)
+    return _plain(hint, given, where)
+
+
+def _chosen(allowed: Any, given: Any, where: str) -> Any:
+    if given not in allowed:
+        raise ConfigurationError(f"{where}: allowed {', '.join(map(str, allowed))}, got {shown(given)}")
+    return given
+
+
+_WORDS: Mapping[type, tuple[str, Callable[[Any], bool]]] = {
+    bool: ("true or false", lambda value: isinstance(value, bool)),
+    int: ("a whole number", lambda value: isinstance(value, int) and not isinstance(value, bool)),
+    float: ("a number", lambda value: isinstance(value, int | float) and not isinstance(value, bool)),
+    str: ("text", lambda value: isinstance(value, str)),
+}
+
+
+def _plain(kind: type, given: Any, where: str) -> Any:
+    word, fits = _WORDS[kind]
+    if not fits(given):
+        raise ConfigurationError(f"{where}: must be {word}, got {shown(given)}")
+    try:
+        return kind(given)
+    except OverflowError as error:
+        raise ConfigurationError(f"{where}: must be {word} that a float can hold, got {shown(given)}") from error

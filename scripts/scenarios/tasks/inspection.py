@@ -1,0 +1,152 @@
+"""Inspection: one orbit around a known object with the camera on it [Konoplin 2019, eq. 6]."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import mujoco
+import numpy as np
+
+from controllers.tasks import inspection
+from models.naming import HULL_BODY, TOOL_GEOM
+from models.objects.targets import TargetModel
+from models.site import scenes
+from perception.clouds.scan import SensorModel
+from perception.target_finder import KnownObjectFinder
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Scenario
+from scenarios.site import Workpiece, coarse_detection
+from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from sim.evaluation.inspection_metrics import TrueInspection, assess_inspection
+from sim.evaluation.metrics import Assessment
+from sim.interfaces.messages import WorkState
+from sim.interfaces.protocols import Sensor
+from sim.interfaces.spatial import Array, pose, transform_points
+from sim.loop.recording import Recording
+from sim.sensors.depth_camera import DepthCamera
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FAR = 5.0  # [m] largest range at which a surface point counts as seen
+
+
+@dataclass(frozen=True, kw_only=True)
+class InspectionTask(Task):
+    """Fly one orbit around an object."""
+
+    spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
+    distance: float = 1.4  # [m] from the camera to the object's outline
+    clearance: float = 0.3  # [m] of hull and folded arm to the object and the seabed
+    speed: float = 0.15  # [m/s] of the hull
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
+        """The flight around the site's object; draws its pose and its coarse detection."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        target = workpiece.model()
+        config = inspection.InspectionJob(distance=self.distance, clearance=self.clearance, speed=self.speed)
+        X_WT = scenario.site.pose(rng)
+        approach_W, orientation_W = coarse_detection(X_WT @ pose(p=target.center), rng)
+        there = workpiece.as_it_is(target, None, rng)
+        return PlacedInspection(
+            scenario=scenario,
+            own=own,
+            config=config,
+            target=target,
+            there=there,
+            X_WT=X_WT,
+            approach_W=approach_W,
+            orientation_W=orientation_W,
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class PlacedInspection(PlacedTask):
+    """An inspection at its site."""
+
+    scenario: Scenario
+    own: OwnVehicle
+    config: inspection.InspectionJob
+    target: TargetModel  # as the vehicle knows it
+    there: TargetModel  # as it is
+    X_WT: Array  # (4, 4) true pose
+    approach_W: Array  # (3,) [m] coarse position of its centre
+    orientation_W: Array  # (3, 3) its coarse orientation
+    half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        seed, distance = self.scenario.seed, self.config.distance
+        return f"Inspection of the {self.target.name} from {distance:g} m, seed {seed}"
+
+    @property
+    def X_WB(self) -> Array:
+        """Scan pose of the hull."""
+        return scan_pose(self.own.X_BC, self.approach_W, self.config.distance)
+
+    @property
+    def truth(self) -> TrueInspection:
+        """Truth for the evaluation, once the camera is made."""
+        return TrueInspection(
+            target=self.there,
+            X_WT=self.X_WT,
+            X_BC=self.own.X_BC,
+            distance=self.config.distance,
+            far=FAR,
+            half_view=self.half_view,
+        )
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds the true object and flat seabed."""
+        return scenes.work_site(vehicle, self.there, self.X_WT)
+
+    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+        """The depth camera."""
+        camera = DepthCamera(model, HULL_BODY, self.own.X_BC)
+        self.half_view = (camera.K[0, 2] / camera.K[0, 0], camera.K[1, 2] / camera.K[1, 1])
+        return [camera], None
+
+    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
+        """Finder of the object."""
+        return KnownObjectFinder(self.target, None, self.approach_W, self.orientation_W, seed=seed)
+
+    def planner(self) -> inspection.Inspection:
+        """Planner of the orbit."""
+        own = self.own
+        return inspection.Inspection(
+            own.vehicle,
+            own.chain(),
+            self.target,
+            self.config,
+            X_WB_scan=self.X_WB,
+            hull_box=own.hull_box,
+            X_BC=own.X_BC,
+            floor=scenes.seabed_height(self.target, self.X_WT),
+        )
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment against the true object."""
+        return assess_inspection(ran.recording, self.truth, seed=seed, wall_s=ran.wall_s)
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """Plan view of the hull's way."""
+        return orbit_picture(ran.recording, self.truth)
+
+
+def orbit_picture(recording: Recording, truth: TrueInspection) -> Iterator[tuple[str, str, "Figure"]]:
+    """Plan view of the hull's reference and true path around the object."""
+    from matplotlib.figure import Figure
+
+    work = recording.within(WorkState.WORK)
+    if not work.any():
+        return
+    figure = Figure(figsize=(7.0, 6.0), layout="constrained")
+    axes = figure.subplots()
+    vertices = transform_points(truth.X_WT, truth.target.vertices)
+    axes.triplot(vertices[:, 0], vertices[:, 1], truth.target.triangles, lw=0.2, color="0.5")
+    axes.plot(*recording["p_WB_reference"].value[work][:, :2].T, "--", lw=1.0, label="hull, asked")
+    axes.plot(*recording["p_WB"].value[work][:, :2].T, lw=1.0, label="hull")
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.legend(frameon=False, fontsize=9)
+    yield "The way around", "The hull's way around the object, from above.", figure

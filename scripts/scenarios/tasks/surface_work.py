@@ -1,0 +1,151 @@
+"""Surface work: a tool is pressed on an object, or held above it, along a path."""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.tasks import surface_work
+from models.objects.targets import TargetModel
+from models.site import scenes
+from perception.clouds.scan import SensorModel
+from perception.target_finder import FinderState, KnownObjectFinder
+from scenarios.contact_parts import exteroceptive_sensor
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.scenario import Scenario
+from scenarios.site import Workpiece, coarse_detection
+from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
+from sim.evaluation.metrics import Assessment, TrueObject, assess
+from sim.interfaces.protocols import Sensor
+from sim.interfaces.spatial import Array, finite_number
+
+SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of the tool along a path
+_MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceWorkTask(Task):
+    """Press a tool along a path of an object with set forces."""
+
+    path: str | None = None  # of the object; None: its first
+    forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path
+    speed: float = 0.02  # [m/s] of the tool along the path
+    force_rate: float = 60.0  # [N/s] rate of change of the set force
+    contactless: float | None = None  # [m] distance to keep from the surface; None: press [Konoplin 2019]
+    least: float = 1.0  # share of the path that must be within reach
+    range: float = 1.25  # [m] from camera to object at the scan
+
+    def __post_init__(self) -> None:
+        finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
+        finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
+        for force in self.forces:
+            finite_number(force, "--forces [N]", above=0.0, most=_MOST_FORCE)
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedSurfaceWork":
+        """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
+        workpiece: Workpiece = object_of(scenario, Workpiece)
+        target, path = workpiece.target(self.path)
+        X_WT = scenario.site.pose(rng)
+        approach_W, orientation_W = coarse_detection(X_WT, rng)
+        there = workpiece.as_it_is(target, path, rng)
+        return PlacedSurfaceWork(
+            scenario=scenario,
+            own=own,
+            task=self,
+            target=target,
+            approach_W=approach_W,
+            orientation_W=orientation_W,
+            truth=TrueObject(model=there, path=path, X_WT=X_WT, contactless=self.contactless),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedSurfaceWork(PlacedTask):
+    """Surface work at its site."""
+
+    scenario: Scenario
+    own: OwnVehicle
+    task: SurfaceWorkTask
+    target: TargetModel  # as the vehicle knows it
+    approach_W: Array  # (3,) [m] coarse position of its centre
+    orientation_W: Array  # (3, 3) its coarse orientation
+    truth: TrueObject
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Cleaning the {self.target.name}, {self.truth.path} path, seed {self.scenario.seed}"
+
+    @property
+    def X_WB(self) -> Array:
+        """Scan pose of the hull."""
+        return scan_pose(self.own.X_BC, self.approach_W, self.task.range)
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds the true object and flat seabed."""
+        return scenes.work_site(vehicle, self.truth.model, self.truth.X_WT)
+
+    def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
+        """The camera, sonar or registered sensor."""
+        sensor, seen_as = exteroceptive_sensor(self.scenario.sensing.sensor, model, self.own.X_BC)
+        return [sensor], seen_as
+
+    def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
+        """Finder of the clean object."""
+        return KnownObjectFinder(
+            self.target,
+            self.truth.path,
+            self.approach_W,
+            self.orientation_W,
+            sensor=sensor,
+            tool_radius=self.own.tool_radius,
+            looks=self.scenario.sensing.looks,
+            seed=seed,
+        )
+
+    def planner(self) -> surface_work.SurfaceWork:
+        """Planner of the work."""
+        own, task = self.own, self.task
+        return surface_work.SurfaceWork(
+            own.vehicle,
+            own.chain(),
+            self.target,
+            surface_work.SurfaceTaskConfig(
+                forces=task.forces,
+                speed=task.speed,
+                least_share=task.least,
+                force_rate=task.force_rate,
+                force_control="force-control" not in self.scenario.control.without,
+                contactless=task.contactless,
+            ),
+            X_WB_scan=self.X_WB,
+            hull_box=own.hull_box,
+            view_B=own.X_BC[:3, 2],
+            floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there
+            holding=ThrustMargin.of(own.model),
+        )
+
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment against the true object."""
+        state = ran.last.found
+        found = state.last if isinstance(state, FinderState) else None
+        return assess(
+            ran.recording,
+            self.truth,
+            seed=seed,
+            wall_s=ran.wall_s,
+            identification_s=found.duration_s if found is not None else None,
+        )
+
+    def pictures(self, ran: RunResult) -> Pictures:
+        """Force and path errors over the path."""
+        from sim.reporting.report_figures import path_figures
+
+        return path_figures(ran.recording, self.truth)
+
+
+def first_force(scenario: Scenario) -> float:
+    """First set force [N] of a scenario of surface work."""
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    return scenario.task.forces[0]

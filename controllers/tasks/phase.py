@@ -153,6 +153,7 @@ class Setpoint:
     tare: bool = False
     scan: bool = False
     compliant: bool = False
+    touch: int | None = None
 
 
 Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on

@@ -163,6 +163,7 @@ class TaskPlanner:
             compliant=asked.compliant,
             tare=asked.tare,
             scan=asked.scan,
+            touch=asked.touch,
             path_s=self.path_s(held),
             abort=None if abort is None else abort.code,
             note=held.note if abort is None else abort.reason,

@@ -6,13 +6,12 @@ means over the loop's steps, from departure from the stand-off until return to i
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from sim.evaluation.metrics import Assessment, Requirement, run_schema
-from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
+from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.loop.recording import Recording
@@ -120,18 +119,6 @@ def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
     return float(np.hypot(p[0], p[1])), float(np.arctan2(np.linalg.norm(np.cross(z, z_true)), z @ z_true))
 
 
-_KINDS = (
-    ("identified", "not identified"),
-    ("reach", "out of reach"),
-    ("no hole", "hole not found"),
-    ("stopped", "jammed"),
-    ("depth was not", "too slow"),
-    ("limit", "force limit"),
-    ("hull", "hull adrift"),
-    ("before the mouth", "touched early"),
-)
-
-
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that crashed for `reason`."""
     insertion = (
@@ -157,7 +144,7 @@ def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None 
     bounds = bounds or InsertionBounds()
     insertions = [trial["insertion"] for trial in trials]
     return {
-        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        **verdicts(trials),
         "side_force_max_n": spread(one["side_force_max_n"] for one in insertions),
         "axial_force_max_n": spread(one["axial_force_max_n"] for one in insertions),
         "depth_m": spread(one["depth_m"] for one in insertions),

@@ -8,14 +8,13 @@ the error of the scan, is reported separately.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from models.site.seabed import Seabed
 from sim.evaluation.metrics import Assessment, Requirement, path_error, run_schema
-from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts
+from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
 from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
@@ -109,17 +108,6 @@ def assess_seabed_work(
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
 
 
-_KINDS = (
-    ("relief", "relief unsuitable"),
-    ("no height", "no height to work at"),
-    ("hole", "hole in the cloud"),
-    ("plane", "no plane"),
-    ("was not reached", "push not held"),
-    ("full", "tube full"),
-    ("limit", "force limit"),
-    ("hull", "hull adrift"),
-    ("stands", "something in the way"),
-)
 _OF_CORE = ("push_error_share", "push_max_n", "depth_m")
 _OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_depth_error_rms_m", "force_max_n")
 
@@ -144,7 +132,7 @@ def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         return spread(trial[part][key] for trial in trials if trial[part] is not None)
 
     return {
-        **verdicts(trials, partial(kind_of_failure, kinds=_KINDS)),
+        **verdicts(trials),
         "target_error_share": of("surface", "target_error_share"),
         **{key: of("core", key) for key in _OF_CORE},
         **{key: of("drag", key) for key in _OF_DRAG},

@@ -1,13 +1,15 @@
 """Statistics over many trials of one task: success rate with interval, distributions of metrics, kinds of failure."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
+
+CRASHED = "crashed"  # state of a trial that ended with an error
 
 
 def wilson(good: int, of: int, z: float = 1.96) -> tuple[float, float]:
@@ -46,39 +48,25 @@ def spread(values: Iterable[float | None]) -> dict[str, float] | None:
     }
 
 
-def kind_of_failure(metrics: Mapping[str, Any], kinds: Iterable[tuple[str, str]]) -> str:
+def kind_of_failure(metrics: Mapping[str, Any]) -> str:
     """Short name of the cause of a failed trial; empty if it was accepted.
 
-    Args:
-        metrics: Metrics of the trial.
-        kinds: Pairs of words in the run's note and the name they stand for; the first match counts.
-
-    Returns:
-        The name.
+    The name is the `AbortCode` of work that was broken off, else the first metric that missed its bound.
     """
     if metrics["accepted"]:
         return ""
-    state, note = metrics["run"]["state"], metrics["run"]["note"]
-    if state == "crashed":
-        return "crashed"
-    for words, kind in kinds:
-        if words in note:
-            return kind
-    if state != WorkState.DONE.value:
+    run = metrics["run"]
+    if run["state"] == CRASHED:
+        return CRASHED
+    if run["abort"] is not None:
+        return run["abort"]
+    if run["state"] != WorkState.DONE.value:
         return "not ended"
     return metrics["failed"][0].split(":")[0]
 
 
-def verdicts(trials: Sequence[Mapping[str, Any]], kind: Callable[[Mapping[str, Any]], str]) -> dict[str, Any]:
-    """Success rate of many trials with its interval, and failures counted by `kind`.
-
-    Args:
-        trials: Metrics of each trial.
-        kind: Function from metrics to the name of the failure.
-
-    Returns:
-        The summary.
-    """
+def verdicts(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Success rate of many trials with its interval, and failures counted by their kind."""
     good = sum(bool(trial["accepted"]) for trial in trials)
     low, high = wilson(good, len(trials))
     return {
@@ -87,7 +75,7 @@ def verdicts(trials: Sequence[Mapping[str, Any]], kind: Callable[[Mapping[str, A
         "share": good / len(trials),
         "share_low": low,
         "share_high": high,
-        "failures": dict(Counter(said for trial in trials if (said := kind(trial)))),
+        "failures": dict(Counter(said for trial in trials if (said := kind_of_failure(trial)))),
         "failed_seeds": [trial["run"]["seed"] for trial in trials if not trial["accepted"]],
     }
 
@@ -96,7 +84,7 @@ def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """Metrics common to all tasks, for a trial that crashed for `reason`."""
     run = ("simulated_s", "collision_s", "trajectory_sha256")
     return {
-        "run": {**dict.fromkeys(run), "seed": seed, "state": "crashed", "note": reason, "abort": None},
+        "run": {**dict.fromkeys(run), "seed": seed, "state": CRASHED, "note": reason, "abort": None},
         "accepted": False,
         "failed": [reason],
         "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),

@@ -39,7 +39,7 @@ from sim.interfaces.spatial import transform_points
 __all__ = ["CASES", "run_all"]
 
 GUST = 0.03  # [m/s]
-NO_BEHAVIOUR = ("timings", "run.seed")  # what metrics hold beside figures
+NO_BEHAVIOUR = ("timings", "run.seed", "run.abort")  # what metrics hold beside figures
 
 
 def figures_of(assessment: Assessment) -> Figures:

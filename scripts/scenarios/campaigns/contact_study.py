@@ -1,6 +1,5 @@
 """One run of the contact study: random draw, simulation, figures, and class of failure."""
 
-import re
 import traceback
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, cast, get_args
@@ -36,19 +35,6 @@ KEPT, MISSED, BROKEN, DAMAGED, REFUSED, DIVERGED, CRASHED = (
     "crashed",
 )
 CLASSES = (KEPT, MISSED, BROKEN, REFUSED, DAMAGED, DIVERGED, CRASHED)
-
-# Kind of a failure by a word in the supervisor's reason.
-_KINDS = (
-    ("reach", "out of reach"),
-    ("not identified", "not identified"),
-    ("cannot hold its place", "current too strong"),
-    ("did not become quiet", "current too strong"),
-    ("late on its way", "current too strong"),
-    ("no contact", "no contact found"),
-    ("was not reached", "force not reached"),
-    ("above the limit", "force above the limit"),
-    ("contact lost", "contact lost"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -209,7 +195,7 @@ def one_run(task: RunTask, bounds: StudyBounds | None = None) -> dict[str, Any]:
     except HydrodynamicsError as error:
         row |= {"class": DIVERGED, "kind": "motion blew up", "detail": str(error)}
     except UuvError as error:
-        row |= {"class": REFUSED, "kind": _kind(str(error)), "detail": str(error)}
+        row |= {"class": REFUSED, "kind": type(error).__name__, "detail": str(error)}
     except Exception:
         row |= {"kind": "an error of the program", "detail": traceback.format_exc()[-2000:]}
     else:
@@ -315,7 +301,7 @@ def classify(outcome: Run, figures: dict[str, float | None], bounds: StudyBounds
         return {**ended, "class": DAMAGED, "kind": "the vehicle touched what it should not"}
     if recording.final.state is not WorkState.DONE:
         touched = bool(recording.within(WorkState.APPROACH, WorkState.PRESS, WorkState.WORK).any())
-        kind = _kind(note) if recording.final.state is WorkState.ABORT else "not done in time"
+        kind = "not done in time" if recording.final.abort is None else recording.final.abort.value
         return {**ended, "class": BROKEN if touched else REFUSED, "kind": kind}
     if missed:
         return {**ended, "class": MISSED, "kind": ", ".join(missed)}
@@ -325,11 +311,3 @@ def classify(outcome: Run, figures: dict[str, float | None], bounds: StudyBounds
 def within(value: float | None, bound: float) -> bool:
     """True if `value` exists and does not exceed `bound`, up to rounding."""
     return value is not None and value <= bound * (1.0 + 1e-9)
-
-
-def _kind(reason: str) -> str:
-    """Kind of a failure by its reason; an unknown reason is its own kind, without its numbers."""
-    for word, kind in _KINDS:
-        if word in reason:
-            return kind
-    return re.sub(r"[-+]?\d[\d.]*", "#", reason)[:80] or "no reason given"

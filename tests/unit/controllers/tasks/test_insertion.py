@@ -19,7 +19,7 @@ from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, WorkState
+from sim.interfaces.messages import AbortCode, Command, ContactEstimate, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from told import Told
 
@@ -286,17 +286,17 @@ def test_error_of_the_hole_is_across_its_axis(within):
 
 
 def test_failures_are_told_apart():
-    def trial(note: str, state: str = "abort", failed: str = "the run ended") -> dict[str, Any]:
-        metrics = crashed(7, note)
-        metrics["run"]["state"], metrics["failed"] = state, [failed]
-        return metrics
+    def trial(abort: AbortCode | None, state: str = "abort", failed: str = "the run ended") -> dict[str, Any]:
+        metrics = crashed(7, "")
+        metrics["run"] |= {"state": state, "abort": abort}
+        return {**metrics, "failed": [failed]}
 
     trials = [
-        trial("not identified in 3 views: too few points"),
-        trial("no hole within 16 mm of where it was found"),
-        trial("stopped at 34 mm, 3 times over"),
-        trial("felt force 70 N is above the limit of 60 N"),
-        trial("", "done", "side force, peak: 23.10 N, bound 20.00"),
+        trial(AbortCode.NOT_IDENTIFIED),
+        trial(AbortCode.HOLE_NOT_FOUND),
+        trial(AbortCode.JAMMED),
+        trial(AbortCode.FORCE_LIMIT),
+        trial(None, "done", "side force, peak: 23.10 N, bound 20.00"),
         crashed(1, "blew up"),
     ]
     kinds = ["not identified", "hole not found", "jammed", "force limit", "side force, peak", "crashed"]

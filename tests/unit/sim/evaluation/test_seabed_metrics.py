@@ -157,10 +157,10 @@ def test_work_that_was_refused_has_no_figures():
 def test_many_trials_are_summed_up():
     broken = crashed(3, "no height to work at: too high")
     jsonschema.validate(broken, schema())
-    broken["run"]["state"] = "abort"
+    broken["run"] |= {"state": "abort", "abort": "no clear way"}
     trials = [assess().metrics, assess(core=False).metrics, broken]
     figures = summary(trials)
-    assert (figures["accepted"], figures["failures"]) == (2, {"no height to work at": 1})
+    assert (figures["accepted"], figures["failures"]) == (2, {"no clear way": 1})
     assert figures["push_error_share"]["max"] == pytest.approx(0.0, abs=1e-12)
     assert figures["depth_error_max_m"]["max"] == pytest.approx(0.0, abs=1e-3)
     assert figures["target_error_share"]["median"] == pytest.approx(0.004 / 0.0225, rel=0.2)

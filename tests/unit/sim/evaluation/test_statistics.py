@@ -5,8 +5,7 @@ import pytest
 
 from sim.evaluation.statistics import crashed_run, kind_of_failure, spread, verdicts, wilson
 from sim.interfaces.errors import ConfigurationError
-
-KINDS = (("jammed", "stuck"), ("jam", "near stuck"))
+from sim.interfaces.messages import AbortCode
 
 
 def test_wilson_against_the_published(within):
@@ -27,30 +26,30 @@ def test_spread_leaves_out_what_is_not_there():
     assert spread([None, None]) is None
 
 
-def trial(state: str, note: str = "", failed: str = "", *, accepted: bool = False) -> dict:
-    whole = crashed_run(5, note)
-    whole["run"]["state"] = state
+def trial(state: str, abort: AbortCode | None = None, failed: str = "", *, accepted: bool = False) -> dict:
+    whole = crashed_run(5, "the tube is full: no hole, stopped at the limit")  # words that tell nothing
+    whole["run"] |= {"state": state, "abort": None if abort is None else abort.value}
     return {**whole, "accepted": accepted, "failed": [failed]}
 
 
-def test_the_first_words_found_tell_the_kind():
+def test_the_code_tells_the_kind():
     said = [
-        kind_of_failure(one, KINDS)
+        kind_of_failure(one)
         for one in (
-            trial("abort", "it is jammed"),
-            trial("abort", "a jam ahead"),
-            trial("abort", "nobody knows"),
+            trial("abort", AbortCode.JAMMED),
+            trial("retreat", AbortCode.FORCE_LIMIT),  # on its way back when the time was over
+            trial("insert"),
             trial("done", failed="force: 3 N, allowed 2 N"),
-            trial("crashed", "jammed"),
+            trial("crashed"),
             trial("done", accepted=True),
         )
     ]
-    assert said == ["stuck", "near stuck", "not ended", "force", "crashed", ""]
+    assert said == ["jammed", "force limit", "not ended", "force", "crashed", ""]
 
 
 def test_verdicts_count():
-    trials = [trial("done", accepted=True)] * 3 + [trial("abort", "jammed")]
-    figures = verdicts(trials, lambda one: kind_of_failure(one, KINDS))
+    trials = [trial("done", accepted=True)] * 3 + [trial("abort", AbortCode.JAMMED)]
+    figures = verdicts(trials)
     assert (figures["trials"], figures["accepted"], figures["share"]) == (4, 3, 0.75)
-    assert (figures["failures"], figures["failed_seeds"]) == ({"stuck": 1}, [5])
+    assert (figures["failures"], figures["failed_seeds"]) == ({"jammed": 1}, [5])
     assert figures["share_low"] < 0.75 < figures["share_high"]

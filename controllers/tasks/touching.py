@@ -115,7 +115,7 @@ def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
 
 
 @dataclass(slots=True, eq=False)
-class TouchPlan:
+class TouchProgress:
     """Progress of the touches, in `Held.plan`."""
 
     at: int = 0  # index of the touch
@@ -138,13 +138,13 @@ class TouchJob:
         """Pose (4, 4) of the arm's base in W."""
         return self.X_WB @ np.array(self.vehicle.X_BA)
 
-    def aim(self, plan: TouchPlan) -> tuple[Touch, Nest, Array]:
+    def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
         """Present touch, its nest, and p_WN (3,) by the vehicle's own arm model: corrected by its last touches."""
         touch = self.touches[plan.at]
         nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
         return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
 
-    def way(self, plan: TouchPlan, q: Array) -> list[Array]:
+    def way(self, plan: TouchProgress, q: Array) -> list[Array]:
         """Joint angles (n,) to pass to over the next nest, or back to the ready posture after the last touch.
 
         The way passes through the ready posture if the straight motion would strike a nest.
@@ -188,8 +188,8 @@ class MoveOver(Phase):
     def enter(self, held: Held, now: Context) -> WayState:
         """Plan the way and begin."""
         if held.plan is None:
-            held.plan = TouchPlan()
-        assert isinstance(held.plan, TouchPlan)
+            held.plan = TouchProgress()
+        assert isinstance(held.plan, TouchProgress)
         return self._depart(self._job.way(held.plan, np.array(now.estimate.q)), held, now)
 
     def _depart(self, way: list[Array], held: Held, now: Context) -> WayState:
@@ -201,7 +201,7 @@ class MoveOver(Phase):
 
     def step(self, state: WayState, held: Held, now: Context) -> Outcome:
         """A quintic in time; the pin comes to rest for 0.3 s over a nest."""
-        assert isinstance(held.plan, TouchPlan)
+        assert isinstance(held.plan, TouchProgress)
         t, last = now.time - state.since, held.plan.at >= len(self._job.touches)
         if last and t >= state.duration:
             held.q, state.qd = state.way[-1], np.zeros(len(held.q))
@@ -259,7 +259,7 @@ class OverNest(Phase):
 
     def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
         """The end of the spring."""
-        assert isinstance(held.plan, TouchPlan)
+        assert isinstance(held.plan, TouchProgress)
         t, tuning = now.time - state.since, self._job.tuning
         touch, nest, aim = self._job.aim(held.plan)
         X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
@@ -273,7 +273,7 @@ class LeaveNest(OverNest):
 
     def enter(self, held: Held, now: Context) -> NestState:
         """Compute where the pin is."""
-        assert isinstance(held.plan, TouchPlan)
+        assert isinstance(held.plan, TouchProgress)
         job, estimate = self._job, now.estimate
         X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
         return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[held.plan.at].nest].p_WN)
@@ -281,7 +281,7 @@ class LeaveNest(OverNest):
     def step(self, state: NestState, held: Held, now: Context) -> Outcome:
         """Take the offset over; done above the nest."""
         plan, job = held.plan, self._job
-        assert isinstance(plan, TouchPlan)
+        assert isinstance(plan, TouchProgress)
         if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
             plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
         state.offset = None

@@ -19,7 +19,16 @@ from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, ContactEstimate, StateEstimate, Target, WorkState
+from sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from told import Told
 
@@ -30,6 +39,7 @@ BLOCK = manifold()
 HOLE = BLOCK.hole("a")
 X_WH = HOLE.pose(X_WT)
 STIFFNESS = 3e4  # [N/m]
+LOST = Fault(kind=FaultKind.THRUSTER, part="v1", index=0, time=0.0)
 BEFORE = [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH]
 AFTER = [WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW]
 OWN = uuv_puma.build("sampler").compile()
@@ -62,6 +72,7 @@ class Script(Told):
     world: World = free
     job: InsertionJob = field(default_factory=InsertionJob)
     found: bool = True
+    dead_in: WorkState | None = None  # state in which a thruster is found dead
 
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
@@ -106,6 +117,7 @@ class Script(Told):
                 thrusters=np.zeros(6),
                 scan=reference.scan,
                 contact=ContactEstimate(force_W=f_tip_W, normal=normal),
+                faults=(LOST,) if reference.state is self.dead_in else (),
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
@@ -239,6 +251,15 @@ def test_not_found_is_not_entered():
     assert script.states[-1] is WorkState.ABORT
     assert "not identified" in script.end.note
     assert not {WorkState.APPROACH, WorkState.INSERT} & set(script.states)
+
+
+@pytest.mark.parametrize("state", BEFORE[:-1])
+def test_a_fault_before_the_hole_ends_the_work_there(state):
+    script = Script(dead_in=state).run()
+    assert script.states == [*BEFORE[: BEFORE.index(state) + 1], WorkState.ABORT]
+    assert script.end.abort is AbortCode.THRUSTER
+    tips = script.tips(*WorkState)
+    assert not len(tips) or tips[:, 2].max() < -0.9 * script.job.axial.standoff  # never nearer than the stand-off
 
 
 def test_without_compliance_nothing_gives_way():

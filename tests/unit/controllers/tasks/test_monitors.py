@@ -10,6 +10,8 @@ from controllers.tasks.hull_phases import RestLimits, Settle
 from controllers.tasks.monitors import Monitor, Reaction, adrift, fault_monitors, watch
 from controllers.tasks.phase import Abort, Context, Held, PhaseEvent
 from controllers.tasks.surface_work import SurfaceTaskConfig, surface_monitors
+from controllers.tasks.task import TaskPlanner, TaskRow
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, Command, ContactEstimate, Fault, FaultKind, StateEstimate, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose
 
@@ -148,3 +150,9 @@ def test_a_monitor_of_ones_own(tilt, seconds):
     ]
     assert (hits[0] if hits else None) == (None if seconds is None else pytest.approx(seconds))
     assert watch(monitors, [0.0], WorkState.APPROACH, held(), seen(9.0, X_WB=X_WB))[0] is Reaction.GO_ON
+
+
+def test_a_table_that_leads_nowhere_is_refused():
+    rows = {"settle": TaskRow(Settle(RestLimits()), WorkState.SETTLE, {PhaseEvent.DONE: "scan"})}
+    with pytest.raises(ConfigurationError, match="task row 'settle': there is no row 'scan' to follow it"):
+        TaskPlanner(rows.items(), (), X_WB=np.eye(4), q=np.zeros(6))

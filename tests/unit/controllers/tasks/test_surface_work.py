@@ -20,6 +20,7 @@ from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import (
+    AbortCode,
     Command,
     ContactEstimate,
     Fault,
@@ -553,7 +554,10 @@ def test_hull_is_waited_for_on_its_way():
 def test_hull_that_does_not_come_along_is_given_up():
     stuck = Script(fastest=0.0).run(150.0)
     assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
+    assert stuck.end.abort is AbortCode.HULL_LATE
     assert "late on its way" in stuck.end.note
+    assert stuck.end.X_WG is None  # the arm stays as it is, and so does the hull
+    assert not stuck.end.v_WB_W.any()
 
 
 def test_hull_does_not_move_before_it_is_quiet(monkeypatch):

@@ -7,7 +7,7 @@ Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -47,9 +47,6 @@ class ArmTuning:
     integral_limit: float = tuned(0.01, "[rad s] limit of the integral, each way")
     joint_speed_limit: float = tuned(0.8, "[rad/s] of every joint")
     force_filter: float = tuned(0.012, "[s] first-order filter of the force estimate")
-    torque_source: Literal["sensor", "observer"] = tuned(
-        "sensor", "of the force estimate: torque sensors or load observer"
-    )
     observer_lag: float = tuned(0.012, "[s] lag of the load observer, which is also its filter")
     acceleration_filter: float = tuned(0.015, "[s] of the joint acceleration, taken from the encoders' speed")
     normal_softness: float = tuned(
@@ -70,7 +67,6 @@ class ArmTuning:
     task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
     compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
     blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
-    nominal_stiffness: float = tuned(3e4, "[N/m] assumed of the pad, for pressing without force control")
 
     @property
     def servo_gains(self) -> Array:
@@ -248,4 +244,5 @@ class TouchTuning:
     drives: ArmTuning = _DRIVES  # servo of free motion, and filters of the force estimate
 
 
+DRIVE_PERIOD = 0.002  # [s] of joint servo and contact estimator
 HULL, SAFETY, TOUCH = HullTuning(), SafetyTuning(), TouchTuning()  # defaults, for signatures

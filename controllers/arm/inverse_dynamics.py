@@ -12,6 +12,7 @@ dynamics that give iM_wz, and the vectors C_D_F, C_D_M of the arm on the hull.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numba
@@ -37,6 +38,22 @@ _OF_BODIES = {
     "cob": 3,
     "origin": 3,
 }  # count of each parameter per body, in the order of the packed block that the kernels read
+
+
+class ArmParameters(NamedTuple):
+    """Believed arm as the kernels take it; `ArmDynamics.parameters`."""
+
+    layout: np.ndarray  # (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body
+    numbers: Array  # packed parameters of the bodies, gravity and tip
+    stations: Array  # (ns, 9) drag stations: row of the body, position, axis, normal and tangential drag
+
+
+class JointMotion(NamedTuple):
+    """Motion of the joints."""
+
+    q: Array  # (n,) [rad, m] coordinates
+    qd: Array  # (n,) [rad/s, m/s] speeds
+    qdd: Array  # (n,) [rad/s^2, m/s^2] accelerations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,26 +103,30 @@ def _rotate_back(R, a, out):
 
 
 @numba.njit(cache=True)
-def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, tau, wrench_B):
+def workspace(layout):
+    """Working memory of `newton_euler` for a tree of this layout (4, nb)."""
+    return np.empty(39 * layout.shape[1] + 27)
+
+
+@numba.njit(cache=True)
+def newton_euler(arm, joints, hull, wrench_tip, work, tau, wrench_B):
     """Recursive Newton-Euler: forward pass for motion, backward pass for forces.
 
     The tree comes as one packed block of numbers (`_Tree.packed`): passing thirty arrays costs more than the
     computation.
 
     Args:
-        layout: (4, nb) parent row, joint kind, column in q (-1: none), and row of the tip's body.
-        numbers: packed parameters of the bodies, gravity and tip.
-        stations: (ns, 9) drag stations: row of the body, position, axis, normal and tangential drag.
-        q: (n,) [rad, m] joint coordinates.
-        qd: (n,) joint speeds.
-        qdd: (n,) joint accelerations.
+        arm: `ArmParameters`.
+        joints: `JointMotion`.
         hull: (24,) attitude R_WB (9), velocity nu_B (6) and the time derivative of its components (6), current
             v_current_W (3).
         wrench_tip: (6,) [N, N m] of the world on the tip, tool axes.
-        work: (39 nb + 27,) working memory; keeps rotations, positions and velocities for further kernels.
+        work: working memory of `workspace`; keeps rotations, positions and velocities for further kernels.
         tau: (n,) [N m] output: torques at the gear outputs.
         wrench_B: (6,) [N, N m] output: wrench of the arm on the hull at its origin, hull axes.
     """
+    layout, numbers, stations = arm.layout, arm.numbers, arm.stations
+    q, qd, qdd = joints.q, joints.qd, joints.qdd
     nb = layout.shape[1]
     parent, kind, column = layout[0], layout[1], layout[2]
     axis = numbers[0 : 3 * nb].reshape(nb, 3)
@@ -308,16 +329,16 @@ def newton_euler(layout, numbers, stations, q, qd, qdd, hull, wrench_tip, work, 
 
 
 @numba.njit(cache=True)
-def tip_kinematics(layout, numbers, work, X_BG, J_B):
+def tip_kinematics(arm, work, X_BG, J_B):
     """Tip pose in the hull's frame and its Jacobian, from the state that `newton_euler` left in `work`.
 
     Args:
-        layout: (4, nb) tree of the arm.
-        numbers: packed parameters of the arm.
+        arm: `ArmParameters`.
         work: working memory of `newton_euler`, with the joint rotations and positions.
         X_BG: (4, 4) output: tip pose in the hull's frame.
         J_B: (6, n) output: Jacobian of the tip, linear over angular, hull axes.
     """
+    layout, numbers = arm.layout, arm.numbers
     nb = layout.shape[1]
     R = work[: 9 * nb].reshape(nb, 3, 3)
     p = work[9 * nb : 12 * nb].reshape(nb, 3)
@@ -356,10 +377,41 @@ def tip_kinematics(layout, numbers, work, X_BG, J_B):
         b = layout[0, b]
 
 
+# Entries from Python take records as plain tuples: numba finds the type of a NamedTuple ten times as slowly.
+
+
+@numba.njit(cache=True)
+def inverse_dynamics(arm, joints, hull, wrench_tip):
+    """Joint torques (n,) [N m] and wrench (6,) [N, N m] of the arm on the hull, by `newton_euler`.
+
+    Args:
+        arm: fields of `ArmParameters`, in a tuple.
+        joints: fields of `JointMotion`, in a tuple.
+        hull: (24,) motion of the hull as in `newton_euler`.
+        wrench_tip: (6,) [N, N m] of the world on the tip, tool axes.
+
+    Returns:
+        Torques and wrench, as in `newton_euler`.
+    """
+    arm, joints = ArmParameters(*arm), JointMotion(*joints)
+    tau, wrench_B = np.empty(joints.q.shape[0]), np.empty(6)
+    newton_euler(arm, joints, hull, wrench_tip, workspace(arm.layout), tau, wrench_B)
+    return tau, wrench_B
+
+
+@numba.njit(cache=True)
+def _tip(arm, q):
+    arm, n = ArmParameters(*arm), q.shape[0]
+    rest, work, X_BG, J_B = np.zeros(n), workspace(arm.layout), np.empty((4, 4)), np.empty((6, n))
+    newton_euler(arm, JointMotion(q, rest, rest), np.zeros(24), np.zeros(6), work, np.empty(n), np.empty(6))
+    tip_kinematics(arm, work, X_BG, J_B)
+    return X_BG, J_B
+
+
 class ArmDynamics:
     """Inverse dynamics of a vehicle's arm: joint torques and the arm's wrench on the hull for a given motion of both.
 
-    `layout`, `numbers`, `stations` and `work` are the arguments of the kernels of this module.
+    `parameters` is the arm as the kernels of this module take it. Nothing here changes after the set-up.
     """
 
     def __init__(self, model: mujoco.MjModel, *, passive: bool = False, water_error: float = 0.0) -> None:
@@ -388,11 +440,11 @@ class ArmDynamics:
             tip_row = rows[int(model.site_bodyid[vehicle.tip])]
             mujoco.mju_quat2Mat(R_tip, model.site_quat[vehicle.tip])
             p_tip = model.site_pos[vehicle.tip] + tree.origin[tip_row]
-        self.layout = np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)])
-        self.numbers = tree.packed(np.array(model.opt.gravity), R_tip, p_tip)
-        self.stations = tree.stations
-        self._hull = np.empty(24)
-        self.work = np.zeros(39 * nb + 27)
+        self.parameters = ArmParameters(
+            layout=np.stack([tree.parent, tree.kind, tree.column, np.full(nb, tip_row)]),
+            numbers=tree.packed(np.array(model.opt.gravity), R_tip, p_tip),
+            stations=tree.stations,
+        )
 
     def of_bodies(self, numbers: Array, *names: str) -> tuple[Array, ...]:
         """Views (nb, k) of parameters of each body in a packed block `numbers`, for changes to the believed arm.
@@ -446,7 +498,7 @@ class ArmDynamics:
             tau (n,) [N m] at the gear outputs, without rotor inertia and gear friction, and the wrench (6,) [N, N m] of
             the arm on the hull at the hull's origin, hull axes.
         """
-        hull = self._hull
+        hull = np.empty(24)
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[15:21] = a_B  # converted to the time derivative of the components of nu_B: a - w x v
@@ -455,9 +507,18 @@ class ArmDynamics:
         hull[16] -= w2 * v0 - w0 * v2
         hull[17] -= w0 * v1 - w1 * v0
         hull[21:] = v_current_W
-        tau, wrench_B = np.empty(self.n), np.empty(6)
-        newton_euler(self.layout, self.numbers, self.stations, q, qd, qdd, hull, wrench_tip_G, self.work, tau, wrench_B)
-        return tau, wrench_B
+        return inverse_dynamics(tuple(self.parameters), (q, qd, qdd), hull, wrench_tip_G)
+
+    def tip(self, q: Array) -> tuple[Array, Array]:
+        """Tip pose X_BG (4, 4) in the hull's frame and its Jacobian (6, n), hull axes, at joint angles `q` (n,)."""
+        return _tip(tuple(self.parameters), q)
+
+    def wrench_at_rest(self, q: Array) -> Array:
+        """Wrench (6,) [N, N m] of the arm on the hull at joint angles `q` (n,), both at rest and level."""
+        rest, none = np.zeros(self.n), np.zeros(6)
+        return self.inverse(
+            q, rest, rest, R_WB=np.eye(3), nu_B=none, a_B=none, v_current_W=none[:3], wrench_tip_G=none
+        )[1]
 
     def inertia(self, q: Array) -> Array:
         """Joint-space inertia (n, n) at `q` (n,) with the hull held; includes added mass, not the rotors."""

@@ -1,19 +1,158 @@
 """Joint servo: computed torque at the rate of the drives, tool motion against the drifting hull, gear friction.
 
-Compiled as a whole, since it runs at the rate of the drives. Its dynamics are those of
-`controllers.arm.inverse_dynamics`; the tests compare it with their plain forms.
+The kernels are compiled as a whole, since they run at the rate of the drives. Their dynamics are those of
+`controllers.arm.inverse_dynamics`; the tests compare them with their plain forms. They take records as plain tuples of
+their fields, which numba types faster.
 """
+
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from controllers.arm.inverse_dynamics import newton_euler
+from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, workspace
+from controllers.tuning import ArmTuning
+from models.vehicle import Vehicle
 from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array
+
+
+class FrictionTracking(NamedTuple):
+    """Gears and filter of `track_gear_friction`."""
+
+    armature: Array  # (n,) [kg m^2] rotor inertias at the joints
+    damping: Array  # (n,) [N m s/rad] viscous friction
+    most: Array  # (n,) [N m] largest dry friction in either direction
+    share: float  # [-] weight of the new sample in the filter
+
+
+class Drives(NamedTuple):
+    """Drives of the arm, and the gains of their servo."""
+
+    gains: Array  # stiffness [1/s^2], damping [1/s], integral gain [1/s^3], limit of the integral [rad s]
+    armature: Array  # (n,) [kg m^2] rotor inertias at the joints
+    damping: Array  # (n,) [N m s/rad] viscous friction of the gears
+    limits: Array  # (n,) [N m] torque limits
+    period: float  # [s] of the servo
+
+
+class SeenArm(NamedTuple):
+    """Measured motion of joints and hull."""
+
+    q: Array  # (n,) [rad] joint angles
+    qd: Array  # (n,) [rad/s] joint speeds
+    hull: Array  # (24,) motion of the hull as in `newton_euler`
+
+
+class JointTarget(NamedTuple):
+    """Joint motion wanted."""
+
+    q: Array  # (n,) [rad] angles wanted `age` ago; extrapolated at `qd`
+    qd: Array  # (n,) [rad/s] speeds
+    qdd: Array  # (n,) [rad/s^2] accelerations
+    age: float  # [s]
+
+
+class SoftAxis(NamedTuple):
+    """Tool axis along which the servo gives up stiffness to force control."""
+
+    yielding: Array  # (2, n) tip motion along the tool axis per joint angle [m/rad]; joint motion that gives it [rad/m]
+    softness: float  # [-] share of the stiffness that the tip loses along the tool axis
+
+
+class BorneLoad(NamedTuple):
+    """Loads that the drives bear by feedforward."""
+
+    wrench_G: Array  # (6,) [N, N m] contact wrench on the tip, tool axes
+    friction: Array  # (n,) [N m] dry friction of the gears
+
+
+class ToolTarget(NamedTuple):
+    """Tool motion wanted."""
+
+    X_WG: Array  # (4, 4) pose
+    v_WG_W: Array  # (3,) [m/s] velocity of its origin, W
+    w_WG_W: Array  # (3,) [rad/s] angular velocity, W
+
+
+class ResolvedMotion(NamedTuple):
+    """Output of `resolve_tool_motion`."""
+
+    X_AG: Array  # (4, 4) tool pose in the arm's base
+    qd: Array  # (n,) [rad/s] joint speeds
+    qdd: Array  # (n,) [rad/s^2] joint accelerations that cancel the hull's; zero without drift correction
+    yielding: Array  # (2, n) as in `SoftAxis`
+
+
+@dataclass(slots=True, eq=False)
+class JointServoState:
+    """State of the servo."""
+
+    integral: Array  # (n,) [rad s] of the angle errors; changes in place
+    tau: Array  # (n,) [N m] last asked of the motors
+    softness: float = 0.0  # [-] share of the stiffness that is given up now along the tool axis
+
+
+class JointServo:
+    """Computed-torque servo of the arm's joints, softer along the tool axis while a force loop is closed."""
+
+    def __init__(self, vehicle: Vehicle, tuning: ArmTuning, period: float) -> None:
+        self._tuning, self._period, self._n = tuning, period, vehicle.joints.size
+        self._drives = tuple(
+            Drives(
+                gains=tuning.servo_gains,
+                armature=np.array(vehicle.armature),
+                damping=np.array(vehicle.joint_damping),
+                limits=np.array(vehicle.torque_limits),
+                period=period,
+            )
+        )
+
+    def init(self) -> JointServoState:
+        """Initial state: no torque asked."""
+        return JointServoState(integral=np.zeros(self._n), tau=np.zeros(self._n))
+
+    def soften(self, state: JointServoState, presses: bool) -> None:
+        """Give up stiffness along the tool axis while a force loop is closed, and restore it slowly afterwards."""
+        tuning = self._tuning
+        if presses:
+            state.softness = tuning.normal_softness
+        elif state.softness > 0.0:
+            state.softness = max(0.0, state.softness - tuning.normal_softness * self._period / tuning.hardening_time)
+
+    def step(
+        self,
+        state: JointServoState,
+        arm: ArmParameters,
+        seen: SeenArm,
+        wanted: JointTarget,
+        yielding: Array,
+        borne: BorneLoad,
+    ) -> Array:
+        """Torques (n,) [N m] of the drives for one period.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            arm: believed arm.
+            seen: measured motion.
+            wanted: joint motion wanted.
+            yielding: (2, n) of the tool axis, see `SoftAxis`.
+            borne: loads borne by feedforward.
+
+        Returns:
+            The torques, within the drives' limits.
+        """
+        soft = (yielding, state.softness)
+        state.tau = servo_joints(
+            tuple(arm), self._drives, tuple(seen), tuple(wanted), soft, tuple(borne), state.integral
+        )
+        return state.tau
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def track_gear_friction(tau_motor, tau_measured, qd, qdd, armature, damping, most, share, friction):
+def track_gear_friction(tau_motor, tau_measured, qd, qdd, gears, friction):
     """Track the dry friction torque of the gears, as the torque sensors show it.
 
     It is the motor torque less rotor inertia, viscous friction and the sensor's reading. Added to the motor commands,
@@ -25,12 +164,10 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, armature, damping, mos
         tau_measured: (n,) [N m] torques at the gear outputs.
         qd: (n,) [rad/s] joint speeds.
         qdd: (n,) [rad/s^2] joint accelerations.
-        armature: (n,) [kg m^2] rotor inertias at the joints.
-        damping: (n,) [N m s/rad] viscous friction.
-        most: (n,) [N m] largest friction in either direction.
-        share: [-] weight of the new sample in the filter.
+        gears: fields of `FrictionTracking`, in a tuple.
         friction: (n,) [N m] tracked friction; updated.
     """
+    armature, damping, most, share = gears
     for j in range(qd.shape[0]):
         lost = tau_motor[j] - armature[j] * qdd[j] - damping[j] * qd[j] - tau_measured[j]
         friction[j] += share * (lost - friction[j])
@@ -39,91 +176,56 @@ def track_gear_friction(tau_motor, tau_measured, qd, qdd, armature, damping, mos
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def servo_joints(
-    layout,
-    numbers,
-    stations,
-    work,
-    hull,
-    q,
-    qd,
-    q_wanted,
-    qd_wanted,
-    qdd_wanted,
-    since,
-    integral,
-    dt,
-    gains,
-    armature,
-    damping,
-    friction,
-    limits,
-    borne_G,
-    yielding,
-    softness,
-    qdd,
-    tau,
-    wrench_B,
-):
+def servo_joints(arm, drives, seen, wanted, soft, borne, integral):
     """Drive torques for the wanted joint motion: computed torque with PID on the joints, and a compliant tool axis.
 
     The integral of a drive at its torque limit is frozen.
 
     Args:
-        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
-        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
-        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
-        work: working memory of `newton_euler`.
-        hull: (24,) motion of the hull as in `newton_euler`.
-        q: (n,) [rad] joint angles.
-        qd: (n,) [rad/s] joint speeds.
-        q_wanted: (n,) [rad] angles wanted `since` ago; extrapolated at `qd_wanted`.
-        qd_wanted: (n,) [rad/s] speeds wanted.
-        qdd_wanted: (n,) [rad/s^2] accelerations wanted.
-        since: [s] age of `q_wanted`.
+        arm: fields of `ArmParameters`, in a tuple; likewise below.
+        drives: `Drives`.
+        seen: `SeenArm`.
+        wanted: `JointTarget`.
+        soft: `SoftAxis`.
+        borne: `BorneLoad`.
         integral: (n,) [rad s] integral of the angle errors; updated.
-        dt: [s] since the last step.
-        gains: stiffness [1/s^2], damping [1/s], integral gain [1/s^3], limit of the integral [rad s].
-        armature: (n,) [kg m^2] rotor inertias at the joints.
-        damping: (n,) [N m s/rad] viscous friction of the gears.
-        friction: (n,) [N m] further friction of the gears.
-        limits: (n,) [N m] torque limits.
-        borne_G: (6,) [N, N m] contact wrench on the tip that the drives bear by feedforward, tool axes.
-        yielding: (2, n) tip motion along the tool axis per joint angle [m/rad], and the joint motion that gives only
-            that [rad/m].
-        softness: [-] share of the stiffness that the tip loses along the tool axis.
-        qdd: (n,) [rad/s^2] output: servoed accelerations.
-        tau: (n,) [N m] output: drive torques.
-        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull, hull axes.
+
+    Returns:
+        The drive torques (n,) [N m].
     """
+    arm, drives = ArmParameters(*arm), Drives(*drives)
+    seen, wanted, soft, borne = SeenArm(*seen), JointTarget(*wanted), SoftAxis(*soft), BorneLoad(*borne)
+    gains = drives.gains
     stiffness, damper, integrator, most = gains[0], gains[1], gains[2], gains[3]
+    q, qd, yielding, softness = seen.q, seen.qd, soft.yielding, soft.softness
     n = q.shape[0]
-    error = np.empty(n)
+    error, qdd, tau, wrench_B = np.empty(n), np.empty(n), np.empty(n), np.empty(6)
     along = 0.0
     for j in range(n):
-        error[j] = q_wanted[j] + since * qd_wanted[j] - q[j]
+        error[j] = wanted.q[j] + wanted.age * wanted.qd[j] - q[j]
         along += yielding[0, j] * error[j]
     for j in range(n):
         qdd[j] = (
-            qdd_wanted[j]
+            wanted.qdd[j]
             + stiffness * (error[j] - softness * along * yielding[1, j])
-            + damper * (qd_wanted[j] - qd[j])
+            + damper * (wanted.qd[j] - qd[j])
             + integrator * integral[j]
         )
-    newton_euler(layout, numbers, stations, q, qd, qdd, hull, borne_G, work, tau, wrench_B)
+    newton_euler(arm, JointMotion(q, qd, qdd), seen.hull, borne.wrench_G, workspace(arm.layout), tau, wrench_B)
     for j in range(n):
-        tau[j] += armature[j] * qdd[j] + damping[j] * qd[j] + friction[j]
-        if abs(tau[j]) > limits[j]:
-            tau[j] = np.sign(tau[j]) * limits[j]
+        tau[j] += drives.armature[j] * qdd[j] + drives.damping[j] * qd[j] + borne.friction[j]
+        if abs(tau[j]) > drives.limits[j]:
+            tau[j] = np.sign(tau[j]) * drives.limits[j]
         else:
             # Along the tool axis the force loop provides the integral action.
-            grown = integral[j] + dt * (error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0))
+            grown = integral[j] + drives.period * (error[j] - (along * yielding[1, j] if softness > 0.0 else 0.0))
             integral[j] = min(max(grown, -most), most)
+    return tau
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def resolve_tool_motion(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, speed_limit, X_AG, qd, qdd, yielding):
+def resolve_tool_motion(X_AB, X_WB, tool, hull, J_B, drift, speed_limit, out):
     """Re-aiming, p*_C = R^T (p*_O - r) in [Konoplin 2022]: tool pose in the arm's base, and its joint rates.
 
     Joint speeds are J^-1 of the tool's velocity relative to the hull, damped near singular postures. With `drift` the
@@ -134,29 +236,25 @@ def resolve_tool_motion(X_AB, X_WB, X_WG, v_WG_W, w_WG_W, hull, J_B, drift, spee
     Args:
         X_AB: (4, 4) hull pose in the arm's base.
         X_WB: (4, 4) hull pose.
-        X_WG: (4, 4) tool pose wanted.
-        v_WG_W: (3,) [m/s] velocity of the tool wanted, W.
-        w_WG_W: (3,) [rad/s] angular velocity of the tool wanted, W.
-        hull: (24,) motion of the hull as left by `estimate_tip_force`.
+        tool: fields of `ToolTarget`, in a tuple.
+        hull: (24,) motion of the hull as in `newton_euler`.
         J_B: (6, n) Jacobian of the tip, hull axes.
         drift: True compensates the motion of the hull.
         speed_limit: [rad/s] of every joint.
-        X_AG: (4, 4) output: tool pose in the arm's base.
-        qd: (n,) [rad/s] output: joint speeds.
-        qdd: (n,) [rad/s^2] output: joint accelerations that cancel the hull's; zero without `drift`.
-        yielding: (2, n) output: tip motion along the tool axis per joint angle [m/rad], and the joint motion for a
-            metre [rad/m].
+        out: fields of `ResolvedMotion`, in a tuple; written.
     """
+    tool, out = ToolTarget(*tool), ResolvedMotion(*out)
+    qd, qdd, yielding = out.qd, out.qdd, out.yielding
     X_BW = np.eye(4)
     wanted = np.zeros((3, 6))  # tool relative to the hull: velocity, acceleration; and 1 m along its axis
     for i in range(3):
         for j in range(3):
             X_BW[i, j] = X_WB[j, i]
             X_BW[i, 3] -= X_WB[j, i] * X_WB[j, 3]
-            wanted[0, i] += X_WB[j, i] * v_WG_W[j]
-            wanted[0, 3 + i] += X_WB[j, i] * w_WG_W[j]
-    X_BG = X_BW @ X_WG
-    X_AG[:, :] = X_AB @ X_BG
+            wanted[0, i] += X_WB[j, i] * tool.v_WG_W[j]
+            wanted[0, 3 + i] += X_WB[j, i] * tool.w_WG_W[j]
+    X_BG = X_BW @ tool.X_WG
+    out.X_AG[:, :] = X_AB @ X_BG
     if drift:
         p, v, w, a, b = X_BG[:3, 3], hull[9:12], hull[12:15], hull[15:18], hull[18:21]
         for i in range(3):

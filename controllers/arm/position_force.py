@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.tuning import ForceLoopTuning
+from controllers.tuning import ForceLoopTuning, tuned
 from sim.interfaces.spatial import Array
 
 
@@ -42,6 +42,15 @@ class ForceDisplacementState:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceDisplacement(ForceLoopTuning):
     """PID from the normal force error to the displacement, with anti-windup and a speed limit."""
+
+    @property
+    def closed_loop(self) -> bool:
+        """True: the estimated force is controlled."""
+        return True
+
+    def init(self) -> ForceDisplacementState:
+        """Initial state: no displacement, a rigid surface."""
+        return ForceDisplacementState()
 
     def step(
         self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
@@ -115,4 +124,34 @@ class ForceDisplacement(ForceLoopTuning):
         most = self.speed * dt
         state.k -= min(max(state.k, -most if inwards else 0.0), most)
         state.integral, state.error, state.wanted = state.k, 0.0, None
+        return state.k
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NominalStiffness(ForceDisplacement):
+    """Pressing without force control: a depth computed from the nominal stiffness of the pad."""
+
+    stiffness: float = tuned(3e4, "[N/m] assumed of the pad")
+
+    @property
+    def closed_loop(self) -> bool:
+        """False: the estimated force is not used."""
+        return False
+
+    def step(
+        self, state: ForceDisplacementState, wanted: float, felt: float, servo_compliance: float, dt: float
+    ) -> float:
+        """Displacement k for a set normal force.
+
+        Args:
+            state: of the law; changed in place.
+            wanted: [N] set normal force.
+            felt: [N] not used.
+            servo_compliance: [m/N] not used.
+            dt: [s] not used.
+
+        Returns:
+            The displacement k [m] along the tool axis.
+        """
+        state.k = wanted / self.stiffness
         return state.k

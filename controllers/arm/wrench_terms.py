@@ -7,7 +7,7 @@
 
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, inverse_dynamics
 from sim.interfaces.spatial import Array
 
 
@@ -15,12 +15,11 @@ class WrenchTerms:
     """Single terms of the arm's wrench (6,) [N, N m] on the hull, at the hull's origin in hull axes."""
 
     def __init__(self, arm: ArmDynamics) -> None:
-        self._arm = arm
-        self._dry = arm.numbers.copy()
-        for water in arm.of_bodies(self._dry, "added", "linear", "quadratic"):
+        self._wet = arm.parameters
+        dry = self._wet.numbers.copy()
+        for water in arm.of_bodies(dry, "added", "linear", "quadratic"):
             water[:] = 0.0
-        self._no_stations = arm.stations[:0]
-        self._no_contact, self._tau = np.zeros(6), np.empty(arm.n)
+        self._dry = self._wet._replace(numbers=dry, stations=self._wet.stations[:0])
 
     def hydrodynamic(self, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
         """Wrench (6,) [N, N m] of added mass and drag.
@@ -34,8 +33,7 @@ class WrenchTerms:
         Returns:
             The wrench on the hull, hull axes.
         """
-        arm = self._arm
-        return self._wrench(arm.numbers, arm.stations, hull, q, qd, qdd) - self._without_water(hull, q, qd, qdd)
+        return _wrench(self._wet, hull, q, qd, qdd) - _wrench(self._dry, hull, q, qd, qdd)
 
     def dynamic(self, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
         """Wrench (6,) [N, N m] of the rigid-body inertia of the arm, as in air.
@@ -52,14 +50,8 @@ class WrenchTerms:
         at_rest = hull.copy()
         at_rest[9:21] = 0.0
         still = np.zeros_like(q)
-        return self._without_water(hull, q, qd, qdd) - self._without_water(at_rest, q, still, still)
+        return _wrench(self._dry, hull, q, qd, qdd) - _wrench(self._dry, at_rest, q, still, still)
 
-    def _without_water(self, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
-        return self._wrench(self._dry, self._no_stations, hull, q, qd, qdd)
 
-    def _wrench(self, numbers: Array, stations: Array, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
-        wrench_B = np.empty(6)
-        newton_euler(
-            self._arm.layout, numbers, stations, q, qd, qdd, hull, self._no_contact, self._arm.work, self._tau, wrench_B
-        )
-        return wrench_B
+def _wrench(arm: ArmParameters, hull: Array, q: Array, qd: Array, qdd: Array) -> Array:
+    return inverse_dynamics(tuple(arm), (q, qd, qdd), hull, np.zeros(6))[1]

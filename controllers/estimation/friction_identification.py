@@ -3,7 +3,7 @@
     motion = FrictionMotion(vehicle, X_WB)                  # planner: all joints swing together, slowly, then fast
     qd, qdd = over_steps(qd_encoders, period)               # recorded while it ran
     result = identify_friction(qd, qdd, tau_motor[1:], tau_gear[1:], armature)
-    WorkController(model, friction=result.dry)
+    WorkController(model, estimator=TorqueSensors(model, friction=result.dry))
 
 With torque sensors at the gear outputs, the torque lost in a gear is measured: tau_motor - I_rotor qdd - tau_gear.
 Without them tau_gear comes from the arm's inverse dynamics, and model errors enter. Per joint, at the moving samples,

@@ -16,13 +16,14 @@ twists of all bodies beyond it.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numba
 import numpy as np
 
 from controllers.arm.believed_friction import dry_friction
-from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
 from models.arms.gear_friction import DryFriction
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -31,6 +32,16 @@ from sim.interfaces.spatial import Array, fitting
 
 SMOOTHING = 1e-3  # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
 _HINGE = 1  # joint kind of hinges in `layout` of controllers.arm.inverse_dynamics; other joints are slides
+
+
+class GearModel(NamedTuple):
+    """Believed gears: rotor inertia and friction, (n,) each."""
+
+    armature: Array  # [kg m^2] rotor inertia at the joint
+    viscous: Array  # [N m s/rad]
+    coulomb: Array  # [N m]
+    stiction: Array  # [N m]
+    stribeck_speed: Array  # [rad/s]
 
 
 @dataclass(slots=True, eq=False)
@@ -73,15 +84,22 @@ class LoadObserver:
                 raise ConfigurationError(f"load observer {name}: must be finite and > 0 s, got {value}")
         vehicle = Vehicle.of(model)
         self._arm = arm = ArmDynamics(model, water_error=water_error)
-        self._bare = arm.numbers.copy()  # the arm's numbers without weight, buoyancy and drag
-        for drag in arm.of_bodies(self._bare, "linear", "quadratic"):
+        bare = arm.parameters.numbers.copy()
+        for drag in arm.of_bodies(bare, "linear", "quadratic"):
             drag[:] = 0.0
-        arm.weightless(self._bare)
-        self._armature, self._friction = np.array(vehicle.armature), np.array(vehicle.joint_damping)
-        self._dry = friction or vehicle.dry_friction
+        arm.weightless(bare)
+        # Without weight, buoyancy and drag.
+        self._bare = arm.parameters._replace(numbers=bare, stations=arm.parameters.stations[:0])
+        dry = friction or vehicle.dry_friction
+        self._gears = GearModel(
+            armature=np.array(vehicle.armature),
+            viscous=np.array(vehicle.joint_damping),
+            coulomb=dry.coulomb,
+            stiction=dry.stiction,
+            stribeck_speed=dry.stribeck_speed,
+        )
         self._period = period
         self._gain = -np.expm1(-period / time_constant) / period  # [1/s] its pole: exactly exp(-period / time_constant)
-        self._hull = np.zeros(24)
 
     def init(self) -> LoadObserverState:
         """Initial state: no external torque; the first step sets the momentum."""
@@ -116,8 +134,7 @@ class LoadObserver:
         Raises:
             ConfigurationError: another shape, or a number that is not finite.
         """
-        arm, hull = self._arm, self._hull
-        joints = (arm.n,)
+        hull, joints = np.zeros(24), (self._arm.n,)
         q, qd = fitting(q, joints, "load observer q"), fitting(qd, joints, "load observer qd")
         tau_motor = fitting(tau_motor, joints, "load observer tau_motor")
         R_WB = fitting(R_WB, (3, 3), "load observer R_WB")
@@ -126,28 +143,10 @@ class LoadObserver:
         hull[:9] = R_WB.ravel()
         hull[9:15] = nu_B
         hull[9:12] -= R_WB.T @ v_current_W
-        dry = self._dry
+        timing = (self._period, self._gain, not state.started)
+        arms = tuple(self._arm.parameters), tuple(self._bare)
         _observe(
-            arm.layout,
-            arm.numbers,
-            self._bare,
-            arm.stations,
-            arm.work,
-            hull,
-            q,
-            qd,
-            tau_motor,
-            self._armature,
-            self._friction,
-            dry.coulomb,
-            dry.stiction,
-            dry.stribeck_speed,
-            self._period,
-            self._gain,
-            not state.started,
-            state.integral,
-            state.known,
-            state.tau_e,
+            *arms, tuple(self._gears), hull, (q, qd, tau_motor), timing, (state.integral, state.known, state.tau_e)
         )
         state.started = True
         return state.tau_e.copy()
@@ -155,40 +154,24 @@ class LoadObserver:
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _observe(
-    layout,
-    numbers,
-    bare,
-    stations,
-    work,
-    hull,
-    q,
-    qd,
-    tau_motor,
-    armature,
-    viscous,
-    coulomb,
-    stiction,
-    stribeck_speed,
-    dt,
-    gain,
-    first,
-    integral,
-    known,
-    tau_e,
-):
+def _observe(arm, bare, gears, hull, seen, timing, state):
     """Step of the observer; with `first` it only stores the momentum, since the past is unknown."""
+    arm, bare, gears = ArmParameters(*arm), ArmParameters(*bare), GearModel(*gears)
+    q, qd, tau_motor = seen
+    dt, gain, first = timing
+    integral, known, tau_e = state
     n = q.shape[0]
-    still, no_contact, wrench_B = np.zeros(n), np.zeros(6), np.empty(6)
+    no_contact, wrench_B, work = np.zeros(6), np.empty(6), workspace(arm.layout)
     static, velocity, p, turning = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    newton_euler(layout, numbers, stations, q, qd, still, hull, no_contact, work, static, wrench_B)
-    newton_euler(layout, bare, stations[:0], q, qd, still, hull, no_contact, work, velocity, wrench_B)
-    momentum(layout, numbers, work, p, turning)
+    joints = JointMotion(q, qd, np.zeros(n))
+    newton_euler(arm, joints, hull, no_contact, work, static, wrench_B)
+    newton_euler(bare, joints, hull, no_contact, work, velocity, wrench_B)
+    momentum(arm, work, p, turning)
     dry = np.empty(n)
-    dry_friction(coulomb, stiction, stribeck_speed, SMOOTHING, qd, dry)
+    dry_friction(gears.coulomb, gears.stiction, gears.stribeck_speed, SMOOTHING, qd, dry)
     for j in range(n):
-        p[j] += armature[j] * qd[j]
-        now = turning[j] - (static[j] - velocity[j]) - viscous[j] * qd[j] - dry[j]
+        p[j] += gears.armature[j] * qd[j]
+        now = turning[j] - (static[j] - velocity[j]) - gears.viscous[j] * qd[j] - dry[j]
         if first:
             integral[j], tau_e[j] = p[j], 0.0
         else:
@@ -200,18 +183,18 @@ def _observe(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def momentum(layout, numbers, work, p_joint, turning):
+def momentum(arm, work, p_joint, turning):
     """Generalised momentum of every joint and dT/dq, in still water.
 
     Reads the joint rotations, positions and twists that `newton_euler` left in `work`.
 
     Args:
-        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
-        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
+        arm: `ArmParameters`.
         work: working memory of `newton_euler`.
         p_joint: (n,) [N m s] output: generalised momentum.
         turning: (n,) [N m] output: dT/dq.
     """
+    layout, numbers = arm.layout, arm.numbers
     nb = layout.shape[1]
     parent, kind, column = layout[0], layout[1], layout[2]
     axis = numbers[0 : 3 * nb].reshape(nb, 3)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
 from sim.interfaces.spatial import Array
 
 
@@ -58,20 +58,21 @@ class PayloadIdentification:
             step: [rad] change of a joint from which on a posture counts as a new one.
         """
         self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
-        nb = arm.layout.shape[1]
-        self._parts: list[Array] = []  # numbers of the arm in vacuum with the mass of part k only
+        own = arm.parameters
+        nb = own.layout.shape[1]
+        self._parts: list[ArmParameters] = []  # the arm in vacuum with the mass of part k only
         for k in range(nb):
-            alone = arm.numbers.copy()
+            alone = own.numbers.copy()
             for masses in arm.of_bodies(alone, "mass", "inertia"):
                 masses[np.arange(nb) != k] = 0.0
             for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
                 wet[:] = 0.0
-            self._parts.append(alone)
-        self._of_water = arm.numbers.copy()  # added mass and drag alone
-        for heavy in arm.of_bodies(self._of_water, "mass", "com", "inertia", "buoyancy"):
+            self._parts.append(own._replace(numbers=alone, stations=own.stations[:0]))
+        water_alone = own.numbers.copy()  # added mass and drag
+        for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
+        self._of_water = own._replace(numbers=water_alone)
         self._prior = np.concatenate([np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]])
-        self._none = np.zeros((0, 9))
 
     def init(self) -> PayloadIdentificationState:
         """Initial state: the priors only."""
@@ -80,32 +81,25 @@ class PayloadIdentification:
             np.diag(self._prior), np.zeros(unknowns), np.zeros((n, unknowns + 1)), 0, np.zeros(n)
         )
 
-    def add(
-        self, state: PayloadIdentificationState, q: Array, qd: Array, qdd: Array, hull: Array, tau_e: Array
-    ) -> None:
+    def add(self, state: PayloadIdentificationState, joints: JointMotion, hull: Array, tau_e: Array) -> None:
         """Add one sample of the torque residual, free of contact.
 
         Args:
             state: of `init`; changed in place.
-            q: (n,) [rad] joint angles.
-            qd: (n,) [rad/s] joint speeds.
-            qdd: (n,) [rad/s^2] joint accelerations.
+            joints: motion of the joints.
             hull: (24,) motion of the hull as in `newton_euler`.
             tau_e: (n,) [N m] torques of the model less those measured.
         """
-        nb, n = len(self._parts), self._arm.n
-        torque, wrench, none, layout, work = np.empty(n), np.empty(6), np.zeros(6), self._arm.layout, self._arm.work
+        nb, n, none = len(self._parts), self._arm.n, np.zeros(6)
         for k, alone in enumerate(self._parts):
-            newton_euler(layout, alone, self._none, q, qd, qdd, hull, none, work, torque, wrench)
-            state.total[:, k] -= torque
-        newton_euler(layout, self._of_water, self._arm.stations, q, qd, qdd, hull, none, work, torque, wrench)
+            state.total[:, k] -= inverse_dynamics(tuple(alone), tuple(joints), hull, none)[0]
         state.total[:, nb : nb + n] -= np.eye(n)
-        state.total[:, nb + n] -= torque
+        state.total[:, nb + n] -= inverse_dynamics(tuple(self._of_water), tuple(joints), hull, none)[0]
         state.total[:, -1] += tau_e
         if state.count == 0:
-            state.q = q.copy()
+            state.q = joints.q.copy()
         state.count += 1
-        if np.abs(q - state.q).max() >= self._step:
+        if np.abs(joints.q - state.q).max() >= self._step:
             self._take(state)
 
     def _take(self, state: PayloadIdentificationState) -> None:
@@ -124,9 +118,9 @@ class PayloadIdentification:
         found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
         return found[: len(self._parts)]
 
-    def weighed(self, excess: Array) -> Array:
-        """Numbers of the arm, for `newton_euler`, with masses and inertias scaled by 1 + `excess` (nb,) [-]."""
-        numbers = self._arm.numbers.copy()
+    def weighed(self, excess: Array) -> ArmParameters:
+        """The arm with masses and inertias scaled by 1 + `excess` (nb,) [-]."""
+        numbers = self._arm.parameters.numbers.copy()
         for masses in self._arm.of_bodies(numbers, "mass", "inertia"):
             masses *= (1.0 + excess)[:, None]
-        return numbers
+        return self._arm.parameters._replace(numbers=numbers)

@@ -1,188 +1,189 @@
 """Tip-force estimator that runs in the loop: one compiled call from joint torques to the force on the tool.
 
 The parts are those of `controllers.arm.inverse_dynamics` and `controllers.estimation.force_from_torques`. The tests
-compare the compiled forms here with the plain forms there.
+compare the compiled forms here with the plain forms there. Records come as plain tuples of their fields, which numba
+types faster.
 """
+
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
-from controllers.arm.inverse_dynamics import newton_euler, tip_kinematics
+from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, tip_kinematics, workspace
 from controllers.estimation.force_from_torques import PRIOR
 from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array
+
+
+class ArmReadings(NamedTuple):
+    """Measured motion of hull and arm, and the torques read."""
+
+    X_WB: Array  # (4, 4) hull pose
+    v_B: Array  # (3,) [m/s] velocity of the hull, hull axes
+    w_B: Array  # (3,) [rad/s] angular velocity of the hull, hull axes
+    a_B: Array  # (3,) [m/s^2] acceleration of the hull's origin, hull axes
+    current_W: Array  # (3,) [m/s] steady current
+    q: Array  # (n,) [rad] joint angles
+    qd: Array  # (n,) [rad/s] joint speeds
+    tau: Array  # (n,) [N m] torques at the gear outputs
+
+
+class TorqueErrors(NamedTuple):
+    """Errors of the joint torques."""
+
+    bias: Array  # (n,) [N m] tare, not due to contact
+    floor: Array  # (n,) [N m] constant standard deviation of a torque
+    noise: float  # [-] standard deviation of a torque as a share of its reading
+
+
+class SenseTiming(NamedTuple):
+    """Step and filters of the estimator."""
+
+    period: float  # [s] since the last step
+    acceleration: float  # [s] filter of the rates, whose lag gives the accelerations
+    force: float  # [s] filter of the force
+
+
+class SensedArm(NamedTuple):
+    """Memory and output of the estimator; all arrays are written at each step."""
+
+    qd_slow: Array  # (n,) [rad/s] filtered joint speeds
+    w_slow_B: Array  # (3,) [rad/s] filtered angular velocity of the hull
+    hull: Array  # (24,) motion of the hull for `newton_euler`
+    qdd: Array  # (n,) [rad/s^2] joint accelerations
+    tau_e: Array  # (n,) [N m] external torques before the tare is subtracted
+    wrench_B: Array  # (6,) [N, N m] wrench of the arm on the hull without contact, hull axes
+    X_BG: Array  # (4, 4) tip pose in the hull's frame
+    J_B: Array  # (6, n) Jacobian of the tip, hull axes
+    f_B: Array  # (3,) [N] force of the world on the tip, hull axes; filtered
+    f_G: Array  # (3,) [N] the same in tool axes
+
+    @classmethod
+    def start(cls, qd: Array, w_B: Array) -> "SensedArm":
+        """Memory at the first estimate: `qd` (n,) [rad/s], `w_B` (3,) [rad/s] of the hull, hull axes."""
+        n = len(qd)
+        return cls(
+            qd_slow=np.array(qd),
+            w_slow_B=np.array(w_B),
+            hull=np.zeros(24),
+            qdd=np.zeros(n),
+            tau_e=np.zeros(n),
+            wrench_B=np.zeros(6),
+            X_BG=np.eye(4),
+            J_B=np.zeros((6, n)),
+            f_B=np.zeros(3),
+            f_G=np.zeros(3),
+        )
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def estimate_tip_force(
-    layout,
-    numbers,
-    stations,
-    work,
-    hull,
-    X_WB,
-    v_B,
-    w_B,
-    a_B,
-    current_W,
-    q,
-    qd,
-    tau_measured,
-    bias,
-    noise,
-    floor,
-    dt,
-    filters,
-    qd_slow,
-    w_slow_B,
-    qdd,
-    tau_e,
-    wrench_B,
-    X_BG,
-    J_B,
-    f_tip_B,
-    f_tip_G,
-    f_tip_W,
-):
+def estimate_tip_force(arm, readings, errors, timing, sensed, f_W):
     """Filtered force of the world on the tip from torque sensors less the arm model; returns the normal force [N].
 
     Joint and hull angular accelerations come from the lag of filtered rates.
 
     Args:
-        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
-        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
-        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
-        work: working memory of `newton_euler`.
-        hull: (24,) output: motion of the hull for `newton_euler`.
-        X_WB: (4, 4) hull pose.
-        v_B: (3,) [m/s] velocity of the hull, hull axes.
-        w_B: (3,) [rad/s] angular velocity of the hull, hull axes.
-        a_B: (3,) [m/s^2] acceleration of the hull's origin, hull axes.
-        current_W: (3,) [m/s] steady current.
-        q: (n,) [rad] joint angles.
-        qd: (n,) [rad/s] joint speeds.
-        tau_measured: (n,) [N m] torques at the gear outputs.
-        bias: (n,) [N m] tare, not due to contact.
-        noise: [-] error of a torque as a share of its reading.
-        floor: (n,) [N m] constant error of a torque.
-        dt: [s] since the last step.
-        filters: time constants of rates and force [s].
-        qd_slow: (n,) [rad/s] filtered joint speeds; updated.
-        w_slow_B: (3,) [rad/s] filtered angular velocity of the hull; updated.
-        qdd: (n,) [rad/s^2] output: joint accelerations.
-        tau_e: (n,) [N m] output: external torques before `bias` is subtracted.
-        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull without contact, hull axes.
-        X_BG: (4, 4) output: tip pose in the hull's frame.
-        J_B: (6, n) output: Jacobian of the tip, hull axes.
-        f_tip_B: (3,) [N] filtered force, hull axes; updated.
-        f_tip_G: (3,) [N] output: the same in tool axes.
-        f_tip_W: (3,) [N] output: the same in W.
+        arm: fields of `ArmParameters`, in a tuple; likewise below.
+        readings: `ArmReadings`.
+        errors: `TorqueErrors`.
+        timing: `SenseTiming`.
+        sensed: `SensedArm`; updated.
+        f_W: (3,) [N] output: force in W.
 
     Returns:
         The normal force [N], positive when the tool presses.
     """
-    lag = min(1.0, dt / filters[0])
+    read, out = ArmReadings(*readings), SensedArm(*sensed)
+    dt, acceleration_time, force_time = timing
+    X_WB, v_B, w_B, a_B = read.X_WB, read.v_B, read.w_B, read.a_B
+    hull, w_slow_B, qd_slow = out.hull, out.w_slow_B, out.qd_slow
+    lag = min(1.0, dt / acceleration_time)
     for i in range(3):
         for j in range(3):
             hull[3 * i + j] = X_WB[i, j]
-        hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], current_W[i]
+        hull[9 + i], hull[12 + i], hull[21 + i] = v_B[i], w_B[i], read.current_W[i]
         j, k = (i + 1) % 3, (i + 2) % 3
         hull[15 + i] = a_B[i] - (w_B[j] * v_B[k] - w_B[k] * v_B[j])  # time derivative of the components of v_B
-        hull[18 + i] = (w_B[i] - w_slow_B[i]) / filters[0]
+        hull[18 + i] = (w_B[i] - w_slow_B[i]) / acceleration_time
         w_slow_B[i] += lag * (w_B[i] - w_slow_B[i])
-    for j in range(q.shape[0]):
-        qdd[j] = (qd[j] - qd_slow[j]) / filters[0]
-        qd_slow[j] += lag * (qd[j] - qd_slow[j])
-    f_B = unfiltered_tip_force(
-        layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
-    )
-    lag = min(1.0, dt / filters[1])
+    for j in range(read.q.shape[0]):
+        out.qdd[j] = (read.qd[j] - qd_slow[j]) / acceleration_time
+        qd_slow[j] += lag * (read.qd[j] - qd_slow[j])
+    joints = JointMotion(read.q, read.qd, out.qdd)
+    f_B = unfiltered_tip_force(ArmParameters(*arm), joints, read.tau, TorqueErrors(*errors), out)
+    lag = min(1.0, dt / force_time)
     for i in range(3):
-        f_tip_B[i] += lag * (f_B[i] - f_tip_B[i])
-    return _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W)
+        out.f_B[i] += lag * (f_B[i] - out.f_B[i])
+    return _in_axes(X_WB, out, f_W)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def force_from_external_torques(X_WB, X_BG, J_B, tau_e, bias, tau_measured, noise, floor, f_tip_B, f_tip_G, f_tip_W):
-    """Force of the world on the tip from external torques of a load observer, unfiltered; returns the normal force [N].
+def force_from_external_torques(X_WB, tau_scale, errors, sensed, f_W):
+    """Force of the world on the tip from the external torques `sensed.tau_e`, unfiltered; returns the normal force [N].
 
     Args:
         X_WB: (4, 4) hull pose.
-        X_BG: (4, 4) tip pose in the hull's frame.
-        J_B: (6, n) Jacobian of the tip, hull axes.
-        tau_e: (n,) [N m] external torques.
-        bias: (n,) [N m] tare, not due to contact.
-        tau_measured: (n,) [N m] torques that scale the error of each joint.
-        noise: [-] error of a torque as a share of `tau_measured`.
-        floor: (n,) [N m] constant error of a torque.
-        f_tip_B: (3,) [N] output: force, hull axes.
-        f_tip_G: (3,) [N] output: the same in tool axes.
-        f_tip_W: (3,) [N] output: the same in W.
+        tau_scale: (n,) [N m] torques that scale the relative error of each joint.
+        errors: fields of `TorqueErrors`, in a tuple.
+        sensed: fields of `SensedArm`, in a tuple; the force is written.
+        f_W: (3,) [N] output: force in W.
 
     Returns:
         The normal force [N], positive when the tool presses.
     """
-    f_B = _least_squares(J_B, tau_e, bias, tau_measured, noise, floor)
+    out = SensedArm(*sensed)
+    f_B = _least_squares(out.J_B, out.tau_e, tau_scale, TorqueErrors(*errors))
     for i in range(3):
-        f_tip_B[i] = f_B[i]
-    return _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W)
+        out.f_B[i] = f_B[i]
+    return _in_axes(X_WB, out, f_W)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _in_axes(X_WB, X_BG, f_tip_B, f_tip_G, f_tip_W):
+def _in_axes(X_WB, out, f_W):
     """Force in tool axes and in W; returns the normal force."""
+    X_BG, f_B = out.X_BG, out.f_B
     for i in range(3):
-        f_tip_G[i] = X_BG[0, i] * f_tip_B[0] + X_BG[1, i] * f_tip_B[1] + X_BG[2, i] * f_tip_B[2]
-        f_tip_W[i] = X_WB[i, 0] * f_tip_B[0] + X_WB[i, 1] * f_tip_B[1] + X_WB[i, 2] * f_tip_B[2]
-    return -f_tip_G[2]  # the tool presses along its z axis; the world pushes back
+        out.f_G[i] = X_BG[0, i] * f_B[0] + X_BG[1, i] * f_B[1] + X_BG[2, i] * f_B[2]
+        f_W[i] = X_WB[i, 0] * f_B[0] + X_WB[i, 1] * f_B[1] + X_WB[i, 2] * f_B[2]
+    return -out.f_G[2]  # the tool presses along its z axis; the world pushes back
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def unfiltered_tip_force(
-    layout, numbers, stations, work, hull, q, qd, qdd, tau_measured, bias, noise, floor, tau_e, wrench_B, X_BG, J_B
-):
+def unfiltered_tip_force(arm, joints, tau_measured, errors, sensed):
     """Unfiltered force of the world on the tip (3,) [N], hull axes, from torque sensors less the arm model.
 
     Args:
-        layout: (4, nb) tree of the arm, `ArmDynamics.layout`.
-        numbers: packed parameters of the arm, `ArmDynamics.numbers`.
-        stations: (ns, 9) drag stations, `ArmDynamics.stations`.
-        work: working memory of `newton_euler`.
-        hull: (24,) motion of the hull as in `newton_euler`.
-        q: (n,) [rad] joint angles.
-        qd: (n,) [rad/s] joint speeds.
-        qdd: (n,) [rad/s^2] joint accelerations.
+        arm: `ArmParameters`.
+        joints: `JointMotion`.
         tau_measured: (n,) [N m] torques at the gear outputs.
-        bias: (n,) [N m] tare, not due to contact.
-        noise: [-] error of a torque as a share of its reading.
-        floor: (n,) [N m] constant error of a torque.
-        tau_e: (n,) [N m] output: external torques before `bias` is subtracted.
-        wrench_B: (6,) [N, N m] output: wrench of the arm on the hull without contact, hull axes.
-        X_BG: (4, 4) output: tip pose in the hull's frame.
-        J_B: (6, n) output: Jacobian of the tip, hull axes.
+        errors: `TorqueErrors`.
+        sensed: `SensedArm` with the hull's motion; external torques, wrench and tip kinematics are written.
 
     Returns:
         The force (3,) [N].
     """
-    no_contact = np.zeros(6)
-    newton_euler(layout, numbers, stations, q, qd, qdd, hull, no_contact, work, tau_e, wrench_B)
-    tip_kinematics(layout, numbers, work, X_BG, J_B)
-    for j in range(q.shape[0]):
-        tau_e[j] -= tau_measured[j]
-    return _least_squares(J_B, tau_e, bias, tau_measured, noise, floor)
+    work = workspace(arm.layout)
+    newton_euler(arm, joints, sensed.hull, np.zeros(6), work, sensed.tau_e, sensed.wrench_B)
+    tip_kinematics(arm, work, sensed.X_BG, sensed.J_B)
+    for j in range(joints.q.shape[0]):
+        sensed.tau_e[j] -= tau_measured[j]
+    return _least_squares(sensed.J_B, sensed.tau_e, tau_measured, errors)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _least_squares(J_B, tau_e, bias, tau_measured, noise, floor):
+def _least_squares(J_B, tau_e, tau_scale, errors):
     """Force on the tip (3,) [N], hull axes: `controllers.estimation.force_from_torques.tip_force` by Cholesky."""
+    bias, floor, noise = errors.bias, errors.floor, errors.noise
     a00, a11, a22, a01, a02, a12 = PRIOR, PRIOR, PRIOR, 0.0, 0.0, 0.0
     b0 = b1 = b2 = 0.0
     for j in range(tau_e.shape[0]):
-        weight = 1.0 / (floor[j] + noise * abs(tau_measured[j])) ** 2
+        weight = 1.0 / (floor[j] + noise * abs(tau_scale[j])) ** 2
         x, y, z, t = J_B[0, j], J_B[1, j], J_B[2, j], weight * (tau_e[j] - bias[j])
         a00 += weight * x * x
         a11 += weight * y * y

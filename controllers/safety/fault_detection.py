@@ -19,6 +19,7 @@ Thresholds are in `FaultLimits`; the tests measure the distance of sound runs fr
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import mujoco
 import numba
@@ -35,15 +36,13 @@ from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEs
 from sim.interfaces.spatial import Array
 
 
-@dataclass(slots=True, eq=False)
-class FaultDetectionState:
-    """State of fault detection; arrays change in place."""
+class JointResiduals(NamedTuple):
+    """Residuals of torque sensors and encoders; arrays, changed in place."""
 
-    time: float  # [s] of the last estimate
-    began: float  # [s] of the first estimate
     q: Array  # (n,) [rad] last readings
     qd: Array  # (n,) [rad/s]
     tau: Array  # (n,) [N m]
+    tau_motor: Array  # (n,) [N m] last command
     same: np.ndarray  # (2, n) consecutive equal samples of torque sensor and encoder
     longest: np.ndarray  # (2, n) the longest such run while sound
     qd_slow: Array  # (n,) [rad/s] filtered
@@ -52,8 +51,11 @@ class FaultDetectionState:
     usual: Array  # (n,) [N m] its average
     beyond: Array  # (n,) [s] for which it has exceeded its bound
     slip: Array  # (n,) [rad] angle less integral of speed
-    tau_motor: Array  # (n,) [N m] last command
-    hull_time: float  # [s] of the last momentum balance of the hull
+
+
+class HullResiduals(NamedTuple):
+    """Momentum balance of the hull, and the propellers as predicted; arrays, changed in place."""
+
     speed: Array  # (m,) [-] predicted propeller speeds, normalised
     passed: Array  # (m,) [-] command after the slew limit
     thrusters: Array  # (m,) [-] last command
@@ -64,6 +66,38 @@ class FaultDetectionState:
     thrust: Array  # (m,) [N] predicted
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
+
+
+class _JointModel(NamedTuple):
+    armature: Array  # (n,) [kg m^2]
+    damping: Array  # (n,) [N m s/rad]
+    floor: Array  # (n,) [N m] constant part of the torque bound
+    share: float  # [-] part of the torque bound by the reading
+    period: float  # [s] of the steps
+    torque_time: float  # [s]
+    encoder_time: float  # [s]
+    learning_time: float  # [s]
+
+
+class _HullModel(NamedTuple):
+    inertia: Array  # (6, 6) with added mass
+    added: Array  # (6, 6)
+    linear: Array  # (6, 6)
+    quadratic: Array  # (6,)
+    curves: Array  # of the thrusters
+    lags: Array  # (m, 2) time constant [s], slew rate [1/s]
+    B: Array  # (6, m) wrench of unit thrusts
+    scale: Array  # (6,) that converts moments to forces
+
+
+@dataclass(slots=True, eq=False)
+class FaultDetectionState:
+    """State of fault detection; arrays change in place."""
+
+    began: float  # [s] of the first estimate
+    joints: JointResiduals
+    hull: HullResiduals
+    hull_time: float  # [s] of the last momentum balance of the hull
     load_seen: HullLoad | None = None  # of the last momentum balance, to recognise a new one
     faults: list[Fault] = field(default_factory=list)  # found so far
 
@@ -85,18 +119,29 @@ class FaultDetection:
         """
         self._vehicle = vehicle = Vehicle.of(model)
         self._period, self.limits = period, limits or FaultLimits()
-        self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
         limits = self.limits
-        self._floor = limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction
-        table = vehicle.thruster_table
-        self._curves, self._B = curves(table), np.array(vehicle.thruster_wrench)
-        self._lags = np.array(table[:, [TIME_CONSTANT, SLEW_RATE]])
-        water = hydrodynamics.unpack(model.body_user[vehicle.hull])
-        self._inertia = hull_inertia(model, vehicle.hull, 1.0)
-        self._added, self._linear = np.array(water.added_mass), np.array(water.linear_damping)
-        self._quadratic = np.array(water.quadratic_damping)
-        self._scale = np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3])
-        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(self._scale[:, None] * self._B, 2))
+        self._joints = _JointModel(
+            armature=np.array(vehicle.armature),
+            damping=np.array(vehicle.joint_damping),
+            floor=limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction,
+            share=limits.torque_share,
+            period=period,
+            torque_time=limits.torque_time,
+            encoder_time=limits.encoder_time,
+            learning_time=limits.learning_time,
+        )
+        table, water = vehicle.thruster_table, hydrodynamics.unpack(model.body_user[vehicle.hull])
+        self._hull = hull = _HullModel(
+            inertia=hull_inertia(model, vehicle.hull, 1.0),
+            added=np.array(water.added_mass),
+            linear=np.array(water.linear_damping),
+            quadratic=np.array(water.quadratic_damping),
+            curves=curves(table),
+            lags=np.array(table[:, [TIME_CONSTANT, SLEW_RATE]]),
+            B=np.array(vehicle.thruster_wrench),
+            scale=np.array([1.0, 1.0, 1.0, *(1.0 / limits.lever,) * 3]),
+        )
+        force, moment = (np.linalg.norm(part, axis=0) for part in np.vsplit(hull.scale[:, None] * hull.B, 2))
         telling = moment > limits.thruster_moment * force
         self._confirm = np.where(telling, limits.thruster_confirm, limits.current_confirm)
 
@@ -105,31 +150,34 @@ class FaultDetection:
         n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
         joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
         return FaultDetectionState(
-            time=estimate.time,
             began=estimate.time,
-            q=np.array(estimate.q),
-            qd=np.array(estimate.qd),
-            tau=np.array(estimate.tau),
-            same=np.zeros((2, n), dtype=np.int64),
-            longest=np.zeros((2, n), dtype=np.int64),
-            qd_slow=np.array(estimate.qd),
-            gear=joint(),
-            excess=joint(),
-            usual=joint(),
-            beyond=joint(),
-            slip=joint(),
-            tau_motor=joint(),
             hull_time=estimate.time,
-            speed=thruster(),
-            passed=thruster(),
-            thrusters=thruster(),
-            nu_slow=six(),
-            rest=six(),
-            missing=six(),
-            missing_usual=six(),
-            thrust=thruster(),
-            thrust_usual=thruster(),
-            lost_for=thruster(),
+            joints=JointResiduals(
+                q=np.array(estimate.q),
+                qd=np.array(estimate.qd),
+                tau=np.array(estimate.tau),
+                tau_motor=joint(),
+                same=np.zeros((2, n), dtype=np.int64),
+                longest=np.zeros((2, n), dtype=np.int64),
+                qd_slow=np.array(estimate.qd),
+                gear=joint(),
+                excess=joint(),
+                usual=joint(),
+                beyond=joint(),
+                slip=joint(),
+            ),
+            hull=HullResiduals(
+                speed=thruster(),
+                passed=thruster(),
+                thrusters=thruster(),
+                nu_slow=six(),
+                rest=six(),
+                missing=six(),
+                missing_usual=six(),
+                thrust=thruster(),
+                thrust_usual=thruster(),
+                lost_for=thruster(),
+            ),
         )
 
     def step(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> tuple[Fault, ...]:
@@ -147,38 +195,15 @@ class FaultDetection:
         """
         limits, time = self.limits, estimate.time
         warm = time - state.began > limits.warm_up
-        found = _joints(
-            estimate.q,
-            estimate.qd,
-            estimate.tau,
-            state.tau_motor,
-            self._armature,
-            self._damping,
-            self._period,
-            (limits.torque_time, limits.encoder_time, limits.learning_time, limits.torque_share),
-            self._floor,
-            time - state.began,
-            warm,
-            state.q,
-            state.qd,
-            state.tau,
-            state.same,
-            state.longest,
-            state.qd_slow,
-            state.gear,
-            state.excess,
-            state.usual,
-            state.beyond,
-            state.slip,
-        )
+        seen = (estimate.q, estimate.qd, estimate.tau)
+        found = _joints(tuple(self._joints), seen, time - state.began, warm, tuple(state.joints))
         if warm and found:
             self._judge_joints(state, time)
         if not estimate.vision_age > limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
             self._add(state, FaultKind.VISION, "", -1, time)
-        state.time = time
-        state.tau_motor[:] = command.joint_torque
+        state.joints.tau_motor[:] = command.joint_torque
         load = command.hull_load
         if load is not None and load is not state.load_seen:
             state.load_seen = load
@@ -186,14 +211,14 @@ class FaultDetection:
         return tuple(state.faults)
 
     def _judge_joints(self, state: FaultDetectionState, time: float) -> None:
-        limits = self.limits
+        limits, joints = self.limits, state.joints
         least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
-        frozen = state.same > np.maximum(least, limits.frozen_factor * state.longest)
-        torque = frozen[0] | (state.beyond > limits.torque_confirm)
-        encoder = frozen[1] | (np.abs(state.slip) > limits.encoder_slip)
-        torque_off, encoder_off = state.excess - state.usual, state.slip
+        frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
+        torque = frozen[0] | (joints.beyond > limits.torque_confirm)
+        encoder = frozen[1] | (np.abs(joints.slip) > limits.encoder_slip)
+        torque_off, encoder_off = joints.excess - joints.usual, joints.slip
         for j in np.flatnonzero(torque | encoder).tolist():
-            name, still = self._vehicle.joint_names[j], 1e3 * self._period * state.same[:, j]
+            name, still = self._vehicle.joint_names[j], 1e3 * self._period * joints.same[:, j]
             if torque[j]:
                 said = (
                     f"stood still for {still[0]:.0f} ms" if frozen[0, j] else f"{torque_off[j]:+.3g} N m off its motor"
@@ -232,58 +257,28 @@ class FaultDetection:
         state.hull_time = estimate.time
         if dt <= 0.0:
             return
-        _hull(
-            estimate.X_WB[:3, :3],
-            estimate.v_WB_B,
-            estimate.w_WB_B,
-            load.current_W,
-            load.arm_wrench_B,
-            self._inertia,
-            self._added,
-            self._linear,
-            self._quadratic,
-            self._curves,
-            self._lags,
-            self._B,
-            state.thrusters,
-            dt,
-            limits.hull_time,
-            state.speed,
-            state.passed,
-            state.nu_slow,
-            state.rest,
-            state.missing,
-        )
-        state.thrusters[:] = command.thrusters
+        seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
+        _hull(self._hull, seen, dt, limits.hull_time, state.hull)
+        state.hull.thrusters[:] = command.thrusters
         self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
 
     def _judge_hull(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
-        limits = self.limits
-        size, asked, changed, best, share = _explain(
-            state.missing,
-            state.missing_usual,
-            self._scale,
-            self._B,
-            self._curves,
-            state.speed,
-            state.thrust,
-            state.thrust_usual,
-            limits.thruster_leftover,
-        )
+        limits, hull = self.limits, state.hull
+        size, asked, changed, best, share = _explain(self._hull, hull, limits.thruster_leftover)
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed
         low, high = limits.thruster_loss
         suspect = best >= 0 and low < share < high
         # A residual that no thruster loss explains, however large, is model drift and enters the average.
         if not warm or size < 0.7 * bound or not suspect:
             learn = min(1.0, dt / min(limits.hull_learning_time, max(time - state.began, dt)))
-            state.missing_usual += learn * (state.missing - state.missing_usual)
-            state.thrust_usual += learn * (state.thrust - state.thrust_usual)
-        lost_for = float(state.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
-        state.lost_for[:] = 0.0
+            hull.missing_usual[:] += learn * (hull.missing - hull.missing_usual)
+            hull.thrust_usual[:] += learn * (hull.thrust - hull.thrust_usual)
+        lost_for = float(hull.lost_for[best]) + dt if warm and suspect and size > bound else 0.0
+        hull.lost_for[:] = 0.0
         if lost_for > 0.0:
-            state.lost_for[best] = lost_for
+            hull.lost_for[best] = lost_for
             if lost_for > self._confirm[best]:
-                asked_of_it = abs(float(state.thrust[best]))
+                asked_of_it = abs(float(hull.thrust[best]))
                 figures = f"gave {(1.0 - share) * asked_of_it:.0f} N where {asked_of_it:.0f} N were asked for"
                 self._add(state, FaultKind.THRUSTER, self._vehicle.thruster_names[best], best, time, figures)
 
@@ -312,32 +307,28 @@ def finite(X_WB, v_B, w_B, a_B, q, qd, time):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _joints(
-    q,
-    qd,
-    tau,
-    tau_motor,
-    armature,
-    damping,
-    dt,
-    numbers,
-    floor,
-    age,
-    warm,
-    q_last,
-    qd_last,
-    tau_last,
-    same,
-    longest,
-    qd_slow,
-    gear,
-    excess,
-    usual,
-    beyond,
-    slip,
-):
-    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation."""
-    torque_time, encoder_time, learning_time, share = numbers
+def _joints(model, seen, age, warm, residuals):
+    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation.
+
+    Records come as plain tuples of their fields, which numba types faster.
+
+    Args:
+        model: `_JointModel`.
+        seen: joint angles, speeds and torques, (n,) each.
+        age: [s] since the first sample.
+        warm: True once the initial learning is over.
+        residuals: `JointResiduals`; updated.
+    """
+    model, r = _JointModel(*model), JointResiduals(*residuals)
+    q, qd, tau = seen
+    dt, torque_time, encoder_time, learning_time = (
+        model.period,
+        model.torque_time,
+        model.encoder_time,
+        model.learning_time,
+    )
+    q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
+    gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
     lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
     look = False
     for j in range(q.shape[0]):
@@ -353,13 +344,13 @@ def _joints(
         if not warm:
             slip[j] = 0.0
         look |= abs(slip[j]) > 1e-3
-        gear[j] += lag * (tau[j] - tau_motor[j] + damping[j] * qd[j] - gear[j])
-        excess[j] = gear[j] + armature[j] * (qd[j] - qd_slow[j]) / torque_time
+        gear[j] += lag * (tau[j] - r.tau_motor[j] + model.damping[j] * qd[j] - gear[j])
+        excess[j] = gear[j] + model.armature[j] * (qd[j] - qd_slow[j]) / torque_time
         qd_slow[j] += lag * (qd[j] - qd_slow[j])
-        off = abs(excess[j] - usual[j]) / (floor[j] + share * abs(tau[j]))
+        off = abs(excess[j] - usual[j]) / (model.floor[j] + model.share * abs(tau[j]))
         if off < 0.5 or not warm:
             usual[j] += learn * (excess[j] - usual[j])
-        beyond[j] = beyond[j] + dt if off > 1.0 else 0.0
+        r.beyond[j] = r.beyond[j] + dt if off > 1.0 else 0.0
         look |= off > 1.0
         q_last[j], qd_last[j], tau_last[j] = q[j], qd[j], tau[j]
     return look
@@ -367,86 +358,76 @@ def _joints(
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _hull(
-    R_WB,
-    v_B,
-    w_B,
-    current_W,
-    arm_wrench_B,
-    inertia,
-    added,
-    linear,
-    quadratic,
-    curve,
-    lags,
-    B,
-    command,
-    dt,
-    time,
-    speed,
-    passed,
-    nu_slow,
-    rest,
-    missing,
-):
-    """Unexplained wrench on the hull, `missing` (6,) [N, N m], after thrusts commanded for `dt` [s].
+def _hull(model, seen, dt, time, residuals):
+    """Unexplained wrench on the hull, `residuals.missing` (6,) [N, N m], after thrusts commanded for `dt` [s].
 
     Weight and righting moment of the hull change slowly and are left to the average.
+
+    Args:
+        model: `_HullModel`.
+        seen: attitude R_WB, velocities v_B and w_B, current in W, and wrench of the arm on the hull.
+        dt: [s] since the last balance.
+        time: [s] of the filter.
+        residuals: `HullResiduals`; updated.
     """
+    R_WB, v_B, w_B, current_W, arm_wrench_B = seen
+    inertia, lags, B, r = model.inertia, model.lags, model.B, residuals
     nu, relative, force = np.empty(6), np.empty(6), np.empty(6)
     for i in range(3):
         nu[i], nu[3 + i] = v_B[i], w_B[i]
         relative[i], relative[3 + i] = v_B[i], w_B[i]
         for j in range(3):
             relative[i] -= R_WB[j, i] * current_W[j]
-    p = inertia @ nu + added @ (relative - nu)
+    p = inertia @ nu + model.added @ (relative - nu)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         force[i] = w_B[j] * p[k] - w_B[k] * p[j]
         force[3 + i] = w_B[j] * p[3 + k] - w_B[k] * p[3 + j] + relative[j] * p[k] - relative[k] * p[j]
     for i in range(6):
-        force[i] += quadratic[i] * abs(relative[i]) * relative[i] - arm_wrench_B[i]
+        force[i] += model.quadratic[i] * abs(relative[i]) * relative[i] - arm_wrench_B[i]
         for j in range(6):
-            force[i] += linear[i, j] * relative[j]
-    for t in range(speed.shape[0]):
-        wanted = min(max(command[t], -1.0), 1.0)
+            force[i] += model.linear[i, j] * relative[j]
+    for t in range(r.speed.shape[0]):
+        wanted = min(max(r.thrusters[t], -1.0), 1.0)
         if lags[t, 1] > 0.0:
-            wanted = min(max(wanted, passed[t] - lags[t, 1] * dt), passed[t] + lags[t, 1] * dt)
-        passed[t] = wanted
+            wanted = min(max(wanted, r.passed[t] - lags[t, 1] * dt), r.passed[t] + lags[t, 1] * dt)
+        r.passed[t] = wanted
         decay = np.exp(-dt / lags[t, 0]) if lags[t, 0] > 0.0 else 0.0
-        speed[t] = wanted + (speed[t] - wanted) * decay
-        thrust = thrust_at(curve[t], speed[t])
+        r.speed[t] = wanted + (r.speed[t] - wanted) * decay
+        thrust = thrust_at(model.curves[t], r.speed[t])
         for i in range(6):
             force[i] -= B[i, t] * thrust
     lag = min(1.0, dt / time)
-    rate = (nu - nu_slow) / time
+    rate = (nu - r.nu_slow) / time
     for i in range(6):
-        nu_slow[i] += lag * (nu[i] - nu_slow[i])
-        rest[i] += lag * (force[i] - rest[i])
+        r.nu_slow[i] += lag * (nu[i] - r.nu_slow[i])
+        r.rest[i] += lag * (force[i] - r.rest[i])
     gained = inertia @ rate
     for i in range(6):
-        missing[i] = gained[i] + rest[i]
+        r.missing[i] = gained[i] + r.rest[i]
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _explain(missing, usual, scale, B, curve, speed, thrust, thrust_usual, leftover):
+def _explain(model, residuals, leftover):
     """Attribute the unusual part of the missing wrench to the thruster that explains it best.
 
-    Writes the predicted thrusts [N] to `thrust` (m,). Returns the size [N] of the unusual part, moments scaled, the sum
-    of all thrusts [N], and how much of it differs from the usual [N]. Then the thruster, -1 if each leaves more than
-    the share `leftover`, and the missing share of its thrust.
+    Writes the predicted thrusts to `residuals.thrust`. Returns the size [N] of the unusual part, moments scaled; the
+    sum of all thrusts [N], and how much of it differs from the usual [N]; then the thruster, -1 if each leaves more
+    than the share `leftover`, and the missing share of its thrust.
     """
+    scale, B, missing, usual = model.scale, model.B, residuals.missing, residuals.missing_usual
+    thrust = residuals.thrust
     best, share = -1, 0.0
     square, asked, changed = 0.0, 0.0, 0.0
     for k in range(6):
         square += (scale[k] * (missing[k] - usual[k])) ** 2
     size = np.sqrt(square)
     least = leftover * size
-    for t in range(speed.shape[0]):
-        thrust[t] = thrust_at(curve[t], speed[t])
+    for t in range(thrust.shape[0]):
+        thrust[t] = thrust_at(model.curves[t], residuals.speed[t])
         asked += abs(thrust[t])
-        changed += abs(thrust[t] - thrust_usual[t])
+        changed += abs(thrust[t] - residuals.thrust_usual[t])
         along, own = 0.0, 0.0
         for k in range(6):
             column = scale[k] * B[k, t]

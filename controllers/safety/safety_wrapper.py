@@ -146,9 +146,9 @@ class SafetyWrapper:
         tau, doubt = np.array(estimate.tau), np.zeros(len(estimate.tau))
         for j in wrong:
             doubt[j] = _LEFT_OUT
-            acceleration = (estimate.qd[j] - health.qd_slow[j]) / self._health.limits.torque_time
-            motor = health.tau_motor[j] - self._armature[j] * acceleration - self._damping[j] * estimate.qd[j]
-            tau[j] = motor + health.usual[j]
+            acceleration = (estimate.qd[j] - health.joints.qd_slow[j]) / self._health.limits.torque_time
+            motor = health.joints.tau_motor[j] - self._armature[j] * acceleration - self._damping[j] * estimate.qd[j]
+            tau[j] = motor + health.joints.usual[j]
         return replace(estimate, tau=tau, tau_doubt=doubt)
 
     def _servoed(self, torque: Array, estimate: StateEstimate, faults: Sequence[Fault]) -> Array:

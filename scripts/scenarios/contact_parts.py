@@ -10,11 +10,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.position_force import NominalStiffness
+from controllers.hull.feedforward import Term, WithoutCompensation, WithoutTerms
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tool_control import FromReference
+from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from controllers.work_controller import WorkController
 from models.arms import dh_geometry
 from models.naming import ARM_BASE_BODY, HULL_BODY, TIP_SITE
 from models.registry import Registry
+from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from scenarios.arm_identification import deck_calibration as _deck_calibration
@@ -27,7 +33,7 @@ from sim.interfaces.spatial import Array, finite_number, shown
 from sim.sensors.depth_camera import DepthCamera
 from sim.sensors.sonar import BEAMS, Sonar
 
-_FARTHEST = 1e3  # [m] largest scan range, far beyond any sensor here
+_TERMS: dict[str, Term] = {"hydrodynamic-term": "hydrodynamic", "dynamic-term": "dynamic", "contact-term": "contact"}
 _FOREIGN = 100  # characters kept of the message of a foreign error
 
 
@@ -95,13 +101,40 @@ SENSORS = Registry("sensor", {"camera": _camera, "sonar": _sonar})
 CONTROLLERS: Registry[Controller] = Registry("controller", {"work": WorkController})
 
 
+def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` that leave methods out; none where nothing is left out.
+
+    Args:
+        without: methods to leave out, each one of `scenarios.scenario.Method`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law`, `drift` and `feedforward`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-control" in without:
+        parts["force_law"] = NominalStiffness()
+    if "drift-correction" in without:
+        parts["drift"] = FromReference()
+    terms: set[Term] = {term for word, term in _TERMS.items() if word in without}
+    if terms or "compensation" in without:
+        arm = ArmDynamics(own, water_error=water_error)
+        if "compensation" in without:
+            parts["feedforward"] = WithoutCompensation(arm, Vehicle.of(own).q_home)
+        else:
+            lag = ArmTuning().acceleration_filter
+            parts["feedforward"] = WithoutTerms(arm, terms, acceleration_filter=lag, period=DRIVE_PERIOD)
+    return parts
+
+
 def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
     """The controller of that name, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
         name: A name of CONTROLLERS, or MODULE:CLASS.
         own: The vehicle's model of itself.
-        without: Methods to leave out (ablation).
+        without: Methods to leave out (`ablated`); the controller gets other objects in their place.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:
@@ -111,7 +144,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     if ":" not in name:
         CONTROLLERS.resolve(name)
     try:
-        made: Any = kind(own, without=without, water_error=water_error)
+        made: Any = kind(own, water_error=water_error, **ablated(without, own, water_error))
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:

@@ -6,11 +6,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from controllers.work_controller import Method
 from models.site.seabed import Kind
 from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
-from scenarios.scenario import AblatedMethod, Belief, Control, Scenario, Sensing, VehicleSetup
+from scenarios.scenario import AblatedMethod, Belief, Control, Method, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
 from scenarios.study.options import at_least
 from scenarios.tasks.insertion import InsertionTask

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
+from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import PRIORITIES, Allocation
-from controllers.hull.station_keeping import StationKeeping
+from controllers.hull.hull_control import HullControl
 from controllers.hull.thruster_lead import ThrusterLead
 from controllers.tuning import HULL
 from models.naming import HOME_KEY
@@ -104,29 +104,33 @@ class HullController:
         self._case, self._plant, self._rng = case, plant, rng
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
-        self.hover = StationKeeping(model, self._arm, water_error=case.water_error)
-        self.allocation = Allocation(vehicle, priorities=case.priorities)
-        self._lead = ThrusterLead(vehicle, response=min(case.response, 1e6), lag_error=case.lag_error)
+        self._model = model
+        self._hull = self._control(Allocation(vehicle, priorities=case.priorities))
+        self.state = self._hull.init()
         self._bias = FELT_BIAS * rng.standard_normal(3)
-        self._home = self._at_rest(np.array(vehicle.q_home))
+        self._home = self._arm.wrench_at_rest(np.array(vehicle.q_home))
         self.felt_W, self._w_last_B = np.zeros(3), np.zeros(3)
 
-    def _at_rest(self, q: Array) -> Array:
-        rest = np.zeros(len(q))
-        return self._arm.inverse(
-            q,
-            rest,
-            rest,
-            R_WB=np.eye(3),
-            nu_B=np.zeros(6),
-            a_B=np.zeros(6),
-            v_current_W=np.zeros(3),
-            wrench_tip_G=np.zeros(6),
-        )[1]
+    def _control(self, allocation: Allocation) -> HullControl:
+        case = self._case
+        return HullControl(
+            self._model,
+            self._arm,
+            period=PERIOD,
+            water_error=case.water_error,
+            allocation=allocation,
+            lead=ThrusterLead(self._vehicle, response=min(case.response, 1e6), lag_error=case.lag_error),
+        )
+
+    def exclude(self, thruster: int) -> None:
+        """Leaves a lost thruster out of the allocation from now on."""
+        allocation = self._hull.allocation(())
+        if allocation.available[thruster]:
+            self._hull = self._control(allocation.without(thruster))
 
     def init(self, estimate: StateEstimate):
-        """Resets the state of StationKeeping and ThrusterLead."""
-        self.hover_state, self.lead_state = self.hover.init(), self._lead.init()
+        """Resets the state of the hull's loop."""
+        self.state = self._hull.init()
         return self
 
     def step(self, state, estimate: StateEstimate, reference: Reference):
@@ -145,7 +149,6 @@ class HullController:
         share = 1.0 - np.exp(-PERIOD / FELT_LAG)
         self.felt_W += share * (self._plant.force_W - self.felt_W)
         noise = FELT_NOISE * np.abs(self.felt_W) * self._rng.standard_normal(3)
-        current_W = self.hover.current(self.hover_state)
         turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
         self._w_last_B = np.array(estimate.w_WB_B)
         arm_B = self._arm.inverse(
@@ -155,18 +158,14 @@ class HullController:
             R_WB=R_WB,
             nu_B=np.concatenate([estimate.v_WB_B, estimate.w_WB_B]),
             a_B=np.concatenate([estimate.a_WB_B, turning]),
-            v_current_W=current_W,
+            v_current_W=self.state.current_W,
             wrench_tip_G=np.zeros(6),
         )[1]
         tip_B = truth.R_WB.T @ (np.array(truth.p_WG) - truth.p_WB)
         f_B = R_WB.T @ (self.felt_W + noise + (self._bias if self.felt_W.any() else 0.0))
         arm_B += np.concatenate([f_B, skew(tip_B) @ f_B])
         fed = arm_B if case.compensation else self._home
-        wanted_B = self.hover.step(self.hover_state, estimate, reference.X_WB, np.zeros(3), fed, PERIOD)
-        thrust = self.allocation.thrust(wanted_B)
-        nu_r_B = self.hover.through_water(self.hover_state, estimate)
-        command = self._lead.step(self.lead_state, self.allocation.command(thrust), nu_r_B, PERIOD)
-        self.hover_state.given_B = self.lead_state.given_B.copy()
+        command = self._hull.step(self.state, estimate, reference, fed)
         rest = np.zeros(len(estimate.q))
         return state, Command(time=estimate.time, joint_torque=rest, thrusters=command, scan=False)
 
@@ -235,28 +234,10 @@ def holdable_directions(vehicle: Vehicle, arm: ArmDynamics, q: Array, directions
         for axis in np.eye(3):  # axes of G; the torques are linear in the force
             pushed.append(arm.inverse(q, rest, rest, wrench_tip_G=np.concatenate([axis, rest[:3]]), **still)[0])
         free = arm.inverse(q, rest, rest, wrench_tip_G=np.zeros(6), **still)[0]
-        R_BG = tip_pose(arm, q)[:3, :3]
+        R_BG = arm.tip(q)[0][:3, :3]
         tau = free + force * (np.array(pushed) - free).T @ (R_BG.T @ direction)
         held.append(bool(np.all(np.abs(tau) <= vehicle.torque_limits)))
     return np.array(held)
-
-
-def tip_pose(arm: ArmDynamics, q: Array) -> Array:
-    """Pose X_BG (4, 4) of the tip on the hull at joint values `q` (n,)."""
-    rest = np.zeros(len(q))
-    arm.inverse(
-        q,
-        rest,
-        rest,
-        R_WB=np.eye(3),
-        nu_B=np.zeros(6),
-        a_B=np.zeros(6),
-        v_current_W=np.zeros(3),
-        wrench_tip_G=np.zeros(6),
-    )
-    X_BG, J_B = np.empty((4, 4)), np.empty((6, len(q)))
-    tip_kinematics(arm.layout, arm.numbers, arm.work, X_BG, J_B)
-    return X_BG
 
 
 def sphere(count: int) -> Array:
@@ -343,15 +324,15 @@ class _Judge:
             pushed.tilt[at] = max(pushed.tilt[at], float(np.arccos(np.clip(R[:, 2] @ truth.R_WB[:, 2], -1.0, 1.0))))
             if inside < case.push:
                 pushed.saturated[at] += truth.saturated * self._plant.timestep / case.push
-                error_W = self._keeper.hover.current(self._keeper.hover_state) - truth.current_W
+                error_W = self._keeper.state.current_W - truth.current_W
                 self._current.append((truth.R_WB.T @ error_W) ** 2)
             if inside < 1.0:
                 given_B = self._B[:3] @ truth.thrust - self._before_B
                 self._force.append(np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2))
             if case.lost is not None and at == 0 and inside >= 0.5 * case.push:
                 self._plant.dead = case.lost
-                if inside >= 0.5 * case.push + case.noticed and self._keeper.allocation.available[case.lost]:
-                    self._keeper.allocation = self._keeper.allocation.without(case.lost)
+                if inside >= 0.5 * case.push + case.noticed:
+                    self._keeper.exclude(case.lost)
         elif since > -5.0 and moment.tick % 10 == 0:
             thrust = np.array(moment.command.thrusters)
             if len(self._last):

@@ -11,6 +11,9 @@ from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import finite_number, whole_number
 from sim.sensors import proprioception
 
+Method = Literal[
+    "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control"
+]  # that a controller can do without
 AblatedMethod = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]

@@ -61,7 +61,7 @@ def test_drives_bear_what_the_jacobian_says(pushing):
         forth, back = AHEAD.copy(), AHEAD.copy()
         forth[joint] += step
         back[joint] -= step
-        columns.append((pushing.tip_pose(arm, forth)[:3, 3] - pushing.tip_pose(arm, back)[:3, 3]) / (2.0 * step))
+        columns.append((arm.tip(forth)[0][:3, 3] - arm.tip(back)[0][:3, 3]) / (2.0 * step))
     for force in (90.0, 200.0, 2000.0):
         torque = np.abs(force * directions @ np.array(columns).T)
         held = pushing.holdable_directions(vehicle, arm, AHEAD, directions, force)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm.inverse_dynamics import ArmDynamics, tip_kinematics
+from controllers.arm.inverse_dynamics import ArmDynamics, JointMotion
 from controllers.arm.joint_servo import resolve_tool_motion
 from controllers.estimation import force_from_torques
-from controllers.estimation.tip_force_estimator import estimate_tip_force, unfiltered_tip_force
+from controllers.estimation.tip_force_estimator import SensedArm, TorqueErrors, estimate_tip_force, unfiltered_tip_force
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics, StripDrag
 from models.vehicle import Vehicle
@@ -251,9 +251,7 @@ def test_reaction_is_the_wrench_of_newton_and_euler(vehicle_of, push, rng, withi
 def test_tip_kinematics(vehicle_of, rng, within):
     for _ in range(STATES):
         moving = Moving.of(wet(vehicle_of(rng), rng), rng, "none")
-        moving.inverse(np.zeros(6))  # leaves the joints' rotations behind
-        X_BG, J_B = np.empty((4, 4)), np.empty((6, moving.arm.n))
-        tip_kinematics(moving.arm.layout, moving.arm.numbers, moving.arm.work, X_BG, J_B)
+        X_BG, J_B = moving.arm.tip(moving.q)
         model, data, tip = moving.model, moving.data, moving.vehicle.tip
         J_W = np.zeros((6, model.nv))
         mujoco.mj_jacSite(model, data, J_W[:3], J_W[3:], tip)
@@ -292,26 +290,12 @@ def felt(moving: Moving, bias: Array) -> tuple[Array, Array, Array]:
     nu_B, a_B = moving.hull_motion()
     a_B[:3] -= np.cross(nu_B[3:], nu_B[:3])
     hull = np.concatenate([moving.X_WB[:3, :3].ravel(), nu_B, a_B, moving.model.opt.wind])
-    tau_e, J_B = np.empty(n), np.empty((6, n))
-    f_B = unfiltered_tip_force(
-        arm.layout,
-        arm.numbers,
-        arm.stations,
-        arm.work,
-        hull,
-        moving.q,
-        moving.data.qvel[moving.dofs],
-        moving.data.qacc[moving.dofs],
-        moving.tau,
-        bias,
-        NOISE,
-        np.full(n, FLOOR),
-        tau_e,
-        np.empty(6),
-        np.empty((4, 4)),
-        J_B,
-    )
-    return np.array(f_B), tau_e, J_B
+    sensed = SensedArm.start(np.zeros(n), np.zeros(3))
+    sensed.hull[:] = hull
+    joints = JointMotion(moving.q, moving.data.qvel[moving.dofs], moving.data.qacc[moving.dofs])
+    errors = TorqueErrors(bias, np.full(n, FLOOR), NOISE)
+    f_B = unfiltered_tip_force(arm.parameters, joints, moving.tau, errors, sensed)
+    return np.array(f_B), sensed.tau_e, sensed.J_B
 
 
 def test_known_force_is_felt(vehicle_of, rng, within):
@@ -345,40 +329,18 @@ def test_feel_takes_the_acceleration_from_the_lag_and_the_rest_as_told(rng, with
     moving = Moving.of(wet(models.load("uuv_puma"), rng), rng, "wrench")
     arm, n, R = moving.arm, moving.arm.n, moving.X_WB[:3, :3]
     (nu_B, a_B), qd, qdd = moving.hull_motion(), moving.data.qvel[moving.dofs], moving.data.qacc[moving.dofs]
-    lag, qd_slow, w_slow_B, J_B = 0.01, qd - 0.01 * qdd, nu_B[3:] - 0.01 * a_B[3:], np.empty((6, n))
-    tau_e, wrench_B, f_B, f_G, f_W = np.empty(n), np.empty(6), np.zeros(3), np.empty(3), np.empty(3)
-    felt_qdd = np.empty(n)
+    lag, f_W = 0.01, np.empty(3)
+    sensed = SensedArm.start(qd - lag * qdd, nu_B[3:] - lag * a_B[3:])
     normal = estimate_tip_force(
-        arm.layout,
-        arm.numbers,
-        arm.stations,
-        arm.work,
-        np.empty(24),
-        moving.X_WB,
-        nu_B[:3],
-        nu_B[3:],
-        a_B[:3],
-        np.array(moving.model.opt.wind),
-        moving.q,
-        qd,
-        moving.tau,
-        np.zeros(n),
-        NOISE,
-        np.full(n, FLOOR),
-        0.02,
-        (lag, 0.015),
-        qd_slow,
-        w_slow_B,
-        felt_qdd,
-        tau_e,
-        wrench_B,
-        np.empty((4, 4)),
-        J_B,
-        f_B,
-        f_G,
+        tuple(arm.parameters),
+        (moving.X_WB, nu_B[:3], nu_B[3:], a_B[:3], np.array(moving.model.opt.wind), moving.q, qd, moving.tau),
+        (np.zeros(n), np.full(n, FLOOR), NOISE),
+        (0.02, lag, 0.015),
+        tuple(sensed),
         f_W,
     )
-    within("acceleration", relative(felt_qdd, qdd), 1e-13)  # measured up to 1e-14
+    tau_e, wrench_B, f_B, f_G, J_B = sensed.tau_e, sensed.wrench_B, sensed.f_B, sensed.f_G, sensed.J_B
+    within("acceleration", relative(sensed.qdd, qdd), 1e-13)  # measured up to 1e-14
     expected_tau, expected_wrench = arm.inverse(
         moving.q, qd, qdd, R_WB=R, nu_B=nu_B, a_B=a_B, v_current_W=moving.model.opt.wind, wrench_tip_G=np.zeros(6)
     )
@@ -422,17 +384,12 @@ def test_aimed_arm_keeps_its_tool_still_on_the_object(moving_hull, rng, within):
         resolve_tool_motion(
             np.eye(4),
             X_WB,
-            X_WG,
-            np.zeros(3),
-            np.zeros(3),
+            (X_WG, np.zeros(3), np.zeros(3)),
             hull,
             np.ascontiguousarray(J_B),
             True,
             np.inf,
-            np.empty((4, 4)),
-            qd,
-            qdd,
-            yielding,
+            (np.empty((4, 4)), qd, qdd, yielding),
         )
         rates = np.zeros(model.nv)
         rates[free] = np.concatenate([R_WB @ change[:3], change[3:]])

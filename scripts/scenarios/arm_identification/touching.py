@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from controllers.mkps import Chain
-from controllers.tasks.touching import CompliantTouch, Nest, Touch, TouchSequence, draw_touches
+from controllers.tasks.touching import Nest, Touch, TouchSequence, draw_touches
+from controllers.touch_controller import CompliantTouch
 from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.tools import touch_rig
 from models.vehicle import Vehicle

@@ -6,14 +6,13 @@ from typing import Any, Literal, cast, get_args
 
 import numpy as np
 
-from controllers.work_controller import Method
 from scenarios.assembly import assemble
 from scenarios.options import barrel
 from scenarios.perturbations.loop import MisplacedSurface
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
 from scenarios.runner import Run, run
-from scenarios.scenario import Belief, Scenario, Sensing
+from scenarios.scenario import Belief, Method, Scenario, Sensing
 from scenarios.tasks.surface_work import first_force
 from sim.evaluation.metrics import path_error
 from sim.interfaces.errors import ConfigurationError, HydrodynamicsError, UuvError

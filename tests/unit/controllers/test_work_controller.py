@@ -72,11 +72,11 @@ def test_the_thrusters_cancel_the_arms_wrench_weight_motion_water_and_contact(co
     for force, expected in ((60.0, wrench_B), (0.0, free_B)):
         state = controller.init(seen)
         state, command = controller.step(state, seen, reference(X_WB, q, force=force))
-        static_B = controller._hover.static_wrench(X_WB[:3, :3])
+        static_B = controller._hull.station.static_wrench(X_WB[:3, :3])
         left = command.believed["hover_wrench_B"] + command.hull_load.arm_wrench_B + static_B
         within("left for the hull, at the place wanted [N, N m]", left, 1e-9)
         for _ in range(110):  # the filter of the felt force settles to 2e-9
-            state.hover, state.current_W = controller.init(seen).hover, STILL  # thrusters' lag is taken for a current
+            state.hull = controller.init(seen).hull  # thrusters' lag is taken for a current
             state, command = controller.step(state, seen, reference(X_WB, q, force=force))
         within("arm's wrench on the hull [N, N m]", command.hull_load.arm_wrench_B - expected, 1e-3)
         within("felt force [N]", command.contact.force_W - R_WG @ push_G, 1e-3)
@@ -95,7 +95,7 @@ def test_the_tool_stays_where_it_was_asked_to_be_while_the_hull_is_elsewhere(con
     state, asked = controller.init(seen), reference(X_WB, VEHICLE.q_ready, X_WG)
     for _ in range(2500):  # 5 s: the blend from the held angles has died away
         state, _ = controller.step(state, seen, asked)
-    reached = drifted @ VEHICLE.X_BA @ chain.forward(state.q_wanted)
+    reached = drifted @ VEHICLE.X_BA @ chain.forward(state.tool.q_wanted)
     within("tool [m]", reached[:3, 3] - X_WG[:3, 3], 2e-6)
     within("tool [rad]", log_so3(reached[:3, :3].T @ X_WG[:3, :3]), 2e-5)
 

@@ -56,7 +56,7 @@ def test_an_option_out_of_range_is_one_line(
             "class C:\n    period = 0.01\n    def __init__(self, model, **how):\n        {}['gain']\n",
             r"cannot be made of a model; KeyError: 'gain' \(.*plug.py:4\)",
         ),
-        ("class C:\n    def __init__(self, model): ...\n", "cannot be made of a model; TypeError: .*without"),
+        ("class C:\n    def __init__(self, model): ...\n", "cannot be made of a model; TypeError: .*water_error"),
         ("class C:\n    period = 0.0\n    def __init__(self, *a, **k): ...\n", "period .s.: must be positive"),
         ("class C:\n    period = 0.01\n    def __init__(self, *a, **k): ...\n", "no method init and no step"),
     ],

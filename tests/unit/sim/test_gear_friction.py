@@ -85,29 +85,11 @@ def test_drives_learn_what_the_gears_take(plant, within):
             drive(plant, torque, plant.timestep)
             tau = sensor.step(state, plant.truth)[1].tau
             motor = np.array([torque, *np.zeros(n - 1)])
-            track_gear_friction(
-                motor,
-                tau,
-                plant.truth.qd,
-                plant.truth.qdd,
-                vehicle.armature,
-                vehicle.joint_damping,
-                1.5 * vehicle.dry_friction.stiction,
-                0.5,
-                friction,
-            )
+            gears = (vehicle.armature, vehicle.joint_damping, 1.5 * vehicle.dry_friction.stiction, 0.5)
+            track_gear_friction(motor, tau, plant.truth.qd, plant.truth.qdd, gears, friction)
         within("friction [N m]", friction + plant.truth.tau_friction, 0.1)
-    track_gear_friction(
-        np.full(n, 1e3),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        vehicle.armature,
-        vehicle.joint_damping,
-        vehicle.dry_friction.stiction,
-        0.5,
-        friction,
-    )
+    gears = (vehicle.armature, vehicle.joint_damping, vehicle.dry_friction.stiction, 0.5)
+    track_gear_friction(np.full(n, 1e3), np.zeros(n), np.zeros(n), np.zeros(n), gears, friction)
     assert friction.tolist() == vehicle.dry_friction.stiction.tolist()  # and no more, whatever a sensor says
 
 

@@ -14,6 +14,15 @@ from sim.interfaces.spatial import Array, exp_so3, pose
 from uncompiled import uncompiled
 
 (dynamics,) = uncompiled("controllers.arm.inverse_dynamics")
+_WORK: dict[int, Array] = {}  # by the number of bodies
+
+
+def kept(layout: np.ndarray) -> Array:
+    """Working memory of the kernel, which is that of the last call."""
+    return _WORK.setdefault(layout.shape[1], np.zeros(39 * layout.shape[1] + 27))
+
+
+vars(dynamics)["workspace"] = kept
 WATER = ("added", "linear", "quadratic", "buoyancy", "cob")
 STILL: dict[str, Any] = {
     "R_WB": np.eye(3),
@@ -33,7 +42,7 @@ def model(request: pytest.FixtureRequest) -> mujoco.MjModel:
 def arm(model: mujoco.MjModel) -> Any:
     """With slides as coordinates, and water drawn at random."""
     own, rng = dynamics.ArmDynamics(model, passive=True), np.random.default_rng(5)
-    added, linear, quadratic, buoyancy, cob = own.of_bodies(own.numbers, *WATER)
+    added, linear, quadratic, buoyancy, cob = own.of_bodies(own.parameters.numbers, *WATER)
     for b in range(len(buoyancy)):
         G, D = rng.normal(size=(2, 6, 6))
         added[b], linear[b] = (G @ G.T).ravel(), (D @ D.T + 0.3 * (D - D.T)).ravel()
@@ -43,7 +52,7 @@ def arm(model: mujoco.MjModel) -> Any:
 
 
 def without(arm: Any, *names: str) -> None:
-    for values in arm.of_bodies(arm.numbers, *names):
+    for values in arm.of_bodies(arm.parameters.numbers, *names):
         values[:] = 0.0
 
 
@@ -59,7 +68,7 @@ def drawn(rng: np.random.Generator) -> dict[str, Any]:
 
 def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng: np.random.Generator) -> None:
     without(arm, *WATER)
-    arm.stations = arm.stations[:0]
+    arm.parameters = arm.parameters._replace(stations=arm.parameters.stations[:0])
     model = copy(model)
     model.body_user[:] = 0.0  # no water, whichever callback another test has installed
     data, vehicle, case = mujoco.MjData(model), Vehicle.of(model), drawn(rng)
@@ -88,10 +97,12 @@ def test_dry_it_is_mujocos_inverse_dynamics(model: mujoco.MjModel, arm: Any, rng
 def kinetic(arm: Any, q: Array, qd: Array, case: dict[str, Any]) -> float:
     """Kinetic energy [J] of bodies and added mass."""
     arm.inverse(q, qd, np.zeros(arm.n), **case)
-    nb = arm.layout.shape[1]
-    mass, com, inertia, added, origin = arm.of_bodies(arm.numbers, "mass", "com", "inertia", "added", "origin")
+    nb = arm.parameters.layout.shape[1]
+    mass, com, inertia, added, origin = arm.of_bodies(
+        arm.parameters.numbers, "mass", "com", "inertia", "added", "origin"
+    )
     energy = 0.0
-    for b, nu in enumerate(arm.work[21 * nb : 27 * nb].reshape(nb, 6)):
+    for b, nu in enumerate(kept(arm.parameters.layout)[21 * nb : 27 * nb].reshape(nb, 6)):
         v, w = nu[:3], nu[3:]
         energy += (
             0.5 * mass[b, 0] * v @ v + mass[b, 0] * v @ np.cross(w, com[b]) + 0.5 * w @ inertia[b].reshape(3, 3) @ w
@@ -109,8 +120,8 @@ def power(arm: Any, q: Array, qd: Array, qdd: Array, case: dict[str, Any]) -> fl
 
 def test_without_weight_and_drag_all_power_becomes_motion(arm: Any, rng: np.random.Generator) -> None:
     without(arm, "linear", "quadratic")
-    arm.weightless(arm.numbers)
-    arm.stations = arm.stations[:0]
+    arm.weightless(arm.parameters.numbers)
+    arm.parameters = arm.parameters._replace(stations=arm.parameters.stations[:0])
     for _ in range(3):
         case = drawn(rng) | {"v_current_W": np.zeros(3)}
         q, qd, qdd = rng.uniform(-0.4, 0.4, (3, arm.n))
@@ -125,23 +136,23 @@ def test_without_weight_and_drag_all_power_becomes_motion(arm: Any, rng: np.rand
 def test_drag_takes_the_power_of_each_bodys_motion(arm: Any, rng: np.random.Generator) -> None:
     """At no acceleration, and of those bodies whose added mass and weight are none."""
     without(arm, "mass", "inertia", "added")
-    arm.weightless(arm.numbers)
-    nb = arm.layout.shape[1]
-    linear, quadratic, origin = arm.of_bodies(arm.numbers, "linear", "quadratic", "origin")
-    stations = arm.stations
+    arm.weightless(arm.parameters.numbers)
+    nb = arm.parameters.layout.shape[1]
+    linear, quadratic, origin = arm.of_bodies(arm.parameters.numbers, "linear", "quadratic", "origin")
+    stations = arm.parameters.stations
     for strips in (False, True):
-        arm.stations = stations if strips else stations[:0]
+        arm.parameters = arm.parameters._replace(stations=stations if strips else stations[:0])
         if strips:
             without(arm, "linear", "quadratic")
         case = drawn(rng)
         q, qd = rng.uniform(-0.4, 0.4, (2, arm.n))
         taken = power(arm, q, qd, np.zeros(arm.n), case | {"v_current_W": np.zeros(3)})
         lost = 0.0
-        velocity = arm.work[21 * nb : 27 * nb].reshape(nb, 6)
+        velocity = kept(arm.parameters.layout)[21 * nb : 27 * nb].reshape(nb, 6)
         for b, nu in enumerate(velocity):
             own = np.concatenate([nu[:3] + np.cross(nu[3:], origin[b]), nu[3:]])
             lost += own @ linear[b].reshape(6, 6) @ own + quadratic[b] @ np.abs(own) ** 3
-        for row, *rest in arm.stations:
+        for row, *rest in arm.parameters.stations:
             b, p, along = int(row), np.array(rest[:3]), np.array(rest[3:6])
             u = velocity[b, :3] + np.cross(velocity[b, 3:], p + origin[b])
             u_t = u @ along
@@ -164,18 +175,18 @@ def test_a_current_is_the_opposite_motion_of_the_hull(arm: Any, rng: np.random.G
 
 def test_at_rest_torques_are_slopes_of_weight_and_buoyancy(model: mujoco.MjModel, arm: Any, rng: np.random.Generator):
     nb, (mass, com, buoyancy, cob, origin) = (
-        arm.layout.shape[1],
-        arm.of_bodies(arm.numbers, "mass", "com", "buoyancy", "cob", "origin"),
+        arm.parameters.layout.shape[1],
+        arm.of_bodies(arm.parameters.numbers, "mass", "com", "buoyancy", "cob", "origin"),
     )
     R, g = exp_so3(rng.normal(size=3)), np.array(model.opt.gravity)
 
     def potential(q: Array) -> float:
         arm.inverse(q, 0.0 * q, 0.0 * q, **STILL | {"R_WB": R})
-        turns = arm.work[: 9 * nb].reshape(nb, 3, 3).copy()
-        places = arm.work[9 * nb : 12 * nb].reshape(nb, 3).copy()
+        turns = kept(arm.parameters.layout)[: 9 * nb].reshape(nb, 3, 3).copy()
+        places = kept(arm.parameters.layout)[9 * nb : 12 * nb].reshape(nb, 3).copy()
         energy, X = 0.0, []
         for b in range(nb):
-            up = arm.layout[0, b]
+            up = arm.parameters.layout[0, b]
             X.append((pose(R) if up < 0 else X[up]) @ pose(turns[b], places[b]))
             energy -= g @ (X[b] @ [*(mass[b, 0] * com[b]), mass[b, 0]])[:3]
             energy += g @ (X[b] @ [*(buoyancy[b, 0] * (origin[b] + cob[b])), buoyancy[b, 0]])[:3]
@@ -198,13 +209,13 @@ def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm:
     none = np.zeros(arm.n)
     rest, hull_rest = arm.inverse(q, none, none, **STILL)
     X, J = np.empty((4, 4)), np.empty((6, arm.n))
-    dynamics.tip_kinematics(arm.layout, arm.numbers, arm.work, X, J)
+    dynamics.tip_kinematics(arm.parameters, kept(arm.parameters.layout), X, J)
     np.testing.assert_allclose(X_WB @ X, X_WG, atol=1e-9)
     h = 1e-6
     for i, e in enumerate(h * np.eye(arm.n)):
         arm.inverse(q + e, none, none, **STILL)
         moved, unused = np.empty((4, 4)), np.empty((6, arm.n))
-        dynamics.tip_kinematics(arm.layout, arm.numbers, arm.work, moved, unused)
+        dynamics.tip_kinematics(arm.parameters, kept(arm.parameters.layout), moved, unused)
         np.testing.assert_allclose(J[:3, i], (moved[:3, 3] - X[:3, 3]) / h, atol=1e-5)
         turn = moved[:3, :3] @ X[:3, :3].T
         angular = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / h
@@ -219,7 +230,7 @@ def test_tip_kinematics_and_contact_are_virtual_work(model: mujoco.MjModel, arm:
 def test_stations_add_up_to_their_strip(model: mujoco.MjModel) -> None:
     """To its length times its coefficients, about its middle, in its direction."""
     own = dynamics.ArmDynamics(model, water_error=0.1)
-    found = own.stations
+    found = own.parameters.stations
     assert len(found)
     first = 0
     hull = Vehicle.of(model).hull

@@ -194,6 +194,6 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
     state, softness = controller.init(estimate), []
     for asked in (press, *[replace(press, force=0.0, force_control=False)] * round(1.5 * tuning.hardening_time / DT)):
         state, _ = controller.step(state, estimate, asked)
-        softness.append(state.softness)
+        softness.append(state.servo.softness)
     share = DT * np.arange(len(softness)) / tuning.hardening_time
     within("softness", softness - tuning.normal_softness * np.clip(1.0 - share, 0.0, 1.0), 1e-12)

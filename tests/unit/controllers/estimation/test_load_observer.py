@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from controllers.arm.inverse_dynamics import ArmDynamics, JointMotion, newton_euler, workspace
 from controllers.estimation.force_from_torques import tip_force
 from controllers.estimation.load_observer import LoadObserver, momentum
-from controllers.estimation.tip_force_estimator import force_from_external_torques
+from controllers.estimation.tip_force_estimator import SensedArm, force_from_external_torques
 from models import hydrodynamics as water
 from models.hydrodynamics import BodyHydrodynamics
 from models.vehicle import Vehicle
@@ -78,16 +78,18 @@ def spec(request: pytest.FixtureRequest, rng: np.random.Generator) -> mujoco.MjS
 def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_energy(spec, rng, within):
     """p by Newton-Euler at rest under accelerations equal to the speeds; dT/dq by differences of half their product."""
     arm = ArmDynamics(spec.compile())
-    n, nb = arm.n, arm.layout.shape[1]
-    bare = arm.numbers.copy()
+    own = arm.parameters
+    n, nb = arm.n, own.layout.shape[1]
+    bare, work = own.numbers.copy(), workspace(own.layout)
     bare[64 * nb : 106 * nb] = 0.0  # drag
     bare[113 * nb : 113 * nb + 3] = 0.0  # gravity
+    inert = own._replace(numbers=bare, stations=own.stations[:0])
     qd, nu = rng.normal(size=n), rng.normal(size=6)
 
     def inertial(q: Array, qd: Array, qdd: Array, nu: Array, nudot: Array) -> tuple[Array, Array]:
         tau, wrench = np.empty(n), np.empty(6)
         hull = np.concatenate([np.eye(3).ravel(), nu, nudot, np.zeros(3)])
-        newton_euler(arm.layout, bare, arm.stations[:0], q, qd, qdd, hull, np.zeros(6), arm.work, tau, wrench)
+        newton_euler(inert, JointMotion(q, qd, qdd), hull, np.zeros(6), work, tau, wrench)
         return tau, wrench
 
     def energy(q: Array) -> float:
@@ -97,7 +99,7 @@ def test_momentum_is_the_inertia_times_speed_and_its_turning_the_slope_of_the_en
     for _ in range(10):
         q, p, turning = rng.uniform(-1.0, 1.0, n), np.empty(n), np.empty(n)
         inertial(q, qd, np.zeros(n), nu, np.zeros(6))
-        momentum(arm.layout, arm.numbers, arm.work, p, turning)
+        momentum(own, work, p, turning)
         expected = inertial(q, np.zeros(n), qd, np.zeros(6), nu)[0]
         within("momentum", (p - expected) / np.abs(expected).max(), 2e-14)  # measured 1e-16 to 2e-15
         slope = np.array([(energy(q + 1e-5 * u) - energy(q - 1e-5 * u)) / 2e-5 for u in np.eye(n)])
@@ -276,8 +278,10 @@ def test_noise_of_the_speeds_comes_through_as_designed(rng):
 def test_observed_torques_give_the_force_of_the_plain_least_squares(rng, within):
     X_WB, X_BG = (pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)) for _ in range(2))
     J_B, tau_e, bias, tau = rng.normal(size=(6, 6)), rng.normal(size=6), rng.normal(size=6), 50.0 * rng.normal(size=6)
-    f_B, f_G, f_W = np.empty(3), np.empty(3), np.empty(3)
-    normal = force_from_external_torques(X_WB, X_BG, J_B, tau_e, bias, tau, 0.01, np.full(6, 0.1), f_B, f_G, f_W)
+    sensed, f_W = SensedArm.start(np.zeros(6), np.zeros(3)), np.empty(3)
+    sensed.X_BG[:], sensed.J_B[:], sensed.tau_e[:] = X_BG, J_B, tau_e
+    normal = force_from_external_torques(X_WB, tau, (bias, np.full(6, 0.1), 0.01), tuple(sensed), f_W)
+    f_B, f_G = sensed.f_B, sensed.f_G
     expected = tip_force(tau_e - bias, J_B[:3], 0.1 + 0.01 * np.abs(tau))[0]
     within("force [N]", (f_B - expected) / np.abs(expected).max(), 1e-8)  # measured 2e-13, more near singular postures
     within("tool axes [N]", f_G - X_BG[:3, :3].T @ f_B, 1e-12 * np.abs(f_B).max())

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import models
-from controllers.arm.inverse_dynamics import ArmDynamics, newton_euler
+from controllers.arm.inverse_dynamics import ArmDynamics, JointMotion, inverse_dynamics
 from controllers.estimation.payload_identification import PayloadIdentification
 from models.vehicle import Vehicle
 from sim.interfaces.spatial import Array
@@ -28,14 +28,14 @@ def heavier(rng: np.random.Generator, spread: float) -> mujoco.MjModel:
 
 def torques(arm: ArmDynamics, numbers: Array, q: Array, qd: Array, qdd: Array, water: float = 1.0) -> Array:
     """(n,) [N m] in still water under a hull at rest; `water` times what moving water adds."""
-    none, tau, wrench = np.zeros(6), np.empty(arm.n), np.empty(6)
-    newton_euler(arm.layout, numbers, arm.stations, q, qd, qdd, LEVEL, none, arm.work, tau, wrench)
+    own, none = arm.parameters._replace(numbers=numbers), np.zeros(6)
+    tau = inverse_dynamics(tuple(own), (q, qd, qdd), LEVEL, none)[0]
     if water != 1.0:
-        nb, still = arm.layout.shape[1], np.empty(arm.n)
-        dry, stations = numbers.copy(), arm.stations.copy()
+        nb = own.layout.shape[1]
+        dry, stations = numbers.copy(), own.stations.copy()
         dry[28 * nb : 106 * nb] = 0.0
         stations[:, 7:] = 0.0
-        newton_euler(arm.layout, dry, stations, q, qd, qdd, LEVEL, none, arm.work, still, wrench)
+        still = inverse_dynamics((own.layout, dry, stations), (q, qd, qdd), LEVEL, none)[0]
         tau = still + water * (tau - still)
     return tau
 
@@ -56,17 +56,17 @@ def weighed(rng: np.random.Generator, spread: float, bias: float, water: float) 
     state, b = weighing.init(), rng.uniform(-bias, bias, arm.n)
     for share in np.concatenate([np.zeros(50), np.linspace(0.0, 1.0, 300)]):
         q, qd, qdd = way(arm, vehicle, float(share))
-        measured = torques(true, true.numbers, q, qd, qdd, water) + b
+        measured = torques(true, true.parameters.numbers, q, qd, qdd, water) + b
         measured *= 1.0 + 0.01 * rng.normal(size=arm.n)
-        weighing.add(state, q, qd, qdd, LEVEL, torques(arm, arm.numbers, q, qd, qdd) - measured)
+        weighing.add(state, JointMotion(q, qd, qdd), LEVEL, torques(arm, arm.parameters.numbers, q, qd, qdd) - measured)
     excess = weighing.excess(state)
     at_work, rest = way(arm, vehicle, 1.0)[0], np.zeros(arm.n)
 
     def wrong(numbers: Array, q: Array) -> Array:
-        return torques(arm, numbers, q, rest, rest) - torques(true, true.numbers, q, rest, rest)
+        return torques(arm, numbers, q, rest, rest) - torques(true, true.parameters.numbers, q, rest, rest)
 
     worst = []
-    for numbers in (arm.numbers, weighing.weighed(excess)):
+    for numbers in (arm.parameters.numbers, weighing.weighed(excess).numbers):
         others = [at_work + rng.uniform(-0.5, 0.5, arm.n) for _ in range(50)]
         worst.append(max(float(np.abs(wrong(numbers, q) - wrong(numbers, at_work)).max()) for q in others))
     return worst[0], worst[1], excess
@@ -100,5 +100,5 @@ def test_weighed_numbers_are_those_of_that_arm(share, within):
     for body in range(hull + 1, model.nbody):
         model.body_mass[body] *= 1.0 + share
         model.body_inertia[body] *= 1.0 + share
-    numbers = PayloadIdentification(believed).weighed(np.full(believed.layout.shape[1], share))
-    within("numbers", numbers - ArmDynamics(model).numbers, 1e-15)  # measured up to 2e-16
+    arm = PayloadIdentification(believed).weighed(np.full(believed.parameters.layout.shape[1], share))
+    within("numbers", arm.numbers - ArmDynamics(model).parameters.numbers, 1e-15)  # measured up to 2e-16

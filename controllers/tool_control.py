@@ -1,0 +1,242 @@
+"""Tool control: force loop, lateral compliance, drift correction and inverse kinematics give the joints' motion.
+
+Two corrections of the tool's reference [Konoplin 2022, section 3]: a displacement k along the tool axis from the force
+error, and the drift of the hull, p*_C = R^T (p*_O - r). MKPS gives the joint angles.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from controllers.arm.compliance import ComplianceState, LateralCompliance
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.joint_servo import ResolvedMotion, resolve_tool_motion
+from controllers.arm.position_force import ForceDisplacement
+from controllers.arm.tool_motion import bumpless, extrapolated
+from controllers.estimation.contact_estimators import ContactState
+from controllers.estimation.tip_force_estimator import SensedArm
+from controllers.mkps import Chain, solve
+from controllers.tuning import ArmTuning
+from models.naming import ARM_BASE_BODY, TIP_SITE
+from models.vehicle import Vehicle
+from sim.interfaces.messages import Reference, StateEstimate
+from sim.interfaces.spatial import Array, inverse
+
+
+class ForceLaw(Protocol):
+    """Displacement k [m] of the tool along its axis, positive into the surface, for a set and an estimated force."""
+
+    @property
+    def closed_loop(self) -> bool:
+        """True if the estimated force is controlled; the servo is then softer along the tool axis."""
+        ...
+
+    def init(self) -> Any:
+        """Initial state: no displacement."""
+        ...
+
+    def step(self, state: Any, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+        """Displacement [m] while the force is controlled.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            wanted: [N] set normal force.
+            felt: [N] estimated normal force.
+            servo_compliance: [m/N] of the arm's servo along the tool axis.
+            dt: [s] since the last step.
+        """
+        ...
+
+    def release(self, state: Any, dt: float, *, inwards: bool = True) -> float:
+        """Displacement [m] on its way back to zero; `inwards=False` keeps a negative one."""
+        ...
+
+
+class DriftCorrection(Protocol):
+    """Hull pose by which the arm places the tool."""
+
+    @property
+    def follows_hull(self) -> bool:
+        """True if the joints compensate the hull's velocity and acceleration too."""
+        ...
+
+    def hull_pose(self, estimate: StateEstimate, reference: Reference) -> Array:
+        """Hull pose X_WB (4, 4)."""
+        ...
+
+
+class FromEstimate:
+    """The tool stays where it is asked to be while the hull drifts."""
+
+    follows_hull = True
+
+    def hull_pose(self, estimate: StateEstimate, reference: Reference) -> Array:
+        """Estimated hull pose X_WB (4, 4)."""
+        return estimate.X_WB
+
+
+class FromReference:
+    """The tool drifts with the hull: no drift correction."""
+
+    follows_hull = False
+
+    def hull_pose(self, estimate: StateEstimate, reference: Reference) -> Array:
+        """Hull pose wanted X_WB (4, 4)."""
+        return reference.X_WB
+
+
+@dataclass(slots=True, eq=False)
+class ToolControlState:
+    """State of tool control."""
+
+    force: Any  # of the force law
+    compliance: ComplianceState
+    k: float  # [m] displacement along the tool axis
+    q_wanted: Array  # (n,) [rad] at the last step
+    qd_wanted: Array  # (n,) [rad/s]
+    qdd_wanted: Array  # (n,) [rad/s^2] by which the arm does not go with the hull
+    yielding: Array  # (2, n) how the joints move the tip along its axis, see `resolve_tool_motion`
+    holding: bool  # joint angles were held at the last step, no tool pose followed
+    offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
+    offset_rate: Array  # (n,) [rad/s]
+    ik_error: Array | None = None  # (2,) [m, rad] of the last inverse kinematics
+    servo_compliance: float = 0.0  # [m/N] of the tip along the tool axis
+    tick: int = 0
+
+
+class ToolControl:
+    """Joint motion wanted, from the reference of tool or joints."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        arm: ArmDynamics,
+        tuning: ArmTuning,
+        *,
+        force_law: ForceLaw | None = None,
+        compliance: LateralCompliance | None = None,
+        drift: DriftCorrection | None = None,
+    ) -> None:
+        """Set up for the arm of the vehicle in `model`.
+
+        Args:
+            model: believed model, compiled.
+            arm: its arm's dynamics.
+            tuning: gains of the arm.
+            force_law: force loop along the tool axis; None: `ForceDisplacement`.
+            compliance: lateral compliance; None: the default one.
+            drift: drift correction; None: `FromEstimate`.
+        """
+        vehicle = Vehicle.of(model)
+        self.force_law: ForceLaw = force_law or ForceDisplacement()
+        self.compliance = compliance or LateralCompliance()
+        self._drift: DriftCorrection = drift or FromEstimate()
+        self._arm, self._tuning = arm, tuning
+        passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
+        self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
+        self._X_AB = inverse(np.array(vehicle.X_BA))
+        self._armature = np.array(vehicle.armature)
+        self._compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
+
+    def init(self, estimate: StateEstimate) -> ToolControlState:
+        """Initial state: the arm held where it is."""
+        n = len(estimate.q)
+        return ToolControlState(
+            force=self.force_law.init(),
+            compliance=ComplianceState(),
+            k=0.0,
+            q_wanted=np.array(estimate.q),
+            qd_wanted=np.zeros(n),
+            qdd_wanted=np.zeros(n),
+            yielding=np.zeros((2, n)),
+            holding=True,
+            offset=np.zeros(n),
+            offset_rate=np.zeros(n),
+        )
+
+    def presses(self, reference: Reference) -> bool:
+        """True while the force loop is closed."""
+        return reference.force_control and self.force_law.closed_loop
+
+    def step(
+        self, state: ToolControlState, estimate: StateEstimate, reference: Reference, contact: ContactState
+    ) -> None:
+        """Leave the joint angles and speeds wanted in `state`, once in a task period.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: of the vehicle now.
+            reference: tool pose or joint angles, set force and mode.
+            contact: estimated force, and motion of arm and hull.
+        """
+        since = estimate.time - reference.time
+        if reference.X_WG is None:
+            dt = self._tuning.task_period
+            state.k = self.force_law.release(state.force, dt)
+            self.compliance.release(state.compliance, dt)
+            state.q_wanted, state.qd_wanted = reference.q + since * reference.qd, reference.qd
+            state.qdd_wanted[:] = 0.0
+            state.holding = True
+        else:
+            self._follow(state, estimate, reference, contact, reference.X_WG, since)
+        state.tick += 1
+
+    def _follow(
+        self,
+        state: ToolControlState,
+        estimate: StateEstimate,
+        reference: Reference,
+        contact: ContactState,
+        X_WG: Array,
+        since: float,
+    ) -> None:
+        """Follow the tool pose `X_WG` (4, 4), wanted `since` [s] ago, after both corrections."""
+        tuning, dt, force = self._tuning, self._tuning.task_period, contact.estimate
+        if reference.force_control:
+            servo_compliance = self._servo_compliance(state, estimate, contact.sensed)
+            state.k = self.force_law.step(state.force, reference.force, force.normal, servo_compliance, dt)
+        else:
+            state.k = self.force_law.release(state.force, dt, inwards=False)
+        if reference.compliant:
+            offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt)
+        else:
+            offset_W = self.compliance.release(state.compliance, dt)
+        X_WG = extrapolated(X_WG, reference.v_WG_W, reference.w_WG_W, since, state.k, offset_W)
+        X_WB = self._drift.hull_pose(estimate, reference)
+        out = ResolvedMotion(np.empty((4, 4)), np.empty(len(state.q_wanted)), state.qdd_wanted, state.yielding)
+        resolve_tool_motion(
+            self._X_AB,
+            X_WB,
+            (X_WG, reference.v_WG_W, reference.w_WG_W),
+            contact.sensed.hull,
+            contact.sensed.J_B,
+            self._drift.follows_hull,
+            tuning.joint_speed_limit,
+            tuple(out),
+        )
+        result = solve(self._chain, out.X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
+        if state.holding:  # the hull stands a little off the place that the held angles were computed for
+            state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - out.qd, False
+        state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = bumpless(
+            result.q,
+            out.qd,
+            state.q_wanted,
+            state.offset,
+            state.offset_rate,
+            tuning.blend_time,
+            tuning.joint_speed_limit * dt,
+            dt,
+        )
+        state.ik_error = np.array([result.position_error, result.orientation_error])
+
+    def _servo_compliance(self, state: ToolControlState, estimate: StateEstimate, sensed: SensedArm) -> float:
+        """Compliance [m/N] of the servoed arm at the tip along the tool axis."""
+        if state.servo_compliance == 0.0 or state.tick % self._compliance_ticks == 0:
+            inertia = self._arm.inertia(estimate.q) + np.diag(self._armature)
+            along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
+            state.servo_compliance = float(along @ np.linalg.solve(inertia, along)) / (
+                self._tuning.joint_frequency**2 * (1.0 - self._tuning.normal_softness)
+            )
+        return state.servo_compliance

@@ -1,0 +1,171 @@
+"""The work controller as a composition: other parts handed in, state that is owned, threads that share a controller."""
+
+import sys
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import models
+from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.position_force import ForceDisplacement
+from controllers.estimation.contact_estimators import MomentumObserver
+from controllers.work_controller import WorkController, WorkControllerState
+from models.vehicle import Vehicle
+from scenarios.contact_parts import ablated
+from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
+from sim.interfaces.spatial import exp_so3, pose
+
+OWN = models.load("uuv_puma").compile()
+VEHICLE, ARM = Vehicle.of(OWN), ArmDynamics(OWN)
+N, STILL, DT = VEHICLE.joints.size, np.zeros(3), 0.002
+METHODS = ("compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control")
+
+
+def inputs(seed: int, steps: int) -> list[tuple[StateEstimate, Reference]]:
+    """A drifting hull and a moving arm that presses after a third of the steps, with noise."""
+    rng = np.random.default_rng(seed)
+    start, rate = VEHICLE.q_ready + rng.uniform(-0.1, 0.1, N), rng.uniform(-0.2, 0.2, N)
+    at_rest = {"R_WB": np.eye(3), "nu_B": np.zeros(6), "a_B": np.zeros(6), "v_current_W": STILL}
+    push_G = np.array([5.0, -3.0, -40.0, 0.0, 0.0, 0.0])
+    tau = ARM.inverse(start, np.zeros(N), np.zeros(N), wrench_tip_G=push_G, **at_rest)[0]
+    rows = []
+    for i in range(steps):
+        t = DT * i
+        X_WB = pose(exp_so3(0.02 * np.sin(t + np.arange(3))), 0.03 * np.sin(2.0 * t + np.arange(3)))
+        estimate = StateEstimate(
+            time=t,
+            X_WB=X_WB,
+            v_WB_B=0.01 * rng.standard_normal(3),
+            w_WB_B=0.01 * rng.standard_normal(3),
+            a_WB_B=0.1 * rng.standard_normal(3),
+            q=start + t * rate,
+            qd=rate + 1e-3 * rng.standard_normal(N),
+            tau=tau + 0.1 * rng.standard_normal(N),
+        )
+        presses = i > steps // 3
+        X_WG = VEHICLE.X_BA @ CHAIN_TIP
+        asked = Reference(
+            time=t,
+            state=WorkState.WORK,
+            X_WB=np.eye(4),
+            v_WB_W=STILL,
+            X_WG=X_WG if presses else None,
+            v_WG_W=STILL,
+            w_WG_W=STILL,
+            q=start,
+            qd=np.zeros(N),
+            force=40.0 if presses else 0.0,
+            force_control=presses,
+            tare=False,
+            scan=False,
+            path_s=0.0,
+        )
+        rows.append((estimate, asked))
+    return rows
+
+
+def tip_in_base() -> np.ndarray:
+    X_BG, _ = ARM.tip(np.array(VEHICLE.q_ready))
+    return np.linalg.inv(VEHICLE.X_BA) @ X_BG
+
+
+CHAIN_TIP = tip_in_base()
+
+
+def commands(controller: WorkController, rows: list[tuple[StateEstimate, Reference]]) -> np.ndarray:
+    """Torques, thrusters and force of every step."""
+    state, out = controller.init(rows[0][0]), []
+    for estimate, asked in rows:
+        state, command = controller.step(state, estimate, asked)
+        out.append(row(command))
+    return np.array(out)
+
+
+def row(command: Command) -> np.ndarray:
+    return np.concatenate([command.joint_torque, command.thrusters, [command.contact.normal], command.contact.force_W])
+
+
+class Integrator(ForceDisplacement):
+    """Force law of fixed gain."""
+
+    def step(self, state, wanted, felt, servo_compliance, dt):
+        state.k += 1e-4 * (wanted - felt) * dt  # [m]
+        return state.k
+
+
+def test_a_force_law_is_replaced_alone(within):
+    """Its displacement is the one of the law, by hand; the thrusters do not notice."""
+    rows, k, torques = inputs(1, 300), 0.0, []
+    controller, plain = WorkController(OWN, force_law=Integrator()), WorkController(OWN)
+    state, other = controller.init(rows[0][0]), plain.init(rows[0][0])
+    for i, (estimate, asked) in enumerate(rows):
+        state, command = controller.step(state, estimate, asked)
+        other, usual = plain.step(other, estimate, asked)
+        if asked.force_control and i % 2 == 0:
+            k += 1e-4 * (asked.force - command.contact.normal) * 0.004
+        within("displacement [m]", command.believed["displacement"] - k, 1e-15)
+        assert np.array_equal(command.thrusters, usual.thrusters)
+        torques.append(command.joint_torque - usual.joint_torque)
+    assert abs(k) > 1e-5
+    assert np.abs(torques).max() > 1e-3
+
+
+def test_one_controller_steps_two_states_in_two_threads():
+    """Their commands are those of one after the other, bit for bit: nothing of a step is left in the controller."""
+    controller = WorkController(OWN)
+    work = [inputs(seed, 600) for seed in (1, 2)]
+    alone = [commands(controller, rows) for rows in work]
+    together: list[np.ndarray] = [np.empty(0), np.empty(0)]
+
+    def run(k: int) -> None:
+        together[k] = commands(controller, work[k])
+
+    threads = [threading.Thread(target=run, args=(k,)) for k in range(2)]
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)  # [s] a switch within nearly every step
+    try:
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    finally:
+        sys.setswitchinterval(usual)
+    assert not np.array_equal(alone[0], alone[1])
+    for k in range(2):
+        assert np.array_equal(together[k], alone[k])
+
+
+def test_states_taken_in_turn_do_not_mix():
+    controller = WorkController(OWN)
+    work = [inputs(seed, 60) for seed in (3, 4)]
+    alone = [commands(controller, rows) for rows in work]
+    states: list[WorkControllerState] = [controller.init(rows[0][0]) for rows in work]
+    for i in range(60):
+        for k in range(2):
+            states[k], command = controller.step(states[k], *work[k][i])
+            assert np.array_equal(row(command), alone[k][i])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_left_out_changes_the_command_it_is_about(method):
+    """On given estimates those of the tool change the torques and leave the thrusters; the others change both."""
+    rows = [(replace(e, tau=1.01 * e.tau), r) for e, r in inputs(5, 200)]
+    usual = commands(WorkController(OWN), rows)
+    changed = commands(WorkController(OWN, **ablated({method}, OWN, 0.0)), rows)
+    of_the_tool = method in ("drift-correction", "force-control")
+    assert np.array_equal(usual[:, N:-4], changed[:, N:-4]) == of_the_tool
+    assert not np.array_equal(usual[:, :N], changed[:, :N])
+
+
+def test_nothing_left_out_is_the_usual_controller():
+    assert ablated(frozenset(), OWN, 0.15) == {}
+
+
+def test_the_momentum_observer_reads_no_torque_sensor():
+    rows = inputs(6, 100)
+    deaf = [(replace(e, tau=np.zeros(N)), r) for e, r in rows]
+    first, second = (commands(WorkController(OWN, estimator=MomentumObserver(OWN)), r) for r in (rows, deaf))
+    assert np.array_equal(first, second)
+    assert np.abs(first[-1, -4:]).max() > 0.1

@@ -1,1 +1,1 @@
-"""Task planners of an intervention: contact work, insertion, inspection, seabed work, touching, fault responses."""
+"""Planners of an intervention: contact work, insertion, inspection, seabed work, touching, as tables of phases."""

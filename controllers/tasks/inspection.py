@@ -12,7 +12,9 @@ settle -> scan -> close-in -> work -> done
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import BSpline, splprep
@@ -21,17 +23,21 @@ from scipy.spatial import ConvexHull
 from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
 from controllers.planning.trajectories import PoseMove, Progress
+from controllers.tasks.arrival import ScanLimits, ScanTarget
+from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
+from controllers.tasks.monitors import Monitor, Reaction, adrift
+from controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import AbortCode, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
 
 _STEP = 0.02  # [m] distance between samples of the line
 _SMOOTH = 0.002  # [m] RMS distance of the spline from the line
 _LEVEL_VIEW = 0.2  # least horizontal part of the camera's unit axis: facing straight down it sees no side
 _CHECKED = 0.1  # [m] distance between the poses whose clearance is tested
-_ZERO = readonly(np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,10 +49,7 @@ class InspectionJob:
     speed: float = 0.15  # [m/s] of the hull
     acceleration: float = 0.05  # [m/s^2] of the hull
     turn_rate: float = 0.1  # [rad/s] of the hull
-    settle_speed: float = 0.03  # [m/s] below which the hull counts as at rest, together with
-    settle_turn: float = 0.02  # [rad/s]
-    settle_time: float = 3.0  # [s] for which it must be at rest
-    settle_limit: float = 60.0  # [s] within which that must be reached
+    rest: RestLimits = field(default_factory=partial(RestLimits, speed=0.03, error=math.inf, time=3.0))
     behind: tuple[float, float] = (0.1, 0.25)  # [m] lag of the hull at which progress slows down, and stops
     lost_place: float = 0.8  # [m] position error of the hull above which the inspection ends
 
@@ -166,25 +169,45 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
 
 
 @dataclass(slots=True, eq=False)
-class InspectionState:
-    """State of the inspection."""
+class OrbitState:
+    """State of `FlyOrbit`."""
 
-    state: WorkState
-    since: float  # [s] time at which the state was entered
-    X_WB: Array  # (4, 4) hull pose reference
-    v_WB_W: Array  # (3,) [m/s] its velocity
-    w_WB_W: Array  # (3,) [rad/s] its angular velocity
-    quiet_since: float = np.inf  # [s] time since when the hull is at rest; inf: it is not
-    orbit: Orbit | None = None
-    progress: Progress | None = None  # along the orbit
-    move: PoseMove | None = None
+    orbit: Orbit
+    progress: Progress
     worked: float = 0.0  # [s] time argument of `progress`
-    path_s: float = 0.0  # [m] arc length along the orbit
-    abort: AbortCode | None = None  # why the inspection was broken off
-    reason: str = ""  # the same in a sentence
+    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s]
+    w_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [rad/s]
 
 
-class Inspection:
+class FlyOrbit(Phase):
+    """Move the hull along the orbit of `Held.plan`, no faster than the hull follows."""
+
+    def __init__(self, job: InspectionJob) -> None:
+        self._job = job
+
+    def enter(self, held: Held, now: Context) -> OrbitState:
+        """Begin at rest."""
+        del now
+        assert isinstance(held.plan, Orbit)
+        return OrbitState(held.plan, held.plan.pace(self._job))
+
+    def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
+        """Done once around."""
+        near, far = self._job.behind
+        pace = min(max((far - held.off(now.estimate)) / (far - near), 0.0), 1.0)
+        state.worked += pace * now.period
+        held.s, rate = state.progress.at(state.worked)
+        held.X_WB, way, turn = state.orbit.at(held.s)
+        state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
+        return PhaseEvent.DONE if state.worked > state.progress.duration else None
+
+    def setpoint(self, state: OrbitState, held: Held, now: Context) -> Setpoint:
+        """The hull's velocity."""
+        del held, now
+        return Setpoint(v_WB_W=state.v_WB_W, w_WB_W=state.w_WB_W)
+
+
+class Inspection(TaskPlanner):
     """Planner (`sim.interfaces.protocols.Planner`) that views one known object from all sides, its arm folded."""
 
     def __init__(
@@ -213,160 +236,66 @@ class Inspection:
             floor: [m] height of the seabed in W.
             period: [s] of the planner.
         """
-        self.period = period
-        self._vehicle, self._chain, self._target, self._job = vehicle, chain, target, job
-        self._X_WB_scan, self._hull_box, self._X_BC, self._floor = np.array(X_WB_scan), hull_box, X_BC, floor
+        motion = HullMotion(speed=job.speed, acceleration=job.acceleration, turn_rate=job.turn_rate, behind=None)
 
-    def init(self, estimate: StateEstimate) -> InspectionState:
-        """State at the start: settling before the scan."""
-        return InspectionState(
-            state=WorkState.SETTLE, since=estimate.time, X_WB=self._X_WB_scan, v_WB_W=_ZERO, w_WB_W=_ZERO
-        )
+        def plan(held: Held, now: Context) -> None:
+            assert held.target is not None
+            X_WT = held.target.X_WT
+            near_W = transform_points(held.X_WB, X_BC[None, :3, 3])[0]
+            found = orbit(target, X_WT, job, X_BC=X_BC, near_W=near_W)
+            X_WB = found.at(0.0)[0]
+            passing = HullPath(vehicle, chain, hull_box, transform_points(X_WT, target.vertices))
+            check_clear(found, motion.to(X_WB, held, now), passing, floor=floor, clearance=job.clearance)
+            held.plan, held.way = found, [X_WB]
 
-    def step(
-        self, state: InspectionState, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[InspectionState, Reference]:
-        """Advance the inspection by one period.
+        monitor = Monitor(condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT)
+        rows = inspection_rows(job, motion, Decide(plan, AbortCode.NO_CLEAR_WAY))
+        super().__init__(rows, [monitor], X_WB=X_WB_scan, q=vehicle.q_home, period=period)
 
-        Args:
-            state: state of the inspection, changed in place.
-            estimate: estimated state of the vehicle.
-            target: newest identification, if any.
-            last: the controller's last command; not used.
 
-        Returns:
-            The state and the reference for the controller.
-        """
-        del last
-        time = estimate.time
-        over = state.state in (WorkState.DONE, WorkState.ABORT)
-        off = math.dist(estimate.X_WB[:3, 3].tolist(), state.X_WB[:3, 3].tolist())
-        if off > self._job.lost_place and not over:
-            self._give_up(state, time, AbortCode.HULL_ADRIFT, f"the hull cannot hold its place: {off:.2f} m off")
-        match state.state:
-            case WorkState.SETTLE:
-                if self._quiet(state, estimate):
-                    self._enter(state, WorkState.SCAN, time)
-            case WorkState.SCAN:
-                self._scan(state, time, target)
-            case WorkState.CLOSE_IN:
-                self._close_in(state, estimate)
-            case WorkState.WORK:
-                self._work(state, time, off)
-        return state, self._reference(state, time)
+def inspection_rows(job: InspectionJob, motion: HullMotion, plan: Decide) -> Iterable[tuple[str, TaskRow]]:
+    """Table of the inspection.
 
-    def _enter(self, state: InspectionState, what: WorkState, time: float) -> None:
-        """Change to another state, the hull reference at rest."""
-        state.state, state.since, state.quiet_since = what, time, np.inf
-        state.v_WB_W = state.w_WB_W = _ZERO
+    Args:
+        job: distances, speeds and limits.
+        motion: limits of the hull's move to the orbit.
+        plan: chooses the orbit.
 
-    def _give_up(self, state: InspectionState, time: float, code: AbortCode, reason: str) -> None:
-        """End the inspection where the vehicle is, for the given reason."""
-        state.abort, state.reason = code, reason
-        self._enter(state, WorkState.ABORT, time)
+    Returns:
+        Names and rows.
+    """
+    settle, states = Settle(job.rest), WorkState
+    row = partial(TaskRow, leave={Reaction.RETREAT: "held"})
+    scan = ScanTarget(ScanLimits(views=1, finds=1), path=False)
+    yield "settle", row(settle, states.SETTLE, {PhaseEvent.DONE: "scan"})
+    yield "scan", row(scan, states.SCAN, {PhaseEvent.DONE: at_once("plan")})
+    yield "plan", row(plan, states.SCAN, {PhaseEvent.DONE: "travel"})
+    yield "travel", row(MoveHull(motion), states.CLOSE_IN, {PhaseEvent.DONE: at_once("rest")})
+    yield "rest", row(settle, states.CLOSE_IN, {PhaseEvent.DONE: "orbit"})
+    yield "orbit", row(FlyOrbit(job), states.WORK, {PhaseEvent.DONE: "held"})
+    yield "held", TaskRow(Hold(), states.DONE)
 
-    def _quiet(self, state: InspectionState, estimate: StateEstimate) -> bool:
-        """True once the hull has been at rest for `settle_time`; gives up after `settle_limit`."""
-        job, time = self._job, estimate.time
-        moving = float(np.linalg.norm(estimate.v_WB_B)) > job.settle_speed
-        if moving or float(np.linalg.norm(estimate.w_WB_B)) > job.settle_turn:
-            state.quiet_since = np.inf
-        elif not math.isfinite(state.quiet_since):
-            state.quiet_since = time
-        if time - state.since > job.settle_limit + (state.move.duration if state.move else 0.0):
-            said = f"the hull does not come to rest within {job.settle_limit:g} s"
-            self._give_up(state, time, AbortCode.HULL_NOT_AT_REST, said)
-        return time - state.quiet_since > job.settle_time
 
-    def _scan(self, state: InspectionState, time: float, target: Target | None) -> None:
-        """Plan the orbit and the move to its start from the first identification; give up without one."""
-        if target is None or target.time < state.since:
-            if time - state.since > 5.0:
-                self._give_up(state, time, AbortCode.NO_FRAME, "no depth frame arrived within 5 s")
-            return
-        if not target.accepted:
-            self._give_up(state, time, AbortCode.NOT_IDENTIFIED, f"not identified: {target.reason}")
-            return
-        near_W = transform_points(state.X_WB, self._X_BC[None, :3, 3])[0]
-        found = orbit(self._target, target.X_WT, self._job, X_BC=self._X_BC, near_W=near_W)
-        X_WB = found.at(0.0)[0]
-        move = PoseMove.between(
-            time,
-            state.X_WB,
-            X_WB,
-            speed=self._job.speed,
-            acceleration=self._job.acceleration,
-            turn_rate=self._job.turn_rate,
-        )
-        try:
-            self._check_clear(found, move, target.X_WT)
-        except ReachError as error:
-            self._give_up(state, time, AbortCode.NO_CLEAR_WAY, str(error))
-            return
-        self._enter(state, WorkState.CLOSE_IN, time)
-        state.orbit, state.progress, state.move = found, found.pace(self._job), move
+def check_clear(found: Orbit, move: PoseMove, passing: HullPath, *, floor: float, clearance: float) -> None:
+    """Check the distance of hull and folded arm to the object and the seabed on the whole way.
 
-    def _check_clear(self, found: Orbit, move: PoseMove, X_WT: Array) -> None:
-        """Raise ReachError if hull or folded arm would come too near to the object or the seabed."""
-        obstacle = transform_points(X_WT, self._target.vertices)
-        passing = HullPath(self._vehicle, self._chain, self._hull_box, obstacle)
-        ways = {
-            "on the way around": [found.at(s)[0] for s in np.arange(0.0, found.s[-1], _CHECKED)],
-            "on the way there": [move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20)],
-        }
-        for where, poses in ways.items():
-            for X_WB in poses:
-                gap, height = passing.gap(X_WB), passing.lowest(X_WB) - self._floor
-                if gap < self._job.clearance:
-                    raise ReachError(
-                        f"{where} the vehicle would come within {gap:.2f} m of the object, {self._job.clearance:g} m "
-                        "are to be kept"
-                    )
-                if height < self._job.clearance:
-                    raise ReachError(
-                        f"{where} the vehicle would come within {height:.2f} m of the seabed, "
-                        f"{self._job.clearance:g} m are to be kept"
-                    )
+    Args:
+        found: the orbit.
+        move: of the hull to its begin.
+        passing: distances to the object.
+        floor: [m] height of the seabed in W.
+        clearance: [m] to keep.
 
-    def _close_in(self, state: InspectionState, estimate: StateEstimate) -> None:
-        """Move to the start of the orbit and wait there until the hull is at rest."""
-        assert state.move is not None
-        state.X_WB, state.v_WB_W = state.move.at(estimate.time)
-        if state.move.done(estimate.time) and self._quiet(state, estimate):
-            self._enter(state, WorkState.WORK, estimate.time)
-
-    def _work(self, state: InspectionState, time: float, behind: float) -> None:
-        """Advance along the orbit, no faster than the hull follows."""
-        assert state.orbit is not None
-        assert state.progress is not None
-        near, far = self._job.behind
-        pace = min(max((far - behind) / (far - near), 0.0), 1.0)
-        state.worked += pace * self.period
-        state.path_s, rate = state.progress.at(state.worked)
-        state.X_WB, way, turn = state.orbit.at(state.path_s)
-        state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
-        if state.worked > state.progress.duration:
-            self._enter(state, WorkState.DONE, time)
-
-    def _reference(self, state: InspectionState, time: float) -> Reference:
-        """Reference for the controller in the present state."""
-        n = len(self._vehicle.q_home)
-        return Reference(
-            time=time,
-            state=state.state,
-            X_WB=state.X_WB,
-            v_WB_W=state.v_WB_W,
-            w_WB_W=state.w_WB_W,
-            X_WG=None,
-            v_WG_W=_ZERO,
-            w_WG_W=_ZERO,
-            q=np.array(self._vehicle.q_home),
-            qd=np.zeros(n),
-            force=0.0,
-            force_control=False,
-            tare=False,
-            scan=state.state is WorkState.SCAN,
-            path_s=state.path_s,
-            abort=state.abort,
-            note=state.reason,
-        )
+    Raises:
+        ReachError: if it is not kept.
+    """
+    ways = {
+        "on the way around": [found.at(s)[0] for s in np.arange(0.0, found.s[-1], _CHECKED)],
+        "on the way there": [move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20)],
+    }
+    for where, poses in ways.items():
+        for X_WB in poses:
+            for gap, what in ((passing.gap(X_WB), "object"), (passing.lowest(X_WB) - floor, "seabed")):
+                if gap < clearance:
+                    said = f"{where} the vehicle would come within {gap:.2f} m of the {what}"
+                    raise ReachError(f"{said}, {clearance:g} m are to be kept")

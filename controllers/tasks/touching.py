@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.mkps import Chain, solve
+from controllers.tasks.phase import Context, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
+from controllers.tasks.task import TaskPlanner, TaskRow
 from controllers.tuning import TOUCH, TouchTuning
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z
 
 
@@ -104,22 +106,186 @@ def _direction(z: Array, cone: float, rng: np.random.Generator) -> Array:
 
 
 @dataclass(slots=True, eq=False)
-class TouchState:
-    """State of the touch sequence."""
+class TouchProgress:
+    """Progress of the touches, in `Held.plan`."""
 
     at: int = 0  # index of the touch
-    phase: int = 0  # 0 over the nest, 1 down, 2 press, 3 up
-    since: float = 0.0  # [s] time at which the phase began
-    q_from: Array = field(default_factory=lambda: np.zeros(0))  # (n,) [rad] start of the joint motion
-    way: list[Array] = field(default_factory=list)  # (n,) [rad] joint angles still to reach, the last over the nest
-    duration: float = 0.0  # [s] of the joint motion
     offsets: dict[int, list[Array]] = field(default_factory=dict)  # (3,) [m] per nest: found minus known position, W
 
 
-class TouchSequence:
-    """Planner (`sim.interfaces.protocols.Planner`) that asks for one touch after the other."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TouchJob:
+    """Touches to make, and where."""
 
-    period = 0.004
+    vehicle: Vehicle
+    chain: Chain  # its arm, base to tool
+    nests: Sequence[Nest]
+    touches: Sequence[Touch]  # in this order
+    X_WB: Array  # (4, 4) hull pose in W, held throughout
+    tuning: TouchTuning
+
+    @property
+    def X_WA(self) -> Array:
+        """Pose (4, 4) of the arm's base in W."""
+        return self.X_WB @ np.array(self.vehicle.X_BA)
+
+    def aim(self, plan: TouchProgress) -> tuple[Touch, Nest, Array]:
+        """Present touch, its nest, and p_WN (3,) by the vehicle's own arm model: corrected by its last touches."""
+        touch = self.touches[plan.at]
+        nest, found = self.nests[touch.nest], plan.offsets.get(touch.nest)
+        return touch, nest, nest.p_WN if not found else nest.p_WN + np.mean(found[-5:], axis=0)
+
+    def way(self, plan: TouchProgress, q: Array) -> list[Array]:
+        """Joint angles (n,) to pass to over the next nest, or back to the ready posture after the last touch.
+
+        The way passes through the ready posture if the straight motion would strike a nest.
+        """
+        ready = np.array(self.vehicle.q_ready)
+        if plan.at >= len(self.touches):
+            return [ready]
+        touch, nest, aim = self.aim(plan)
+        over = aim + self.tuning.lift * nest.z_WN
+        goal = solve(self.chain, inverse(self.X_WA) @ pose(touch.R_WG, over), ready, 1e-4, 1e-3).q
+        return [goal] if self._clear(q, goal) else [ready, goal]
+
+    def _clear(self, q_from: Array, q_to: Array) -> bool:
+        """True if the pin keeps clear of every nest on the straight line in joint space."""
+        for share in np.linspace(0.0, 1.0, 30):
+            X_WG = self.X_WA @ self.chain.forward(q_from + share * (q_to - q_from))
+            for nest in self.nests:
+                apart = X_WG[:3, 3] - nest.p_WN
+                if float(np.linalg.norm(apart)) < 0.12 and float(apart @ nest.z_WN) < 0.7 * self.tuning.lift:
+                    return False
+        return True
+
+
+@dataclass(slots=True, eq=False)
+class WayState:
+    """State of `MoveOver`."""
+
+    way: list[Array]  # (n,) [rad] joint angles still to reach
+    since: float  # [s] begin of the present motion
+    q_from: Array  # (n,) [rad] its start
+    duration: float  # [s] of it
+    qd: Array  # (n,) [rad/s]
+
+
+class MoveOver(Phase):
+    """Move the joints to over the next nest; more if there is one, done in the ready posture after the last."""
+
+    def __init__(self, job: TouchJob) -> None:
+        self._job = job
+
+    def enter(self, held: Held, now: Context) -> WayState:
+        """Plan the way and begin."""
+        if held.plan is None:
+            held.plan = TouchProgress()
+        assert isinstance(held.plan, TouchProgress)
+        return self._depart(self._job.way(held.plan, np.array(now.estimate.q)), held, now)
+
+    def _depart(self, way: list[Array], held: Held, now: Context) -> WayState:
+        """Begin the motion to the first joint angles of the way."""
+        held.q = np.array(now.estimate.q)
+        # A quintic's peak speed is 15/8 of its mean.
+        duration = max(0.5, 1.875 * float(np.abs(way[0] - held.q).max()) / self._job.tuning.move_speed)
+        return WayState(way, now.time, held.q, duration, np.zeros(len(held.q)))
+
+    def step(self, state: WayState, held: Held, now: Context) -> Outcome:
+        """A quintic in time; the pin comes to rest for 0.3 s over a nest."""
+        assert isinstance(held.plan, TouchProgress)
+        t, last = now.time - state.since, held.plan.at >= len(self._job.touches)
+        if last and t >= state.duration:
+            held.q, state.qd = state.way[-1], np.zeros(len(held.q))
+            return PhaseEvent.DONE
+        if t >= state.duration + (0.3 if len(state.way) == 1 else 0.0):
+            if len(state.way) == 1:
+                return PhaseEvent.MORE
+            begun = self._depart(state.way[1:], held, now)
+            state.way, state.since, state.q_from, state.duration = begun.way, begun.since, begun.q_from, begun.duration
+            t = 0.0
+        s = min(1.0, t / state.duration)
+        blend, rate = s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2 / state.duration
+        way = state.way[0] - state.q_from
+        held.q, state.qd = state.q_from + blend * way, rate * way
+        return None
+
+    def setpoint(self, state: WayState, held: Held, now: Context) -> Setpoint:
+        """The joints' velocity."""
+        del held, now
+        return Setpoint(qd=state.qd)
+
+
+@dataclass(slots=True, eq=False)
+class NestState:
+    """State of `OverNest`."""
+
+    since: float  # [s]
+    offset: Array | None = None  # (3,) [m] found minus known position of the seated pin, W, not yet taken over
+
+
+class OverNest(Phase):
+    """Motion of the spring's end along a nest's axis."""
+
+    def __init__(self, job: TouchJob, seconds: float, start: float, speed: float, *, reads: bool = False) -> None:
+        """Set up the phase.
+
+        Args:
+            job: touches to make.
+            seconds: [s] of the phase.
+            start: [m] first height over the nest.
+            speed: [m/s] upwards.
+            reads: the pin is pressed home and the encoders are read.
+        """
+        self._job, self._seconds, self._start, self._speed, self._reads = job, seconds, start, speed, reads
+
+    def enter(self, held: Held, now: Context) -> NestState:
+        """Begin at the first height."""
+        del held
+        return NestState(now.time)
+
+    def step(self, state: NestState, held: Held, now: Context) -> Outcome:
+        """Done when the time is over."""
+        del held
+        return None if now.time - state.since < self._seconds else PhaseEvent.DONE
+
+    def setpoint(self, state: NestState, held: Held, now: Context) -> Setpoint:
+        """The end of the spring."""
+        assert isinstance(held.plan, TouchProgress)
+        t, tuning = now.time - state.since, self._job.tuning
+        touch, nest, aim = self._job.aim(held.plan)
+        X_WG = pose(touch.R_WG, aim + (self._start + self._speed * t) * nest.z_WN)
+        if not self._reads:
+            return Setpoint(X_WG=X_WG)
+        return Setpoint(X_WG=X_WG, force=tuning.push, touch=held.plan.at if t >= tuning.settle else None)
+
+
+class LeaveNest(OverNest):
+    """Motion out of the nest; the place at which the pin was seated corrects the next touches of it."""
+
+    def enter(self, held: Held, now: Context) -> NestState:
+        """Compute where the pin is."""
+        assert isinstance(held.plan, TouchProgress)
+        job, estimate = self._job, now.estimate
+        X_WG = estimate.X_WB @ job.vehicle.X_BA @ job.chain.forward(estimate.q)
+        return NestState(now.time, X_WG[:3, 3] - job.nests[job.touches[held.plan.at].nest].p_WN)
+
+    def step(self, state: NestState, held: Held, now: Context) -> Outcome:
+        """Take the offset over; done above the nest."""
+        plan, job = held.plan, self._job
+        assert isinstance(plan, TouchProgress)
+        if state.offset is not None and float(np.linalg.norm(state.offset)) < job.tuning.believable:
+            plan.offsets.setdefault(job.touches[plan.at].nest, []).append(state.offset)
+        state.offset = None
+        outcome = super().step(state, held, now)
+        plan.at += outcome is not None
+        return outcome
+
+
+class TouchSequence(TaskPlanner):
+    """Planner (`sim.interfaces.protocols.Planner`) that asks for one touch after the other.
+
+    `Reference.touch` is the index of the touch while the encoders are to be read.
+    """
 
     def __init__(
         self,
@@ -140,143 +306,19 @@ class TouchSequence:
             X_WB: (4, 4) hull pose in W, held throughout.
             tuning: motion, stiffness and force of the touches.
         """
-        self._vehicle, self._chain, self._nests, self._touches = vehicle, chain, tuple(nests), tuple(touches)
-        self._X_WB = X_WB
-        self._X_WA = X_WB @ np.array(vehicle.X_BA)
-        self.tuning = tuning or TouchTuning()
-
-    def init(self, estimate: StateEstimate) -> TouchState:
-        """State at the start, with the joint motion to over the first nest planned."""
-        state = TouchState(q_from=np.array(estimate.q))
-        self._begin(state, estimate)
-        return state
-
-    def _begin(self, state: TouchState, estimate: StateEstimate) -> None:
-        """Plan the joint motion to over the next nest.
-
-        It passes through the ready posture if the straight motion would strike a nest.
-        """
-        q, ready = np.array(estimate.q), np.array(self._vehicle.q_ready)
-        if state.at < len(self._touches):
-            touch = self._touches[state.at]
-            over = self._aim(state, touch) + self.tuning.lift * self._nests[touch.nest].z_WN
-            goal = solve(self._chain, inverse(self._X_WA) @ pose(touch.R_WG, over), ready, 1e-4, 1e-3).q
-            state.way = [goal] if self._clear(q, goal) else [ready, goal]
-        else:
-            state.way = [ready]
-        self._depart(state, estimate)
-
-    def _depart(self, state: TouchState, estimate: StateEstimate) -> None:
-        """Begin the motion to the next joint angles of the plan."""
-        state.phase, state.since, state.q_from = 0, estimate.time, np.array(estimate.q)
-        # A quintic's peak speed is 15/8 of its mean.
-        state.duration = max(0.5, 1.875 * float(np.abs(state.way[0] - state.q_from).max()) / self.tuning.move_speed)
-
-    def _clear(self, q_from: Array, q_to: Array) -> bool:
-        """True if the pin keeps clear of every nest on the straight line in joint space."""
-        for share in np.linspace(0.0, 1.0, 30):
-            X_WG = self._X_WA @ self._chain.forward(q_from + share * (q_to - q_from))
-            for nest in self._nests:
-                apart = X_WG[:3, 3] - nest.p_WN
-                if float(np.linalg.norm(apart)) < 0.12 and float(apart @ nest.z_WN) < 0.7 * self.tuning.lift:
-                    return False
-        return True
-
-    def _aim(self, state: TouchState, touch: Touch) -> Array:
-        """Position p_WN (3,) of the nest by the vehicle's own arm model: corrected by the last touches of it."""
-        found = state.offsets.get(touch.nest)
-        nest = self._nests[touch.nest].p_WN
-        return nest if not found else nest + np.mean(found[-5:], axis=0)
-
-    def step(
-        self, state: TouchState, estimate: StateEstimate, target: Target | None, last: Command | None
-    ) -> tuple[TouchState, Reference]:
-        """Advance the sequence by one period.
-
-        Args:
-            state: state of the sequence, changed in place.
-            estimate: estimated state of the vehicle.
-            target: newest identification; not used.
-            last: the controller's last command; not used.
-
-        Returns:
-            The state and the reference for the controller. Its `touch` is the index of the touch while the encoders are
-            to be read.
-        """
-        tuning, t = self.tuning, estimate.time - state.since
-        if state.at >= len(self._touches):
-            if state.phase == 0 and t >= state.duration:
-                return state, self._reference(estimate, WorkState.DONE, q=state.way[-1])
-            return state, self._over(state, estimate, t)
-        touch = self._touches[state.at]
-        nest, aim = self._nests[touch.nest], self._aim(state, touch)
-        way_down = tuning.lift + tuning.beyond
-        if state.phase == 0:
-            if t < state.duration + (0.3 if len(state.way) == 1 else 0.0):
-                return state, self._over(state, estimate, t)
-            if len(state.way) > 1:
-                state.way.pop(0)
-                self._depart(state, estimate)
-                return state, self._over(state, estimate, 0.0)
-            state.phase, state.since, t = 1, estimate.time, 0.0
-        if state.phase == 1:
-            if t < way_down / tuning.descent:
-                p = aim + (tuning.lift - tuning.descent * t) * nest.z_WN
-                return state, self._reference(estimate, WorkState.APPROACH, X_WG=pose(touch.R_WG, p))
-            state.phase, state.since, t = 2, estimate.time, 0.0
-        if state.phase == 2:
-            if t < tuning.settle + tuning.reading:
-                p = aim - tuning.beyond * nest.z_WN
-                reading = state.at if t >= tuning.settle else None
-                X_WG = pose(touch.R_WG, p)
-                return state, self._reference(estimate, WorkState.PRESS, X_WG=X_WG, force=tuning.push, touch=reading)
-            X_WG = estimate.X_WB @ self._vehicle.X_BA @ self._chain.forward(estimate.q)
-            offset = X_WG[:3, 3] - nest.p_WN
-            if float(np.linalg.norm(offset)) < tuning.believable:
-                state.offsets.setdefault(touch.nest, []).append(offset)
-            state.phase, state.since, t = 3, estimate.time, 0.0
-        up = tuning.lift + tuning.beyond
-        if t < up / (2.0 * tuning.descent):
-            p = aim + (2.0 * tuning.descent * t - tuning.beyond) * nest.z_WN
-            return state, self._reference(estimate, WorkState.RETREAT, X_WG=pose(touch.R_WG, p))
-        state.at += 1
-        self._begin(state, estimate)
-        return state, self._over(state, estimate, 0.0)
-
-    def _over(self, state: TouchState, estimate: StateEstimate, t: float) -> Reference:
-        """Reference of the joint motion, `t` [s] after its start: a quintic in time."""
-        s = min(1.0, t / state.duration)
-        blend, rate = s**3 * (10.0 - 15.0 * s + 6.0 * s * s), 30.0 * s * s * (1.0 - s) ** 2 / state.duration
-        way = state.way[0] - state.q_from
-        return self._reference(estimate, WorkState.CLOSE_IN, q=state.q_from + blend * way, qd=rate * way)
-
-    def _reference(
-        self,
-        estimate: StateEstimate,
-        work: WorkState,
-        *,
-        q: Array | None = None,
-        qd: Array | None = None,
-        X_WG: Array | None = None,
-        force: float = 0.0,
-        touch: int | None = None,
-    ) -> Reference:
-        """Reference for the controller; the hull pose is always the same."""
-        rest = np.zeros(len(estimate.q))
-        return Reference(
-            time=estimate.time,
-            state=work,
-            X_WB=self._X_WB,
-            v_WB_W=np.zeros(3),
-            X_WG=X_WG,
-            v_WG_W=np.zeros(3),
-            w_WG_W=np.zeros(3),
-            q=rest if q is None else q,
-            qd=rest if qd is None else qd,
-            force=force,
-            force_control=False,
-            tare=False,
-            scan=False,
-            path_s=0.0,
-            touch=touch,
+        tuning = tuning or TouchTuning()
+        job = TouchJob(
+            vehicle=vehicle, chain=chain, nests=tuple(nests), touches=tuple(touches), X_WB=X_WB, tuning=tuning
         )
+        way, fast, ends, states = tuning.lift + tuning.beyond, 2.0 * tuning.descent, PhaseEvent, WorkState
+        down = OverNest(job, way / tuning.descent, tuning.lift, -tuning.descent)
+        press = OverNest(job, tuning.settle + tuning.reading, -tuning.beyond, 0.0, reads=True)
+        up = LeaveNest(job, way / fast, -tuning.beyond, fast)
+        rows = {
+            "over": TaskRow(MoveOver(job), states.CLOSE_IN, {ends.MORE: "down", ends.DONE: "held"}),
+            "down": TaskRow(down, states.APPROACH, {ends.DONE: "press"}),
+            "press": TaskRow(press, states.PRESS, {ends.DONE: "up"}),
+            "up": TaskRow(up, states.RETREAT, {ends.DONE: "over"}),
+            "held": TaskRow(Hold(), states.DONE),
+        }
+        super().__init__(rows.items(), (), X_WB=X_WB, q=vehicle.q_home, period=0.004)

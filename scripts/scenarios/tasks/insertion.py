@@ -117,7 +117,9 @@ class PlacedInsertion(PlacedTask):
             own.chain(),
             self.target,
             aimed_at,
-            insertion.InsertionJob(depth=task.depth, nose=self.truth.tool_radius, compliance=task.compliance),
+            insertion.InsertionJob(
+                depth=task.depth, compliance=task.compliance, inside=insertion.EntryLimits(nose=self.truth.tool_radius)
+            ),
             X_WB_scan=self.X_WB,
             hull_box=own.hull_box,
         )

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.tasks import supervisor
-from controllers.tasks.surface_task_config import SurfaceTaskConfig
+from controllers.tasks import surface_work
 from models.objects.targets import TargetModel
 from models.site import scenes
 from perception.clouds.scan import SensorModel
@@ -105,14 +104,14 @@ class PlacedSurfaceWork(PlacedTask):
             seed=seed,
         )
 
-    def planner(self) -> supervisor.SurfaceWork:
+    def planner(self) -> surface_work.SurfaceWork:
         """Planner of the work."""
         own, task = self.own, self.task
-        return supervisor.SurfaceWork(
+        return surface_work.SurfaceWork(
             own.vehicle,
             own.chain(),
             self.target,
-            SurfaceTaskConfig(
+            surface_work.SurfaceTaskConfig(
                 forces=task.forces,
                 speed=task.speed,
                 least_share=task.least,

@@ -114,13 +114,3 @@ def test_touching_feels_by_the_same_filters_as_work() -> None:
     own = ("joint_frequency", "joint_damping", "joint_integral_time")
     differing = [name for name in shared.__slots__ if getattr(mine, name) != getattr(shared, name)]
     assert sorted(differing) == sorted(own)
-
-
-def test_a_reason_carries_its_figures() -> None:
-    from controllers.tasks import fault_reactions as watch
-    from controllers.tasks.surface_task_config import SurfaceTaskConfig
-    from sim.interfaces.messages import Fault, FaultKind
-
-    fault = Fault(kind=FaultKind.THRUSTER, part="v3", index=0, time=1.0, figures="gave 3 N where 11 N were asked for")
-    verdict = watch._of_faults(SurfaceTaskConfig(forces=(60.0,)), (fault,), 2.0)
-    assert verdict.reason == "thruster v3 is lost (gave 3 N where 11 N were asked for)"

@@ -1,7 +1,7 @@
 """The planner of an insertion under scripted forces, and its figures from recordings made up."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -9,17 +9,26 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Chain
+from controllers.planning import path_standing
 from controllers.planning.hull_placement import Placement
-from controllers.tasks import supervisor
-from controllers.tasks.axial_work import contact_force_on_tool
-from controllers.tasks.insertion import HoleInsertion, InsertionJob, axis_path
+from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
+from controllers.tasks.phase import Context
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.manifold import manifold
 from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.evaluation.insertion_metrics import crashed, hole_error, summary
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.messages import AbortCode, Command, ContactEstimate, StateEstimate, Target, WorkState
+from sim.interfaces.messages import (
+    AbortCode,
+    Command,
+    ContactEstimate,
+    Fault,
+    FaultKind,
+    StateEstimate,
+    Target,
+    WorkState,
+)
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 from told import Told
 
@@ -30,6 +39,7 @@ BLOCK = manifold()
 HOLE = BLOCK.hole("a")
 X_WH = HOLE.pose(X_WT)
 STIFFNESS = 3e4  # [N/m]
+LOST = Fault(kind=FaultKind.THRUSTER, part="v1", index=0, time=0.0)
 BEFORE = [WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE, WorkState.APPROACH]
 AFTER = [WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW]
 OWN = uuv_puma.build("sampler").compile()
@@ -62,6 +72,7 @@ class Script(Told):
     world: World = free
     job: InsertionJob = field(default_factory=InsertionJob)
     found: bool = True
+    dead_in: WorkState | None = None  # state in which a thruster is found dead
 
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
@@ -106,6 +117,7 @@ class Script(Told):
                 thrusters=np.zeros(6),
                 scan=reference.scan,
                 contact=ContactEstimate(force_W=f_tip_W, normal=normal),
+                faults=(LOST,) if reference.state is self.dead_in else (),
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT):
                 break
@@ -130,7 +142,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> None:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
 
 
 def test_a_free_hole_is_entered_along_its_axis_and_left(within):
@@ -140,13 +152,13 @@ def test_a_free_hole_is_entered_along_its_axis_and_left(within):
     tips = script.tips(WorkState.APPROACH, *AFTER, WorkState.DONE)
     within("off the axis [m]", np.linalg.norm(tips[:, :2], axis=1), 1e-12)
     assert 0.0 <= script.deepest - script.job.depth < 1e-3  # it slows down at 30 mm/s^2
-    within("back at the stand-off [m]", tips[-1, 2] + script.job.standoff, 3e-4)
+    within("back at the stand-off [m]", tips[-1, 2] + script.job.axial.standoff, 3e-4)
     axes = np.array([r.X_WG[:3, 2] for r in script.references if r.state in AFTER and r.X_WG is not None])
     within("tool axis", axes - X_WH[:3, 2], 1e-12)
     # What is asked of the tool's speed is how its place moves.
     moved = np.diff(tips[:, 2]) / PERIOD
     asked = [r.v_WG_W @ X_WH[:3, 2] for r in script.references if r.state in (WorkState.APPROACH, *AFTER)]
-    within("speed [m/s]", moved[:-1] - np.array(asked)[1 : len(moved)], script.job.acceleration * PERIOD + 1e-9)
+    within("speed [m/s]", moved[:-1] - np.array(asked)[1 : len(moved)], script.job.axial.acceleration * PERIOD + 1e-9)
     stay = script.of(WorkState.WORK)
     assert len(stay) * PERIOD == pytest.approx(script.job.stay, abs=0.05)
     assert {r.state for r in script.references if r.compliant} == set(AFTER)
@@ -163,10 +175,10 @@ def test_the_rim_is_met_and_the_hole_is_searched_for(depth, first):
     assert np.hypot(middle[0] - 6e-3, middle[1] - 3e-3) < 0.004
     search = script.tips(WorkState.SEARCH)
     speed = np.linalg.norm(np.diff(search[:, :2], axis=0), axis=1)[20:] / PERIOD
-    assert speed.max() < 1.2 * script.job.search_speed
+    assert speed.max() < 1.2 * script.job.search.speed
     # Pressed by no more than the force with which it feels, but for the speed at which the rim is met.
     pressed = STIFFNESS * (search[50:, 2] - depth)[np.hypot(search[50:, 0] - 6e-3, search[50:, 1] - 3e-3) > 4e-3]
-    assert pressed.max() < 1.3 * script.job.search_force
+    assert pressed.max() < 1.3 * script.job.search.force
 
 
 def test_no_hole_is_there():
@@ -183,9 +195,9 @@ def test_a_jam_is_drawn_back_from_and_tried_again():
     assert script.states[-3:] == [WorkState.INSERT, WorkState.WITHDRAW, WorkState.ABORT]
     depths = script.tips(WorkState.INSERT)[:, 2]
     at_the_wall = np.flatnonzero(np.diff((depths > 0.034).astype(int)) > 0)
-    assert len(at_the_wall) == script.job.tries + 1
+    assert len(at_the_wall) == script.job.inside.tries + 1
     gaps = [depths[a:b].min() for a, b in pairwise(at_the_wall)]
-    assert np.allclose(gaps, 0.035 - script.job.back, atol=1.5e-3)
+    assert np.allclose(gaps, 0.035 - script.job.inside.back, atol=1.5e-3)
 
     def once(tip_H: Array, time: float) -> Array:
         return jam(tip_H, time) if time < script.references[0].time + 60.0 else np.zeros(3)
@@ -200,7 +212,7 @@ def test_pressed_aside_it_waits():
         del time
         return np.array([12.0 if 0.02 < tip_H[2] < 0.03 else 0.0, 0.0, 0.0])
 
-    script = Script(aside, job=InsertionJob(longest=30.0)).run()
+    script = Script(aside, job=InsertionJob(axial=replace(InsertionJob().axial, longest=30.0))).run()
     assert 0.02 < script.deepest < 0.021  # at 6 mm/s it needs 0.6 mm to stop
     assert script.states[-1] is WorkState.ABORT
 
@@ -216,7 +228,7 @@ def test_breaks_off_and_is_drawn_out(world, said):
     script = Script(world).run()
     assert script.states[-2:] == [WorkState.WITHDRAW, WorkState.ABORT]
     assert said in script.end.note
-    assert script.tips(WorkState.ABORT)[-1, 2] <= -script.job.standoff
+    assert script.tips(WorkState.ABORT)[-1, 2] <= -script.job.axial.standoff
 
 
 def test_stuck_on_the_way_out_it_pulls_no_harder_than_it_pushed():
@@ -227,7 +239,7 @@ def test_stuck_on_the_way_out_it_pulls_no_harder_than_it_pushed():
         held.append(max([0.0, *held[-1:], tip_H[2]]))
         return np.array([0.0, 0.0, STIFFNESS * max(0.0, 0.04 - tip_H[2])]) if held[-1] > 0.0599 else np.zeros(3)
 
-    script = Script(stuck, job=InsertionJob(longest=20.0)).run()
+    script = Script(stuck, job=InsertionJob(axial=replace(InsertionJob().axial, longest=20.0))).run()
     assert script.states[-2:] == [WorkState.WITHDRAW, WorkState.ABORT]
     assert "stuck at 40" in script.end.note
     pulled = STIFFNESS * (0.04 - script.tips(WorkState.WITHDRAW)[:, 2])
@@ -241,6 +253,15 @@ def test_not_found_is_not_entered():
     assert not {WorkState.APPROACH, WorkState.INSERT} & set(script.states)
 
 
+@pytest.mark.parametrize("state", BEFORE[:-1])
+def test_a_fault_before_the_hole_ends_the_work_there(state):
+    script = Script(dead_in=state).run()
+    assert script.states == [*BEFORE[: BEFORE.index(state) + 1], WorkState.ABORT]
+    assert script.end.abort is AbortCode.THRUSTER
+    tips = script.tips(*WorkState)
+    assert not len(tips) or tips[:, 2].max() < -0.9 * script.job.axial.standoff  # never nearer than the stand-off
+
+
 def test_without_compliance_nothing_gives_way():
     assert not any(r.compliant for r in Script(job=InsertionJob(compliance=False)).run().references)
 
@@ -249,9 +270,9 @@ def test_without_compliance_nothing_gives_way():
     ("change", "said"),
     [
         ({"depth": 0.0}, "depth"),
-        ({"speed": float("nan")}, "speed"),
+        ({"axial": replace(InsertionJob().axial, speed=float("nan"))}, "speed"),
         ({"force": 50.0}, "half the limit"),
-        ({"side_full": 4.0}, "side_full"),
+        ({"inside": EntryLimits(side_full=4.0)}, "side_full"),
         ({"guard": 0.1}, "standoff"),
     ],
 )
@@ -266,9 +287,10 @@ def test_a_hole_that_is_too_shallow_is_refused():
 
 
 def test_a_controller_that_feels_nothing_is_refused():
+    estimate: Any = None
     dumb = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
     with pytest.raises(ConfigurationError, match="no contact estimate"):
-        contact_force_on_tool(dumb, np.array([0.0, 0.0, 1.0]))
+        Context(0.0, PERIOD, estimate, None, dumb).contact_force(np.array([0.0, 0.0, 1.0]))
 
 
 # ------------------------------------------------------------------------------------------------------------ figures

@@ -10,15 +10,17 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
+from controllers.planning import path_standing
 from controllers.planning.hull_placement import Placement
-from controllers.tasks import supervisor
-from controllers.tasks.supervisor import SurfaceWork, ascent_direction
-from controllers.tasks.surface_task_config import SurfaceTaskConfig
+from controllers.tasks.arrival import ScanLimits
+from controllers.tasks.hull_phases import Settle, ascent_direction
+from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import barrel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import (
+    AbortCode,
     Command,
     ContactEstimate,
     Fault,
@@ -169,7 +171,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
     return asked
 
 
@@ -185,7 +187,7 @@ def smooth() -> Script:
             margin=1.0,
             reached=1.0,
         )
-        patch.setattr(supervisor, "place_hull", lambda *_, **__: placement)
+        patch.setattr(path_standing, "place_hull", lambda *_, **__: placement)
         return Script().run()
 
 
@@ -194,7 +196,7 @@ def test_states_follow_each_other(smooth):
     assert smooth.end.note == ""
     assert {r.state for r in smooth.references if r.scan} == {WorkState.SCAN}
     assert {r.state for r in smooth.references if r.tare} == {WorkState.TARE}
-    assert len([r for r in smooth.references if r.tare]) == pytest.approx(smooth.job.tare_time / PERIOD, abs=2)
+    assert len([r for r in smooth.references if r.tare]) == pytest.approx(2.0 / PERIOD, abs=2)
     pressing = {WorkState.PRESS, WorkState.WORK, WorkState.RETREAT}  # the last as long as it lets go
     assert {r.state for r in smooth.references if r.force_control} == pressing
     assert {r.state for r in smooth.references if r.force > 0.0} == pressing
@@ -229,20 +231,20 @@ def test_tool_reference_is_continuous_and_its_velocity_the_derivative(surface):
     script = Script(felt=felt).run()
     moving = script.of(WorkState.TARE, *IN_CONTACT, WorkState.RETREAT, WorkState.DONE)
     steps = np.linalg.norm(np.diff([tip(r) for r in moving], axis=0), axis=1)
-    assert steps.max() <= 1.01 * script.job.approach_speed * PERIOD
+    assert steps.max() <= 1.01 * script.job.approach.speed * PERIOD
     for state in (WorkState.APPROACH, WorkState.WORK):
         places, velocity = (np.array([what(r) for r in script.of(state)]) for what in (tip, lambda r: r.v_WG_W))
         central = 0.5 * (places[2:] - places[:-2]) / PERIOD
         assert np.abs(velocity[1:-1] - central).max() < 3e-4  # half a step of the acceleration
     # Away from the surface that was met, and from the one that was expected.
-    assert tip(script.end)[2] >= max(surface, 0.0) + script.job.standoff - 2e-3
+    assert tip(script.end)[2] >= max(surface, 0.0) + script.job.approach.standoff - 2e-3
 
 
 def test_surface_is_met_at_touch_speed(smooth):
     last = smooth.of(WorkState.APPROACH)[-1]
-    assert np.linalg.norm(last.v_WG_W) == pytest.approx(smooth.job.touch_speed)
+    assert np.linalg.norm(last.v_WG_W) == pytest.approx(smooth.job.approach.touch_speed)
     fastest = max(float(np.linalg.norm(r.v_WG_W)) for r in smooth.of(WorkState.APPROACH))
-    assert fastest == pytest.approx(smooth.job.approach_speed)
+    assert fastest == pytest.approx(smooth.job.approach.speed)
 
 
 def test_set_force_is_ramped_and_changes_with_the_part_of_the_path(smooth):
@@ -262,7 +264,7 @@ def test_force_is_let_go_before_the_tool_leaves(smooth):
     force = np.array([reference.force for reference in down])
     assert force[0] > 0.9 * 60.0
     assert np.all(np.abs(np.diff(force) / PERIOD + smooth.job.force_rate) < 1e-6)
-    assert force[-1] < smooth.job.touch + smooth.job.force_rate * PERIOD
+    assert force[-1] < smooth.job.approach.touch + smooth.job.force_rate * PERIOD
     assert all(np.array_equal(tip(reference), tip(down[0])) for reference in down)
     assert not any(reference.force_control for reference in off[len(down) :])
     assert np.linalg.norm(tip(off[-1]) - tip(down[0])) > 0.09
@@ -299,7 +301,7 @@ def test_contact_starts_the_press_wherever_it_is_met():
     met = script.of(WorkState.PRESS)[0]
     assert tip(met)[2] == pytest.approx(0.02, abs=1.5e-3)
     # The press begins from the force that is felt, not from nothing.
-    assert met.force >= script.job.touch
+    assert met.force >= script.job.approach.touch
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
@@ -340,7 +342,7 @@ def test_too_much_force_ends_in_a_retreat(state):
     assert len(script.of(state)) <= 2  # at once
     assert "161 N is above the limit of 160 N" in script.end.note
     lifted = tip(script.end) - tip(script.of(WorkState.RETREAT)[0])
-    assert lifted[2] >= 0.95 * script.job.standoff
+    assert lifted[2] >= 0.95 * script.job.approach.standoff
     assert script.end.force == 0.0
     assert not script.end.force_control
 
@@ -371,7 +373,7 @@ def test_no_surface_where_one_should_be():
     script = Script(felt=lambda _: 0.0).run()
     assert script.states == [*JOURNEY[:5], WorkState.RETREAT, WorkState.ABORT]
     deepest = min(float(tip(r)[2]) for r in script.of(WorkState.APPROACH))
-    assert deepest == pytest.approx(-script.job.search, abs=1e-3)
+    assert deepest == pytest.approx(-script.job.approach.search, abs=1e-3)
     assert "no contact within 0.06 m" in script.end.note
 
 
@@ -396,7 +398,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
     assert script.states == [*JOURNEY, WorkState.DONE]
     asked = [r.time for r in script.references if r.scan]
     assert len(asked) == 6
-    assert np.diff(asked) == pytest.approx(np.full(5, script.job.find_interval), abs=0.05)
+    assert np.diff(asked) == pytest.approx(np.full(5, script.job.arrival.scan.interval), abs=0.05)
     worked = np.array([tip(r)[0] for r in script.of(WorkState.WORK)])
     assert worked[0] == pytest.approx(mean, abs=1e-4)
 
@@ -404,7 +406,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
 @pytest.mark.parametrize("bears", [True, False])
 def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(bears, monkeypatch):
     asked: list[float] = []
-    arm_alone = supervisor.place_hull
+    arm_alone = path_standing.place_hull
 
     def place(*args: Any, holding: ThrustMargin, **options: Any) -> Placement:
         asked.append(holding.drag)
@@ -412,7 +414,7 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
     script = Script(holding=ThrustMargin.of(models.load("uuv_puma").compile())).run()
     assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
     assert asked[0] == 0.6
@@ -420,10 +422,10 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
     assert ("thrusters may not hold" in script.end.note) == bears
 
 
-@pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"find_interval": -1.0}, {"find_interval": np.nan}])
+@pytest.mark.parametrize("wrong", [{"finds": 0}, {"finds": True}, {"interval": -1.0}, {"interval": np.nan}])
 def test_looks_that_cannot_be(wrong):
     with pytest.raises(ConfigurationError, match=next(iter(wrong))):
-        SurfaceTaskConfig(forces=(60.0,), **wrong)
+        ScanLimits(**wrong)
 
 
 def test_giving_up_after_as_many_views_as_allowed():
@@ -452,8 +454,8 @@ def test_work_without_contact_keeps_its_distance():
     assert tip(work[-1])[0] == pytest.approx(0.12)
     assert not any(r.force or r.force_control for r in script.references)
     fastest = max(float(np.linalg.norm(r.v_WG_W)) for r in script.of(WorkState.APPROACH)[-20:])
-    assert fastest <= script.job.touch_speed + 0.01  # it comes to its distance slowly
-    assert tip(script.end)[2] >= script.job.standoff - 1e-3
+    assert fastest <= script.job.approach.touch_speed + 0.01  # it comes to its distance slowly
+    assert tip(script.end)[2] >= script.job.approach.standoff - 1e-3
 
 
 def test_a_touch_on_the_way_ends_work_without_contact():
@@ -477,7 +479,7 @@ def test_it_comes_in_along_the_axis_of_the_arms_base(axis):
     held = {tuple(np.round(r.X_WB[:3, 3], 6)) for r in unfolding}
     assert len(held) == 1
     back = np.array(held.pop()) - WORK_POSE[:3, 3]
-    assert back @ -np.array(axis) >= script.job.lift - 1e-6
+    assert back @ -np.array(axis) >= script.job.arrival.lift - 1e-6
     assert np.linalg.norm(np.cross(back, axis)) < 1e-6
     last = moves[-1].X_WB[:3, 3]
     assert last == pytest.approx(WORK_POSE[:3, 3], abs=1e-6)
@@ -492,7 +494,7 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeyp
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
         return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
     script = Script().run(seconds=200.0)  # half a turn takes 113
     assert script.states == [*JOURNEY, WorkState.DONE]
     assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
@@ -510,7 +512,7 @@ def test_a_tool_stays_off_the_object_while_the_hull_rises_on_what_thrusters_are_
     assert len(rising) > 100
     away = np.array([tip(r)[2] for r in back])  # the surface is at 0, the tool looks down
     assert np.diff(away).min() >= 0.0
-    assert script.job.standoff + 0.2 < away[-1] < script.job.standoff + 0.3
+    assert script.job.approach.standoff + 0.2 < away[-1] < script.job.approach.standoff + 0.3
     turns = np.array([np.abs(np.asarray(r.X_WG)[:3, :3] - np.asarray(rising[0].X_WG)[:3, :3]).max() for r in rising])
     assert turns.max() == 0.0
     assert script.end.X_WG is None  # and is held to the hull when that has come up
@@ -520,21 +522,21 @@ def test_path_out_of_reach(monkeypatch):
     def place(*_: Any, **__: Any) -> Placement:
         raise ReachError("out of reach: at best 40%")
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
     script = Script().run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
     assert script.end.note == "out of reach: at best 40%"
 
 
 def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
-    reached = supervisor.place_hull
+    reached = path_standing.place_hull
 
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         if path.s[-1] > 0.105:
             raise ReachError("out of reach")
         return reached(vehicle, chain, path, **options)
 
-    monkeypatch.setattr(supervisor, "place_hull", place)
+    monkeypatch.setattr(path_standing, "place_hull", place)
     script = Script(job=SurfaceTaskConfig(forces=(60.0,), least_share=0.8)).run()
     assert script.end.state is WorkState.DONE
     assert 0.095 < script.end.path_s < 0.105
@@ -552,12 +554,15 @@ def test_hull_is_waited_for_on_its_way():
 def test_hull_that_does_not_come_along_is_given_up():
     stuck = Script(fastest=0.0).run(150.0)
     assert stuck.states == [*JOURNEY[:3], WorkState.ABORT]
+    assert stuck.end.abort is AbortCode.HULL_LATE
     assert "late on its way" in stuck.end.note
+    assert stuck.end.X_WG is None  # the arm stays as it is, and so does the hull
+    assert not stuck.end.v_WB_W.any()
 
 
 def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
     """A hull that never comes to rest is not scanned from."""
-    monkeypatch.setattr(supervisor.SurfaceWork, "_quiet", lambda *_: False)
+    monkeypatch.setattr(Settle, "step", lambda *_: None)
     assert Script().run(seconds=30.0).states == [WorkState.SETTLE]
 
 

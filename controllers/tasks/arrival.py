@@ -1,0 +1,234 @@
+"""The way to the work, common to all tasks: settle, scan, come near, unfold, rest, tare."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controllers.mkps import Chain
+from controllers.planning.hull_path import HullPath
+from controllers.planning.hull_placement import Placement
+from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
+from controllers.tasks.monitors import Reaction
+from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
+from controllers.tasks.pose_fusion import fuse_poses
+from controllers.tasks.task import TaskRow, at_once
+from models.objects.targets import TargetModel
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
+
+# Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
+Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
+# Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
+ComingNear = Callable[[StateEstimate, Array], Array]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanLimits:
+    """How often the target is looked at."""
+
+    views: int = 3  # views taken before giving up
+    finds: int = 6  # identifications of a known object per view, of which the mean is used
+    interval: float = 4.0  # [s] between them
+    frame_within: float = 5.0  # [s] in which a requested frame must arrive
+
+    def __post_init__(self) -> None:
+        if isinstance(self.finds, bool) or self.finds < 1:
+            raise ConfigurationError(f"finds: must be at least 1, got {self.finds}")
+        if not 0.0 <= self.interval < np.inf:
+            raise ConfigurationError(f"interval: must be >= 0 s, got {self.interval}")
+
+
+@dataclass(slots=True, eq=False)
+class ScanState:
+    """State of `ScanTarget`."""
+
+    look_from: float  # [s] earliest time of the next depth frame
+    looks: int = 0  # depth frames from this view
+    finds: tuple[Target, ...] = ()  # accepted identifications from this view
+
+
+class ScanTarget(Phase):
+    """Take depth frames until the target is identified often enough."""
+
+    def __init__(self, limits: ScanLimits, *, path: bool = True) -> None:
+        """Set up the phase; `path`: a target without a tool path is not enough."""
+        self._limits, self._path = limits, path
+
+    def enter(self, held: Held, now: Context) -> ScanState:
+        """Begin a further view."""
+        held.views += 1
+        return ScanState(now.time)
+
+    def step(self, state: ScanState, held: Held, now: Context) -> Outcome:
+        """Done with `held.target`; refused if this view shows nothing and another may be taken."""
+        limits, target = self._limits, now.target
+        if target is None or target.time < state.look_from:
+            if now.time - state.look_from > limits.frame_within:
+                return Abort(AbortCode.NO_FRAME, f"no depth frame arrived within {limits.frame_within:g} s")
+            return None
+        state.looks += 1
+        if target.accepted and (target.path is not None or not self._path):
+            state.finds = (*state.finds, target)
+        if state.finds and state.looks < limits.finds:
+            state.look_from = now.time + limits.interval
+            return None
+        if state.finds:
+            held.target = fuse_poses(state.finds)
+            return PhaseEvent.DONE
+        if held.views < limits.views:
+            return PhaseEvent.REFUSED
+        views = f" in {limits.views} views" if limits.views > 1 else ""
+        return Abort(AbortCode.NOT_IDENTIFIED, f"not identified{views}: {target.reason}")
+
+    def setpoint(self, state: ScanState, held: Held, now: Context) -> Setpoint:
+        """Ask for a frame when it is time."""
+        del held
+        return Setpoint(scan=now.time >= state.look_from)
+
+
+@dataclass(slots=True)
+class Since:
+    """State of a phase that knows its begin only."""
+
+    since: float  # [s]
+
+
+class TareSensors(Phase):
+    """Average the bias of the joint torques, free of contact; the tool is at the stand-off."""
+
+    def __init__(self, after: float = 1.5, seconds: float = 2.0) -> None:
+        """Set up the phase: `after` [s] the arm has come to rest, and the bias is averaged over `seconds` [s]."""
+        self._after, self._seconds = after, seconds
+
+    def enter(self, held: Held, now: Context) -> Since:
+        """Begin with the wait."""
+        del held
+        return Since(now.time)
+
+    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+        """Done after both times."""
+        del held
+        return PhaseEvent.DONE if now.time - state.since > self._after + self._seconds else None
+
+    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+        """The tool at rest, and the tare in its time."""
+        return Setpoint(X_WG=held.tool()[0], tare=now.time - state.since > self._after)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArrivalLimits:
+    """Limits of the way to the work."""
+
+    rest: RestLimits = field(default_factory=RestLimits)
+    motion: HullMotion = field(default_factory=HullMotion)
+    scan: ScanLimits = field(default_factory=ScanLimits)
+    joint_speed: float = 0.5  # [rad/s] of the unfolding arm
+    lift: float = 0.45  # [m] distance before the work pose, along the axis of the arm's base, at which the arm unfolds
+    lost_place: float = 0.6  # [m] position error of the hull above which the work ends
+    blind_time: float = 5.0  # [s] without vision after which the work ends
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorkSite:
+    """What is known before the work: the vehicle, where it scans from, and how it chooses its place."""
+
+    vehicle: Vehicle
+    X_WB_scan: Array  # (4, 4) hull pose in W from which the target is scanned
+    stand: Standing
+    around: Callable[[Target], HullPath] | None = None  # collision check of the hull's way; None: the way is clear
+    view_B: ArrayLike = (1.0, 0.0, 0.0)  # (3,) direction of the camera's axis in B
+    come_near: ComingNear | None = None  # chooses a nearer hull pose to scan from, once the hull is at rest
+
+    @property
+    def level_view_B(self) -> Array:
+        """Horizontal direction (3,) of the view; ahead for a camera that looks straight down."""
+        ahead = checked(self.view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
+        return ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
+
+
+def around(vehicle: Vehicle, chain: Chain, hull_box: Array, model: TargetModel) -> Callable[[Target], HullPath]:
+    """Collision check of hull moves around a known object.
+
+    Args:
+        vehicle: the vehicle.
+        chain: its arm, base to tool.
+        hull_box: (2, 3) [m] corners of the hull in B.
+        model: of the object.
+
+    Returns:
+        The check, given the identified object.
+    """
+    return lambda target: HullPath(vehicle, chain, hull_box, transform_points(target.X_WT, model.vertices))
+
+
+def arrival(
+    site: WorkSite, limits: ArrivalLimits, *, then: str, depth: float, offset: float, broken: Mapping[Reaction, str]
+) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the begin of a task to the tare; if they are broken off before it, the vehicle stays where it is.
+
+    Args:
+        site: what is known before the work.
+        limits: of the way.
+        then: row that follows the tare.
+        depth: [m] of the tool at the stand-off.
+        offset: [m] of `ToolLine`.
+        broken: rows that follow a tare that is broken off.
+
+    Returns:
+        Names and rows, the first one to begin with.
+    """
+    settle, move = Settle(limits.rest), partial(MoveHull, limits.motion)
+    free = dict.fromkeys((Reaction.RETREAT, Reaction.RISE, Reaction.WITHDRAW), "held")
+    row = partial(TaskRow, leave={**free, Reaction.STOP: "halt"})
+
+    def come_near(held: Held, now: Context) -> None:
+        assert site.come_near is not None
+        held.X_WB_scan = site.come_near(now.estimate, held.X_WB_scan)
+
+    def other_view(held: Held) -> Array:
+        side = 0.3 * (1.0 if held.views % 2 else -1.0)
+        X = np.array(held.X_WB_scan)
+        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.level_view_B)
+        X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
+        return X
+
+    def stand(held: Held, now: Context) -> None:
+        del now
+        target = held.target
+        assert target is not None
+        assert target.path is not None
+        placement, path, worked = site.stand(target, target.path)
+        if worked < 1.0:
+            held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+        if not placement.held:
+            held.note = "the thrusters may not hold the hull against friction at the set force"
+        held.line, held.depth = ToolLine(path, placement, offset), depth
+        before = np.array(placement.X_WB)
+        away = -(placement.X_WB @ site.vehicle.X_BA)[:3, 2]  # against the arm base's axis, which points to the work
+        before[:3, 3] += away * max(limits.lift, float(away @ (held.X_WB - before)[:3, 3]))
+        held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
+
+    again = "settle" if site.come_near is None else "settled"
+    yield (
+        "settle",
+        row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan" if site.come_near is None else at_once("near")}),
+    )
+    if site.come_near is not None:
+        yield "near", row(Decide(come_near, AbortCode.NO_GROUND), WorkState.SETTLE, {PhaseEvent.DONE: "descend"})
+        yield "descend", row(move(lambda held: held.X_WB_scan), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+        yield again, row(settle, WorkState.SETTLE, {PhaseEvent.DONE: "scan"})
+    scanned = {PhaseEvent.DONE: at_once("stand"), PhaseEvent.REFUSED: "other view"}
+    yield "scan", row(ScanTarget(limits.scan), WorkState.SCAN, scanned)
+    yield "other view", row(move(other_view), WorkState.SETTLE, {PhaseEvent.DONE: at_once(again)})
+    yield "stand", row(Decide(stand, AbortCode.OUT_OF_REACH), WorkState.SCAN, {PhaseEvent.DONE: "travel"})
+    yield "travel", row(move(), WorkState.CLOSE_IN, {PhaseEvent.DONE: "unfold"})
+    yield "unfold", row(Unfold(limits.joint_speed), WorkState.CLOSE_IN, {PhaseEvent.DONE: "close in"})
+    close_in = move(lambda held: held.start_of_line().X_WB)
+    yield "close in", row(close_in, WorkState.CLOSE_IN, {PhaseEvent.DONE: "rest"})
+    yield "rest", row(settle, WorkState.CLOSE_IN, {PhaseEvent.DONE: "tare"})
+    yield "tare", TaskRow(TareSensors(), WorkState.TARE, {PhaseEvent.DONE: then}, broken)

@@ -1,0 +1,317 @@
+"""Phases of work on a surface: approach, press, follow the path, release, retreat. Depths count from the stand-off."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from controllers.planning.trajectories import Progress
+from controllers.tasks.arrival import Since
+from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
+from sim.interfaces.messages import AbortCode
+from sim.interfaces.spatial import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ApproachLimits:
+    """Guarded approach to a surface."""
+
+    standoff: float = 0.1  # [m] distance to the surface from which the tool approaches
+    speed: float = 0.03  # [m/s] farther than `guard` from the expected surface, and of the retreat
+    touch_speed: float = 0.004  # [m/s] nearer than `guard`; gives 30 N at once on 3.6e5 N/m
+    acceleration: float = 0.03  # [m/s^2] of the tool
+    guard: float = 0.03  # [m] distance before the expected surface
+    touch: float = 6.0  # [N] estimated normal force that counts as contact
+    touch_time: float = 0.04  # [s] for which it must last
+    search: float = 0.06  # [m] by which the approach goes beyond the expected surface
+
+
+@dataclass(slots=True)
+class ApproachState:
+    """State of `GuardedApproach`."""
+
+    felt_for: float = 0.0  # [s] for which contact has lasted
+
+
+class GuardedApproach(Phase):
+    """Guarded move along the tool axis until contact, or to a distance from the surface without contact."""
+
+    def __init__(self, limits: ApproachLimits, distance: float | None = None) -> None:
+        """Set up the phase; `distance` [m] to keep from the surface, None: contact is sought."""
+        self._limits, self._distance = limits, distance
+
+    def enter(self, held: Held, now: Context) -> ApproachState:
+        """Begin at rest, at the stand-off."""
+        del now
+        held.speed = 0.0
+        return ApproachState()
+
+    def step(self, state: ApproachState, held: Held, now: Context) -> Outcome:
+        """Done in contact, or at the distance."""
+        limits = self._limits
+        state.felt_for = state.felt_for + now.period if now.normal > limits.touch else 0.0
+        touched = state.felt_for >= limits.touch_time
+        if self._distance is not None:
+            depth = limits.standoff - self._distance
+            if touched:
+                said = "the tool touched something on its way to the distance that it is to keep"
+                return Abort(AbortCode.OBSTACLE, said)
+            self._advance(held, now, depth)
+            if held.depth < depth:
+                return None
+            held.depth = depth
+            return PhaseEvent.DONE
+        if touched:
+            held.force, held.speed = now.normal, 0.0
+            return PhaseEvent.DONE
+        self._advance(held, now, limits.standoff)
+        if held.depth > limits.standoff + limits.search:
+            return Abort(AbortCode.NO_CONTACT, f"no contact within {limits.search} m beyond the expected surface")
+        return None
+
+    def _advance(self, held: Held, now: Context, depth: float) -> None:
+        """One period, at `touch_speed` from `guard` before `depth` [m] on."""
+        limits = self._limits
+        wanted = limits.speed if held.depth < depth - limits.guard else limits.touch_speed
+        held.speed = towards(held.speed, 0.0 if now.paused else wanted, limits.acceleration * now.period)
+        held.depth += held.speed * now.period
+
+    def setpoint(self, state: ApproachState, held: Held, now: Context) -> Setpoint:
+        """The tool on its way."""
+        del state, now
+        X_WG = held.tool()[0]
+        return Setpoint(X_WG=X_WG, v_WG_W=held.speed * X_WG[:3, 2])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressLimits:
+    """Force build-up before the work begins."""
+
+    tolerance: float = 0.05  # of the set force, as a share of it
+    held: float = 0.5  # [s] for which the force must be within it
+    within: float = 6.0  # [s] limit for that
+
+
+@dataclass(slots=True)
+class PressState:
+    """State of `Press`."""
+
+    since: float  # [s] later by every pause
+    set_since: float = math.inf  # [s] time since when the force is reached; inf: it is not
+
+
+class Press(Phase):
+    """Ramp the force to its set value, and wait until it is reached; no motion along the path yet."""
+
+    def __init__(self, limits: PressLimits, force: float, rate: float, *, insist: bool = True) -> None:
+        """Set up the phase.
+
+        Args:
+            limits: when the force counts as reached.
+            force: [N] set force.
+            rate: [N/s] of its change.
+            insist: False: done at any force when the time is over (ablation).
+        """
+        self._limits, self._force, self._rate, self._insist = limits, force, rate, insist
+
+    def enter(self, held: Held, now: Context) -> PressState:
+        """Begin at the force that is felt."""
+        del held
+        return PressState(now.time)
+
+    def step(self, state: PressState, held: Held, now: Context) -> Outcome:
+        """Done once the force has been reached for long enough."""
+        limits, force = self._limits, self._force
+        felt = now.normal
+        if now.paused:
+            state.since += now.period
+        held.force = towards(held.force, force, self._rate * now.period)
+        if abs(felt - force) > limits.tolerance * force or held.force != force:
+            state.set_since = math.inf
+        elif not math.isfinite(state.set_since):
+            state.set_since = now.time
+        late = now.time - state.since > limits.within
+        if now.time - state.set_since > limits.held or (late and not self._insist):
+            return PhaseEvent.DONE
+        if late:
+            said = f"the force of {force} N was not reached in {limits.within} s: {felt:.1f} N"
+            return Abort(AbortCode.FORCE_NOT_REACHED, said)
+        return None
+
+    def setpoint(self, state: PressState, held: Held, now: Context) -> Setpoint:
+        """The tool at rest under force control."""
+        del state, now
+        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+
+
+class Dwell(Phase):
+    """Stay in place under the set force for some time."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def enter(self, held: Held, now: Context) -> Since:
+        """Begin to wait."""
+        del held
+        return Since(now.time)
+
+    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+        """Done when the time is over."""
+        del held
+        return PhaseEvent.DONE if now.time - state.since > self._seconds else None
+
+    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+        """The tool at rest under force control."""
+        del state, now
+        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FollowLimits:
+    """Motion along the path."""
+
+    speed: float = 0.02  # [m/s] along the path
+    ramp: float = 1.0  # [s] time from rest to that speed
+    linger: float = 0.5  # [s] at its end
+    paused_force: float = 0.5  # share of the set force during a pause
+    pace_time: float = 0.5  # [s] for motion along the path to stop, and to resume
+
+
+@dataclass(slots=True)
+class FollowState:
+    """State of `FollowPath`."""
+
+    progress: Progress
+    since: float  # [s] start of the motion, later by every pause
+    pace: float = 1.0  # speed along the path as a share of that planned
+    v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] of the hull, which travels with the tool
+
+
+class FollowPath(Phase):
+    """Move along the path, with set forces on consecutive, equally long parts of it; the hull travels along."""
+
+    def __init__(self, limits: FollowLimits, forces: Sequence[float], rate: float) -> None:
+        """Set up the phase.
+
+        Args:
+            limits: of the motion.
+            forces: [N] set forces; empty: no contact.
+            rate: [N/s] of their change.
+        """
+        self._limits, self._forces, self._rate = limits, tuple(forces), rate
+
+    def enter(self, held: Held, now: Context) -> FollowState:
+        """Begin at rest at the path's begin."""
+        assert held.line is not None
+        return FollowState(Progress(float(held.line.path.s[-1]), self._limits.speed, self._limits.ramp), now.time)
+
+    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+        """Done at the end of the path."""
+        limits, progress = self._limits, state.progress
+        state.pace = towards(state.pace, 0.0 if now.paused else 1.0, now.period / limits.pace_time)
+        state.since += (1.0 - state.pace) * now.period
+        held.s, rate = progress.at(now.time - state.since)
+        if self._forces:
+            part = min(int(held.s / progress.length * len(self._forces)), len(self._forces) - 1)
+            force = self._forces[part] * (limits.paused_force if now.paused else 1.0)
+            held.force = towards(held.force, force, self._rate * now.period)
+        if now.time - state.since > progress.duration + limits.linger:
+            return PhaseEvent.DONE
+        placement = held.start_of_line()
+        held.X_WB = placement.hull_at(held.s / progress.length)
+        state.v_WB_W = rate * state.pace / progress.length * placement.travel_W
+        return None
+
+    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
+        """The tool on the path."""
+        rate = state.progress.at(now.time - state.since)[1] * state.pace
+        X_WG, tangent, turn = held.tool()
+        return Setpoint(
+            X_WG=X_WG,
+            v_WG_W=rate * tangent,
+            w_WG_W=rate * turn,
+            v_WB_W=state.v_WB_W,
+            force=held.force,
+            force_control=bool(self._forces),
+        )
+
+
+class Unload(Phase):
+    """Ramp the force down before the tool leaves: one that is released at 90 N rebounds from a hard surface."""
+
+    def __init__(self, rate: float, until: float) -> None:
+        """Set up the phase: `rate` [N/s] of the force, down to `until` [N]."""
+        self._rate, self._until = rate, until
+
+    def step(self, state: None, held: Held, now: Context) -> Outcome:
+        """Done when the force is nearly zero."""
+        del state
+        held.force = towards(held.force, 0.0, self._rate * now.period)
+        return None if held.force > self._until else PhaseEvent.DONE
+
+    def setpoint(self, state: None, held: Held, now: Context) -> Setpoint:
+        """The tool at rest under force control."""
+        del state, now
+        return Setpoint(X_WG=held.tool()[0], force=held.force, force_control=True)
+
+
+class Retreat(Phase):
+    """Withdraw the tool along its axis by the arm, by the whole approach or at least by the stand-off."""
+
+    def __init__(self, speed: float, clearance: float) -> None:
+        """Set up the phase: `speed` [m/s] of the tool, `clearance` [m] least length of the way."""
+        self._speed, self._clearance = speed, clearance
+
+    def enter(self, held: Held, now: Context) -> Since:
+        """Begin at the surface."""
+        del held
+        return Since(now.time)
+
+    def step(self, state: Since, held: Held, now: Context) -> Outcome:
+        """Done when the tool is clear; adrift if the hull must then leave as well."""
+        if not (now.time - state.since) * self._speed > way_back(held, self._clearance):
+            return None
+        return PhaseEvent.ADRIFT if now.adrift else PhaseEvent.DONE
+
+    def setpoint(self, state: Since, held: Held, now: Context) -> Setpoint:
+        """The tool on its way off."""
+        back = min((now.time - state.since) * self._speed, way_back(held, self._clearance))
+        X_WG = held.tool(back)[0]
+        return Setpoint(X_WG=X_WG, v_WG_W=-self._speed * X_WG[:3, 2])
+
+
+class NextPoint(Phase):
+    """Move the tool at the stand-off to the next of several points; more at the point, done after the last one."""
+
+    def __init__(self, points: Sequence[float], limits: FollowLimits, standoff: float) -> None:
+        """Set up the phase; the tool is at the point of index 0 when it is entered first.
+
+        Args:
+            points: [m] arc lengths.
+            limits: of the motion.
+            standoff: [m] distance from the surface.
+        """
+        self._points, self._limits, self._standoff = tuple(points), limits, standoff
+
+    def enter(self, held: Held, now: Context) -> FollowState | None:
+        """Begin where the retreat ended; None after the last point."""
+        k = len(held.places)
+        if k == len(self._points):
+            return None
+        held.depth = min(0.0, held.depth - self._standoff)
+        limits = self._limits
+        return FollowState(Progress(self._points[k] - self._points[k - 1], limits.speed, limits.ramp), now.time)
+
+    def step(self, state: FollowState | None, held: Held, now: Context) -> Outcome:
+        """More at the point."""
+        if state is None:
+            return PhaseEvent.DONE
+        held.s = self._points[len(held.places) - 1] + state.progress.at(now.time - state.since)[0]
+        return PhaseEvent.MORE if now.time - state.since > state.progress.duration else None
+
+    def setpoint(self, state: FollowState | None, held: Held, now: Context) -> Setpoint:
+        """The tool at the stand-off."""
+        if state is None:
+            return Setpoint(X_WG=held.tool(way_back(held, self._standoff))[0])
+        X_WG, tangent, turn = held.tool()
+        rate = state.progress.at(now.time - state.since)[1]
+        return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn)

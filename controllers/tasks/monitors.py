@@ -1,0 +1,162 @@
+"""Monitors of a task: conditions on estimate, faults and contact, each with the reaction to it.
+
+| condition | reaction |
+|---|---|
+| vision too old | the path waits at half the force until vision is back; after `blind_time` retreat |
+| one torque sensor wrong | the work goes on with the motor's torque in its place (`safety_wrapper`); two: retreat |
+| an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
+| a thruster lost | no more push, retreat along the tool axis, then ascent off the object on the other thrusters |
+| hull off its place | the same, with all thrusters |
+| force above its limit, or long above the set one; contact lost | retreat along the tool axis |
+| estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
+
+What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to retreat from, and
+the work ends where the vehicle is.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from controllers.tasks.phase import Abort, Context, Held
+from sim.interfaces.messages import AbortCode, FaultKind, WorkState
+
+
+class Reaction(StrEnum):
+    """Response to a condition, the mildest first."""
+
+    GO_ON = "go on"
+    PAUSE = "pause"  # the path waits at a reduced force
+    RETREAT = "retreat"  # the arm withdraws the tool along its axis
+    RISE = "retreat and rise"  # then the hull ascends off the object
+    WITHDRAW = "withdraw"  # the hull withdraws the tool, the arm holds its joint angles
+    STOP = "stop"  # no control is possible
+
+
+_SEVERITY = tuple(Reaction)
+BEFORE_CONTACT = frozenset({WorkState.SETTLE, WorkState.SCAN, WorkState.CLOSE_IN, WorkState.TARE})
+IN_CONTACT = frozenset({WorkState.APPROACH, WorkState.PRESS, WorkState.WORK})
+
+Condition = Callable[[Held, Context], str]  # the sentence if it holds, else empty
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Monitor:
+    """One condition and the reaction to it."""
+
+    condition: Condition
+    reaction: Reaction
+    code: AbortCode
+    lasting: float = 0.0  # [s] for longer than which the condition must hold
+    during: frozenset[WorkState] = frozenset(WorkState)  # states of the work in which it is watched
+
+
+def watch(
+    monitors: Sequence[Monitor], since: list[float], work: WorkState, held: Held, now: Context
+) -> tuple[Reaction, Abort | None]:
+    """The hardest reaction that any monitor asks for; the first of equally hard ones.
+
+    Args:
+        monitors: the monitors.
+        since: [s] for each the time at which its condition was last false; changed in place.
+        work: state of the work.
+        held: what the phases share.
+        now: what is seen in this period.
+
+    Returns:
+        The reaction, and its cause; None to go on.
+    """
+    hardest: tuple[Reaction, Abort | None] = (Reaction.GO_ON, None)
+    for i, monitor in enumerate(monitors):
+        said = monitor.condition(held, now) if work in monitor.during else ""
+        if not said:
+            since[i] = now.estimate.time
+        elif monitor.lasting and not now.estimate.time - since[i] > monitor.lasting:
+            continue
+        elif _SEVERITY.index(monitor.reaction) > _SEVERITY.index(hardest[0]):
+            hardest = monitor.reaction, Abort(monitor.code, said)
+    return hardest
+
+
+def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(WorkState)) -> tuple[Monitor, ...]:
+    """Monitors of the faults that the controller reports; `blind_time` [s] without vision ends the work."""
+    rows = (
+        (no_time, Reaction.STOP, AbortCode.ESTIMATE),
+        (faulty(FaultKind.ESTIMATE, "the state estimate is lost"), Reaction.STOP, AbortCode.ESTIMATE),
+        (faulty(FaultKind.CONTROLLER, "the controller's commands are no numbers"), Reaction.STOP, AbortCode.CONTROLLER),
+        (faulty(FaultKind.ENCODER, "encoder of {} is wrong"), Reaction.WITHDRAW, AbortCode.ENCODER),
+        (faulty(FaultKind.THRUSTER, "thruster {} is lost"), Reaction.RISE, AbortCode.THRUSTER),
+        (
+            faulty(FaultKind.TORQUE_SENSOR, "torque sensors of {} are wrong", count=2),
+            Reaction.RETREAT,
+            AbortCode.TORQUE_SENSORS,
+        ),
+        (faulty(FaultKind.VISION, "vision is lost", age=blind_time), Reaction.RETREAT, AbortCode.VISION),
+        (faulty(FaultKind.VISION, "vision is lost"), Reaction.PAUSE, AbortCode.VISION),
+    )
+    return tuple(Monitor(condition=what, reaction=how, code=code, during=during) for what, how, code in rows)
+
+
+def no_time(held: Held, now: Context) -> str:
+    """The time of the estimate is not finite."""
+    del held
+    return "" if np.isfinite(now.estimate.time) else "the state estimate is lost"
+
+
+def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -np.inf) -> Condition:
+    """Condition: faults of a kind are reported.
+
+    Args:
+        kind: their kind.
+        sentence: with {} for the names of the parts.
+        count: least number of them.
+        age: [s] since the detection of one of them that must be exceeded.
+
+    Returns:
+        The condition.
+    """
+
+    def found(held: Held, now: Context) -> str:
+        del held
+        alike = [] if now.last is None else [fault for fault in now.last.faults if fault.kind is kind]
+        if len(alike) < count or not any(now.estimate.time - fault.time > age for fault in alike):
+            return ""
+        said = sentence.format(", ".join(fault.part for fault in alike))
+        figures = "; ".join(fault.figures for fault in alike if fault.figures)
+        return f"{said} ({figures})" if figures else said
+
+    return found
+
+
+def adrift(limit: float) -> Condition:
+    """Condition: the hull is farther than `limit` [m] from its reference."""
+
+    def found(held: Held, now: Context) -> str:
+        off = held.off(now.estimate)
+        return f"the hull cannot hold its place: {off:.2f} m off" if off > limit else ""
+
+    return found
+
+
+def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Condition:
+    """Condition: the estimated force `felt` [N] is above `limit` [N]."""
+
+    def found(held: Held, now: Context) -> str:
+        force = felt(held, now)
+        return f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
+
+    return found
+
+
+def normal_force(held: Held, now: Context) -> float:
+    """Estimated normal force [N]."""
+    del held
+    return now.normal
+
+
+def contact_force(held: Held, now: Context) -> float:
+    """Magnitude [N] of the estimated contact force, in any direction."""
+    return math.hypot(*now.contact_force(held.tool()[0][:3, 2]))

@@ -1,0 +1,243 @@
+"""Phases of a task: the protocol, what phases share, what they see and what they ask of the controller.
+
+A phase is a small object with its own limits. It is entered, stepped once a period, and gives the set points of that
+period. `controllers.tasks.task` runs the phases of a table; `controllers.tasks.monitors` watches over them.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from controllers.planning.hull_placement import Placement, tool_pose
+from sim.interfaces.errors import ConfigurationError, ReachError
+from sim.interfaces.messages import AbortCode, Command, StateEstimate, Target, ToolPath
+from sim.interfaces.spatial import Array, readonly
+
+ZERO = readonly(np.zeros(3))
+NO_ESTIMATE = "the controller gives no contact estimate: Command.contact.normal [N] is not a number"
+
+
+class PhaseEvent(StrEnum):
+    """End of a phase; the table of the task says what follows."""
+
+    DONE = "done"
+    REFUSED = "refused"  # what was looked for was not found
+    TOUCHED = "touched"  # the tool met something that is to be searched along
+    ADRIFT = "adrift"  # done, and the hull must leave the object
+    MORE = "more"  # done, and there is another place to work at
+
+
+@dataclass(frozen=True, slots=True)
+class Abort:
+    """End of the work before its time."""
+
+    code: AbortCode
+    reason: str  # the same in a sentence
+
+    def after(self, earlier: "Abort | None") -> "Abort":
+        """This one, following an earlier one whose code stands."""
+        return self if earlier is None else Abort(earlier.code, f"{earlier.reason}; {self.reason}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolLine:
+    """Tool path in W, worked from a chosen hull pose."""
+
+    path: ToolPath
+    placement: Placement
+    offset: float  # [m] added to `Held.depth`: minus the stand-off where depths are counted from there
+
+    def at(self, s: float, depth: float, aside: tuple[float, float] = (0.0, 0.0)) -> tuple[Array, Array, Array]:
+        """Tool pose X_WG (4, 4) at a point of the path, and the derivatives of the path's pose there.
+
+        Args:
+            s: [m] arc length.
+            depth: [m] along the tool axis, from the path.
+            aside: [m] along the tool's x and y.
+
+        Returns:
+            The pose, and the derivatives of position (3,) and orientation (3,) [rad/m] with respect to s.
+        """
+        X, tangent, turn = tool_pose(self.path, s, self.placement.roll)
+        X[:3, 3] += X[:3, :3] @ [*aside, depth]
+        return X, tangent, turn
+
+
+@dataclass(slots=True, eq=False)
+class Held:
+    """What the phases of a task share: what is commanded, and what was found on the way."""
+
+    X_WB: Array  # (4, 4) hull pose reference
+    X_WB_scan: Array  # (4, 4) hull pose of the first view
+    q: Array  # (n,) [rad] joint angle reference while no tool pose is commanded
+    way: list[Array] = field(default_factory=list)  # (4, 4) hull poses to move through next
+    views: int = 0  # views so far
+    target: Target | None = None  # the accepted identification, the mean of several
+    plan: object = None  # of a task's own kind
+    line: ToolLine | None = None  # where the tool works
+    s: float = 0.0  # [m] arc length reached on the path
+    depth: float = 0.0  # [m] of the tool along its axis, see `ToolLine.offset`
+    speed: float = 0.0  # [m/s] of that depth
+    aside: tuple[float, float] = (0.0, 0.0)  # [m] offset of the tool along its x and y
+    force: float = 0.0  # [N] set normal force
+    tries: int = 0  # times that the tool has stopped on its way in
+    places: tuple[Array, ...] = ()  # (3,) [m] places in W that were touched
+    note: str = ""  # message for the user
+
+    def tool(self, back: float = 0.0) -> tuple[Array, Array, Array]:
+        """Tool pose at the present depth, less `back` [m], with the derivatives of `ToolLine.at`."""
+        assert self.line is not None
+        return self.line.at(self.s, self.depth + self.line.offset - back, self.aside)
+
+    def start_of_line(self) -> Placement:
+        """Placement of the line."""
+        assert self.line is not None
+        return self.line.placement
+
+    def off(self, estimate: StateEstimate) -> float:
+        """Distance [m] of the hull from its reference."""
+        return math.dist(estimate.X_WB[:3, 3].tolist(), self.X_WB[:3, 3].tolist())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """What a phase sees in one period."""
+
+    time: float  # [s] that of the estimate if finite, else of the phase's begin
+    period: float  # [s]
+    estimate: StateEstimate
+    target: Target | None  # newest identification
+    last: Command | None  # newest command of the controller
+    paused: bool = False  # motion is to wait, at a reduced force
+    adrift: bool = False  # the hull cannot keep station
+
+    @property
+    def normal(self) -> float:
+        """Estimated normal force [N]; 0 if unknown."""
+        return self.last.contact.normal if self.last is not None and self.last.contact.known else 0.0
+
+    def contact_force(self, axis_W: Array) -> tuple[float, float]:
+        """Estimated contact force along and across the tool axis.
+
+        Args:
+            axis_W: (3,) unit direction of advance in W.
+
+        Returns:
+            Force [N] against the advance, and magnitude [N] of the force across it.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force.
+        """
+        if self.last is None or not self.last.contact.known:
+            raise ConfigurationError(NO_ESTIMATE)
+        f_tip_W = self.last.contact.force_W
+        return self.last.contact.normal, float(np.linalg.norm(f_tip_W - (f_tip_W @ axis_W) * axis_W))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setpoint:
+    """What a phase asks of the controller beside `Held`; fields as those of `sim.interfaces.messages.Reference`."""
+
+    X_WG: Array | None = None
+    v_WG_W: Array = field(default_factory=lambda: ZERO)
+    w_WG_W: Array = field(default_factory=lambda: ZERO)
+    v_WB_W: Array = field(default_factory=lambda: ZERO)
+    w_WB_W: Array = field(default_factory=lambda: ZERO)
+    qd: Array | None = None  # None: at rest
+    force: float = 0.0
+    force_control: bool = False
+    tare: bool = False
+    scan: bool = False
+    compliant: bool = False
+    touch: int | None = None
+
+
+Outcome = PhaseEvent | Abort | None  # of a period; None: the phase goes on
+
+
+class Phase:
+    """Base of all phases; one that overrides nothing holds hull and joint angles for ever."""
+
+    def enter(self, held: Held, now: Context) -> Any:
+        """State of the phase at its begin."""
+        del held, now
+
+    def step(self, state: Any, held: Held, now: Context) -> Outcome:
+        """Advance by one period; `state` and `held` are changed in place.
+
+        Args:
+            state: state of the phase.
+            held: what the phases share.
+            now: what is seen in this period.
+
+        Returns:
+            None while the phase goes on, else how it ended.
+        """
+        del state, held, now
+        return None
+
+    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
+        """Set points of this period; changes nothing.
+
+        Args:
+            state: state of the phase.
+            held: what the phases share.
+            now: what is seen in this period.
+
+        Returns:
+            The set points.
+        """
+        del state, held, now
+        return Setpoint()
+
+
+class Hold(Phase):
+    """Hold hull and joint angles: the end of a task with the arm away from the object."""
+
+
+class HoldTool(Phase):
+    """Hold the tool where the retreat ended: the end of a task beside the object."""
+
+    def __init__(self, clearance: float = 0.0) -> None:
+        self._clearance = clearance
+
+    def setpoint(self, state: Any, held: Held, now: Context) -> Setpoint:
+        """The tool at the end of `Retreat`."""
+        del state, now
+        return Setpoint(X_WG=held.tool(way_back(held, self._clearance))[0])
+
+
+class Decide(Phase):
+    """A decision within one period that may fail: where to stand, where to move."""
+
+    def __init__(self, decide: Callable[[Held, Context], None], code: AbortCode) -> None:
+        """Set up the phase.
+
+        Args:
+            decide: writes its result into `Held`; raises ReachError if there is none.
+            code: that of the abort then.
+        """
+        self._decide, self._code = decide, code
+
+    def step(self, state: Any, held: Held, now: Context) -> Outcome:
+        """Decide, or abort with the message of the ReachError."""
+        del state
+        try:
+            self._decide(held, now)
+        except ReachError as error:
+            return Abort(self._code, str(error))
+        return PhaseEvent.DONE
+
+
+def way_back(held: Held, clearance: float) -> float:
+    """Length [m] of the way off the surface: `clearance`, or the whole approach if that is longer; 0 without one."""
+    return max(held.depth, clearance) if clearance else 0.0
+
+
+def towards(value: float, wanted: float, most: float) -> float:
+    """`value`, moved towards `wanted` by `most` at the most."""
+    return value + min(max(wanted - value, -most), most)

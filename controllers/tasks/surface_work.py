@@ -1,0 +1,265 @@
+r"""Surface work: presses the tool along a path on a known object with set forces.
+
+settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
+             \-> other view -> scan ...          any state with contact -> retreat -> abort
+
+Work without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press on.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from controllers.hull.thrust_margin import ThrustMargin
+from controllers.mkps import Chain
+from controllers.planning.hull_placement import PlacementSearch
+from controllers.planning.path_standing import PathStanding, StandingLimits
+from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
+from controllers.tasks.contact_phases import (
+    ApproachLimits,
+    FollowLimits,
+    FollowPath,
+    GuardedApproach,
+    Press,
+    PressLimits,
+    Retreat,
+    Unload,
+)
+from controllers.tasks.hull_phases import Ascend, Halt, PullBack
+from controllers.tasks.monitors import (
+    BEFORE_CONTACT,
+    IN_CONTACT,
+    Monitor,
+    Reaction,
+    adrift,
+    fault_monitors,
+    normal_force,
+    too_much_force,
+)
+from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
+from controllers.tasks.task import TaskPlanner, TaskRow
+from models.objects.targets import TargetModel
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import AbortCode, WorkState
+from sim.interfaces.spatial import Array
+
+_HEADROOM = 0.85  # largest set force as a share of the force limit; the rest is for overshoot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactLimits:
+    """Limits of force and place from the approach on."""
+
+    force: float = 160.0  # [N] estimated normal force above which the work ends
+    lost_time: float = 0.5  # [s] without contact after which the work ends
+    excess: float = 0.3  # share of the set force, `touch` added, by which the estimated force may exceed it
+    excess_time: float = 0.3  # [s] after which a larger excess ends the work
+    lost_place: float = 0.04  # [m] position error of the hull; in normal station-keeping it stays in 0.025
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceTaskConfig:
+    """Set forces and path of surface work, and the limits of its phases."""
+
+    forces: Sequence[float]  # [N] set normal forces on consecutive, equally long parts of the path
+    speed: float = 0.02  # [m/s] along the path
+    force_rate: float = 60.0  # [N/s] at which a set force changes
+    least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
+    force_control: bool = True  # False: work begins after `press.within` at any force (ablation)
+    contactless: float | None = None  # [m] distance at which the tool works without contact; None: it presses
+    arrival: ArrivalLimits = field(default_factory=ArrivalLimits)
+    approach: ApproachLimits = field(default_factory=ApproachLimits)
+    press: PressLimits = field(default_factory=PressLimits)
+    contact: ContactLimits = field(default_factory=ContactLimits)
+
+    def __post_init__(self) -> None:
+        if not self.forces:
+            raise ConfigurationError("forces: at least one set force is needed")
+        for force in self.forces:
+            if not (np.isfinite(force) and force > 0.0):
+                raise ConfigurationError(f"forces: every set force must be > 0 N, got {force}")
+            if force > _HEADROOM * self.contact.force:
+                raise ConfigurationError(
+                    f"forces: {force} N leaves no room for overshoot: at most {_HEADROOM:.0%} of the force limit of "
+                    f"{self.contact.force} N"
+                )
+        standoff = self.approach.standoff
+        if self.contactless is not None and not 0.0 < self.contactless <= standoff:
+            raise ConfigurationError(
+                f"contactless: the distance must be > 0 and at most the stand-off of {standoff} m, got "
+                f"{self.contactless}"
+            )
+        if not self.speed > 0.0:
+            raise ConfigurationError(f"speed: must be > 0 m/s, got {self.speed}")
+
+    @property
+    def presses(self) -> bool:
+        """True if a set force is to be held at work."""
+        return self.force_control and self.contactless is None
+
+
+class SurfaceWork(TaskPlanner):
+    """Planner (`sim.interfaces.protocols.Planner`) that works along one tool path on one known object."""
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        chain: Chain,
+        target: TargetModel,
+        job: SurfaceTaskConfig,
+        *,
+        X_WB_scan: Array,
+        hull_box: Array,
+        view_B: ArrayLike = (1.0, 0.0, 0.0),
+        floor: float = -np.inf,
+        period: float = 0.01,
+        search: PlacementSearch | None = None,
+        holding: ThrustMargin | None = None,
+    ) -> None:
+        """Set up the planner.
+
+        Args:
+            vehicle: the vehicle.
+            chain: its arm, base to tool.
+            target: model of the object.
+            job: set forces, speeds and limits.
+            X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
+            hull_box: (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed.
+            view_B: (3,) direction of the camera's axis in B.
+            floor: [m] height of the seabed in W.
+            period: [s] of the planner.
+            search: hull placements that are tried.
+            holding: thrust margin of the hull beside the object; without it placements are not tested for it.
+        """
+        stand = PathStanding(
+            vehicle=vehicle,
+            chain=chain,
+            model=target,
+            hull_box=hull_box,
+            limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff, least_share=job.least_share),
+            floor=floor,
+            search=search,
+            holding=holding if job.contactless is None else None,
+        )
+        site = WorkSite(
+            vehicle=vehicle,
+            X_WB_scan=np.array(X_WB_scan),
+            stand=stand,
+            around=around(vehicle, chain, hull_box, target),
+            view_B=view_B,
+        )
+        self.job = job
+        super().__init__(
+            surface_rows(site, job), surface_monitors(job), X_WB=X_WB_scan, q=vehicle.q_home, period=period
+        )
+
+
+BREAK_OFF = {
+    Reaction.RETREAT: "retreat",
+    Reaction.RISE: "retreat",
+    Reaction.WITHDRAW: "pull back",
+    Reaction.STOP: "halt",
+}
+
+
+def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+    """Table of surface work.
+
+    Args:
+        site: what is known before the work.
+        job: set forces, speeds and limits.
+
+    Returns:
+        Names and rows.
+    """
+    approach, states = job.approach, WorkState
+    press = Press(job.press, job.forces[0], job.force_rate, insist=job.force_control)
+    follow = FollowPath(FollowLimits(speed=job.speed), job.forces if job.contactless is None else (), job.force_rate)
+    yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=-approach.standoff, broken=BREAK_OFF)
+    meet = TaskRow(
+        GuardedApproach(approach, job.contactless),
+        states.APPROACH,
+        {PhaseEvent.DONE: "press" if job.contactless is None else "work"},
+        BREAK_OFF,
+        feels=True,
+    )
+    yield "approach", meet
+    yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, BREAK_OFF, feels=True)
+    yield (
+        "work",
+        TaskRow(follow, states.WORK, {PhaseEvent.DONE: "unload" if job.presses else "retreat"}, BREAK_OFF, feels=True),
+    )
+    yield from retreat_rows(job)
+
+
+def retreat_rows(job: SurfaceTaskConfig) -> Iterable[tuple[str, TaskRow]]:
+    """Rows from the surface to the end: release, retreat, and what follows a fault.
+
+    Args:
+        job: speeds and limits.
+
+    Returns:
+        Names and rows; "unload" and "retreat" are to be entered.
+    """
+    approach, motion, states = job.approach, job.arrival.motion, WorkState
+    clear, stop = approach.standoff, {Reaction.STOP: "halt"}
+    retreat = Retreat(approach.speed, clear)
+    yield "unload", TaskRow(Unload(job.force_rate, approach.touch), states.RETREAT, {PhaseEvent.DONE: "retreat"}, stop)
+    yield "retreat", TaskRow(retreat, states.RETREAT, {PhaseEvent.DONE: "parked", PhaseEvent.ADRIFT: "rise"}, stop)
+    yield "rise", TaskRow(Ascend(motion, job.arrival.lift, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    yield "pull back", TaskRow(PullBack(motion, clear), states.RETREAT, {PhaseEvent.DONE: "held"}, stop)
+    yield "parked", TaskRow(HoldTool(clear), states.DONE, leave=stop)
+    yield "held", TaskRow(Hold(), states.DONE, leave=stop)
+    yield "halt", TaskRow(Halt(), states.RETREAT, {PhaseEvent.DONE: "halted"})
+    yield "halted", TaskRow(Hold(), states.DONE)
+
+
+def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
+    """Monitors of surface work."""
+    limits, touch = job.contact, job.approach.touch
+    at_work = frozenset({WorkState.WORK}) if job.presses else frozenset()
+
+    def too_hard(held: Held, now: Context) -> str:
+        allowed = (1.0 + limits.excess) * held.force + touch
+        said = f"the force cannot be held: {now.normal:.0f} N felt, {held.force:.0f} N set"
+        return said if now.normal > allowed else ""
+
+    def lost(held: Held, now: Context) -> str:
+        del held
+        return "" if now.normal > 0.5 * touch else f"contact lost for {limits.lost_time} s"
+
+    return (
+        *fault_monitors(job.arrival.blind_time),
+        Monitor(
+            condition=adrift(job.arrival.lost_place),
+            reaction=Reaction.RISE,
+            code=AbortCode.HULL_ADRIFT,
+            during=BEFORE_CONTACT,
+        ),
+        Monitor(
+            condition=adrift(limits.lost_place), reaction=Reaction.RISE, code=AbortCode.HULL_ADRIFT, during=IN_CONTACT
+        ),
+        Monitor(
+            condition=too_much_force(limits.force, normal_force),
+            reaction=Reaction.RETREAT,
+            code=AbortCode.FORCE_LIMIT,
+            during=IN_CONTACT,
+        ),
+        Monitor(
+            condition=too_hard,
+            reaction=Reaction.RETREAT,
+            code=AbortCode.FORCE_NOT_HELD,
+            lasting=limits.excess_time,
+            during=at_work,
+        ),
+        Monitor(
+            condition=lost,
+            reaction=Reaction.RETREAT,
+            code=AbortCode.CONTACT_LOST,
+            lasting=limits.lost_time,
+            during=at_work,
+        ),
+    )

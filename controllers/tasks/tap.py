@@ -1,0 +1,57 @@
+"""Tapping: touches points along a path with a set force for some time, one after another, and notes their places."""
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+
+from controllers.tasks import contact_phases as contact
+from controllers.tasks.arrival import WorkSite, arrival
+from controllers.tasks.phase import Context, Decide, Held, Phase, PhaseEvent
+from controllers.tasks.surface_work import BREAK_OFF, SurfaceTaskConfig, retreat_rows, surface_monitors
+from controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import AbortCode, StateEstimate, WorkState
+from sim.interfaces.spatial import Array
+
+
+def tap(
+    site: WorkSite, job: SurfaceTaskConfig, points: Sequence[float], tip: Callable[[StateEstimate], Array], hold: float
+) -> TaskPlanner:
+    """Planner that touches points of the path with `job.forces[0]` [N].
+
+    Args:
+        site: what is known before the work.
+        job: force, speeds and limits.
+        points: [m] arc lengths of the points, from 0 on.
+        tip: position (3,) [m] of the tool's tip in W as estimated; `TaskState.held.places` collects it.
+        hold: [s] time at each point.
+
+    Returns:
+        The planner.
+
+    Raises:
+        ConfigurationError: if the points do not increase from 0.
+    """
+    if not points or points[0] != 0.0 or any(not b > a for a, b in pairwise(points)):
+        raise ConfigurationError(f"tap points: must increase from 0 m, got {points}")
+
+    def mark(held: Held, now: Context) -> None:
+        held.places = (*held.places, tip(now.estimate))
+
+    def rows() -> Iterable[tuple[str, TaskRow]]:
+        approach, clear, ends, states = job.approach, job.approach.standoff, PhaseEvent, WorkState
+        yield from arrival(site, job.arrival, then="approach", depth=0.0, offset=-clear, broken=BREAK_OFF)
+        table: tuple[tuple[str, Phase, WorkState, str], ...] = (
+            ("approach", contact.GuardedApproach(approach), states.APPROACH, "press"),
+            ("press", contact.Press(job.press, job.forces[0], job.force_rate), states.PRESS, "dwell"),
+            ("dwell", contact.Dwell(hold), states.WORK, at_once("mark")),
+            ("mark", Decide(mark, AbortCode.OUT_OF_REACH), states.WORK, "let go"),
+            ("let go", contact.Unload(job.force_rate, approach.touch), states.RETREAT, "lift"),
+            ("lift", contact.Retreat(approach.speed, clear), states.RETREAT, "next"),
+        )
+        for name, phase, state, then in table:
+            yield name, TaskRow(phase, state, {ends.DONE: then, ends.ADRIFT: "rise"}, BREAK_OFF)
+        move = contact.NextPoint(points, contact.FollowLimits(speed=job.speed), clear)
+        yield "next", TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF)
+        yield from retreat_rows(job)
+
+    return TaskPlanner(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.vehicle.q_home)

@@ -1,0 +1,171 @@
+"""A task: a table of phases with what follows each, and monitors that watch over them; run by `TaskPlanner`."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from controllers.tasks.monitors import Monitor, Reaction, watch
+from controllers.tasks.phase import NO_ESTIMATE, Abort, Context, Held, Phase, PhaseEvent
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, FaultKind, Reference, StateEstimate, Target, WorkState
+from sim.interfaces.spatial import Array
+
+
+class AtOnce(str):
+    """Name of a row whose phase takes its first step in the same period."""
+
+
+def at_once(name: str) -> AtOnce:
+    """The row `name`, stepped in the period in which it is entered."""
+    return AtOnce(name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TaskRow:
+    """One phase of a task, and what follows it."""
+
+    phase: Phase
+    work: WorkState  # as reported; DONE is reported as ABORT if the work was broken off
+    then: Mapping[PhaseEvent, str] = field(default_factory=dict)  # next row, by the event that ends the phase
+    leave: Mapping[Reaction, str] = field(default_factory=dict)  # next row, by the reaction; RETREAT also for an Abort
+    feels: bool = False  # an estimate of the contact force is needed
+
+
+@dataclass(slots=True, eq=False)
+class TaskState:
+    """State of a task."""
+
+    row: str  # name of the present row
+    since: float  # [s] time at which it was entered
+    phase: Any  # state of its phase
+    held: Held
+    false_at: list[float]  # [s] for each monitor, the time at which its condition was last false
+    abort: Abort | None = None  # why the work was broken off
+    adrift: bool = False  # the hull cannot keep station
+    lost_thrusters: tuple[int, ...] = ()  # indices
+
+
+class TaskPlanner:
+    """Planner (`sim.interfaces.protocols.Planner`) that runs a table of phases."""
+
+    def __init__(
+        self,
+        rows: Iterable[tuple[str, TaskRow]],
+        monitors: Sequence[Monitor],
+        *,
+        X_WB: Array,
+        q: Array,
+        period: float = 0.01,
+    ) -> None:
+        """Set up the planner.
+
+        Args:
+            rows: names and rows, the first one to begin with.
+            monitors: what is watched in every period.
+            X_WB: (4, 4) hull pose to hold first, from which the target is scanned.
+            q: (n,) [rad] joint angles to hold first.
+            period: [s] of the planner.
+
+        Raises:
+            ConfigurationError: if a row follows that is not in the table.
+        """
+        self.period = period
+        self._rows, self._monitors = dict(rows), tuple(monitors)
+        self._X_WB, self._q = np.array(X_WB), np.array(q)
+        for name, row in self._rows.items():
+            for after in (*row.then.values(), *row.leave.values()):
+                if after not in self._rows:
+                    raise ConfigurationError(f"task row {name!r}: there is no row {after!r} to follow it")
+
+    def init(self, estimate: StateEstimate) -> TaskState:
+        """State at the start: the first row."""
+        held = Held(X_WB=self._X_WB, X_WB_scan=self._X_WB, q=self._q)
+        state = TaskState("", estimate.time, None, held, [0.0] * len(self._monitors))
+        self._enter(state, next(iter(self._rows)), Context(estimate.time, self.period, estimate, None, None))
+        return state
+
+    def step(
+        self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None
+    ) -> tuple[TaskState, Reference]:
+        """Advance the task by one period.
+
+        Args:
+            state: state of the task, changed in place.
+            estimate: estimated state of the vehicle.
+            target: newest identification, if any.
+            last: the controller's last command, with its estimate of the contact force and its faults.
+
+        Returns:
+            The state and the reference for the controller.
+
+        Raises:
+            ConfigurationError: if the controller does not estimate the contact force in a phase that needs it.
+        """
+        time = estimate.time if math.isfinite(estimate.time) else state.since
+        now = Context(time, self.period, estimate, target, last)
+        faults = last.faults if last is not None else ()
+        state.lost_thrusters = tuple(fault.index for fault in faults if fault.kind is FaultKind.THRUSTER)
+        while isinstance(self._advance(state, now), AtOnce):
+            pass
+        return state, self._reference(state, now)
+
+    def _advance(self, state: TaskState, now: Context) -> str | None:
+        """Watch, and step the present phase; the name of the row that was entered after it, if any."""
+        row = self._rows[state.row]
+        if row.feels and now.last is not None and not now.last.contact.known:
+            raise ConfigurationError(NO_ESTIMATE)
+        reaction, cause = watch(self._monitors, state.false_at, row.work, state.held, now)
+        state.adrift |= reaction is Reaction.RISE or bool(state.lost_thrusters)
+        if reaction in row.leave:
+            state.abort = cause
+            row = self._enter(state, row.leave[reaction], now)
+        now = replace(now, paused=reaction is Reaction.PAUSE, adrift=state.adrift)
+        outcome = row.phase.step(state.phase, state.held, now)
+        if outcome is None:
+            return None
+        if isinstance(outcome, Abort):
+            state.abort, after = outcome.after(state.abort), row.leave[Reaction.RETREAT]
+        else:
+            after = row.then[outcome]
+        self._enter(state, after, now)
+        return after
+
+    def _enter(self, state: TaskState, name: str, now: Context) -> TaskRow:
+        """Change to the row `name`."""
+        row = self._rows[name]
+        state.row, state.since, state.phase = str(name), now.time, row.phase.enter(state.held, now)
+        return row
+
+    def path_s(self, held: Held) -> float:
+        """Arc length [m] reached, as it is reported."""
+        return held.s
+
+    def _reference(self, state: TaskState, now: Context) -> Reference:
+        """Reference for the controller in the present phase."""
+        row, held, abort = self._rows[state.row], state.held, state.abort
+        asked = row.phase.setpoint(state.phase, held, now)
+        return Reference(
+            time=now.time,
+            state=WorkState.ABORT if row.work is WorkState.DONE and abort is not None else row.work,
+            X_WB=held.X_WB,
+            v_WB_W=asked.v_WB_W,
+            w_WB_W=asked.w_WB_W,
+            X_WG=asked.X_WG,
+            v_WG_W=asked.v_WG_W,
+            w_WG_W=asked.w_WG_W,
+            q=held.q,
+            qd=np.zeros(len(held.q)) if asked.qd is None else asked.qd,
+            force=asked.force,
+            force_control=asked.force_control,
+            compliant=asked.compliant,
+            tare=asked.tare,
+            scan=asked.scan,
+            touch=asked.touch,
+            path_s=self.path_s(held),
+            abort=None if abort is None else abort.code,
+            note=held.note if abort is None else abort.reason,
+            lost_thrusters=state.lost_thrusters,
+        )

@@ -1,0 +1,96 @@
+"""A task of one's own from the phases that are there: some points are touched one after another."""
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+import models
+from controllers.planning.hull_placement import Placement
+from controllers.tasks.arrival import WorkSite
+from controllers.tasks.surface_work import SurfaceTaskConfig
+from controllers.tasks.tap import tap
+from controllers.tasks.task import TaskState
+from models.vehicle import Vehicle
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
+from sim.interfaces.spatial import Array, pose
+from told import Told
+
+PERIOD, STIFFNESS = 0.01, 3e4  # [s], [N/m]
+HEIGHTS = {0.0: 4e-3, 0.05: 0.0, 0.12: -3e-3}  # [m] of the real surface over that expected, at each point
+JOB = SurfaceTaskConfig(forces=(30.0,))
+
+
+def target(time: float) -> Target:
+    s, ones = np.linspace(0.0, 0.12, 41), np.ones((41, 1))
+    path = ToolPath(
+        s=s, p=s[:, None] * [1.0, 0.0, 0.0], z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=s >= 0.0
+    )
+    return Target(time=time, X_WT=np.eye(4), accepted=True, check_m=1e-3, range_m=1.2, reason="", path=path)
+
+
+class World(Told):
+    """A hull that is where it should be, and a surface whose height differs from point to point."""
+
+    state: TaskState
+    tip: Array
+
+    def run(self, fails_at: float = np.inf) -> "World":
+        vehicle = Vehicle.of(models.load("uuv_puma").compile())
+        place = Placement(
+            X_WB=pose(p=[-0.6, 0.0, 0.3]), travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1, reached=1
+        )
+        site = WorkSite(vehicle=vehicle, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path: (place, path, 1.0))
+        planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
+        X_WB, seen, command, state, zero, joints = site.X_WB_scan, None, None, None, np.zeros(3), np.zeros(6)
+        for tick in range(20_000):
+            now: dict[str, Any] = {"time": tick * PERIOD}
+            still = {"v_WB_B": zero, "w_WB_B": zero, "a_WB_B": zero, "q": joints, "qd": joints, "tau": joints}
+            estimate = StateEstimate(X_WB=X_WB, **still, **now)
+            state = state or planner.init(estimate)
+            state, reference = planner.step(state, estimate, seen, command)
+            self.references.append(reference)
+            self.state, X_WB, felt = state, reference.X_WB, 0.0
+            seen = target(now["time"]) if reference.scan else seen
+            if reference.X_WG is not None:
+                self.tip = reference.X_WG[:3, 3]
+                nearest = min(HEIGHTS, key=lambda s: abs(s - float(self.tip[0])))
+                felt = STIFFNESS * max(0.0, HEIGHTS[nearest] - float(self.tip[2]))
+            if reference.force_control:
+                felt = reference.force if self.tip[0] < fails_at else 170.0
+            told = {"joint_torque": joints, "thrusters": joints, "scan": reference.scan}
+            command = Command(contact=ContactEstimate(normal=felt), **told, **now)
+            if reference.state in (WorkState.DONE, WorkState.ABORT):
+                break
+        return self
+
+
+def test_every_point_is_touched_with_its_force_for_its_time_and_its_place_noted(within):
+    world = World().run()
+    tapping = [WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT, WorkState.CLOSE_IN]
+    assert world.states[4:] == [*tapping * 3, WorkState.DONE]
+    held = world.of(WorkState.WORK)
+    assert {reference.force for reference in held} == {30.0}
+    assert len(held) * PERIOD == pytest.approx(3 * 2.0, abs=0.1)
+    places = np.array(world.state.held.places)
+    within("along [m]", places[:, 0] - list(HEIGHTS), 1e-9)
+    within("height [m]", places[:, 2] - list(HEIGHTS.values()), 1.5e-3)  # at touch speed the tool sinks in by 6 N
+    tips = [r.X_WG[:3, 3] for r in world.references if r.X_WG is not None]
+    steps = [float(np.linalg.norm(b - a)) for a, b in pairwise(tips)]
+    assert max(steps) <= 1.01 * JOB.approach.speed * PERIOD  # the tool never jumps
+
+
+def test_a_tap_that_is_too_hard_ends_the_task_off_the_surface():
+    world = World().run(fails_at=0.04)
+    assert world.end.state is WorkState.ABORT
+    assert len(world.state.held.places) == 1
+    assert world.tip[2] > 0.09
+
+
+@pytest.mark.parametrize("points", [(), (0.01, 0.02), (0.0, 0.0)])
+def test_points_that_cannot_be(points):
+    site: Any = None
+    with pytest.raises(ConfigurationError, match="must increase from 0 m"):
+        tap(site, JOB, points, lambda _: np.zeros(3), hold=2.0)

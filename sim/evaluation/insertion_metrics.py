@@ -5,19 +5,20 @@ means over the loop's steps, from departure from the stand-off until return to i
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from sim.evaluation.metrics import Assessment, Requirement, run_schema
+from sim.evaluation.metrics import Assessment, Requirement
+from sim.evaluation.run_metrics import run_schema
+from sim.evaluation.schemas import metric, unmeasured
 from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.loop.recording import Recording
 
 AT_THE_HOLE = (WorkState.APPROACH, WorkState.SEARCH, WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
-SCHEMA = "insertion.schema.json"
 _INSIDE = (WorkState.INSERT, WorkState.WORK, WorkState.WITHDRAW)
 
 
@@ -43,9 +44,43 @@ class TrueHole:
         object.__setattr__(self, "X_WH", checked(self.X_WH, (4, 4), "X_WH"))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoleMetrics:
+    """Error of the identified hole."""
+
+    accepted: bool
+    aside_m: float | None = metric("Mouth of the hole as found, off the true axis.", minimum=0)
+    tilt_rad: float | None = metric("Axis as found against the true one.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InsertionMetrics:
+    """Forces, depth and times at the hole."""
+
+    clearance_m: float | None = metric("Radial, between tool and hole.", minimum=0)
+    depth_asked_m: float | None = metric(minimum=0)
+    depth_m: float | None = metric("Largest true depth of the tip in the bore.", minimum=0)
+    side_force_max_n: float | None = metric(
+        "True contact force across the axis of the hole, from the stand-off to the stand-off.", minimum=0
+    )
+    side_force_rms_n: float | None = metric("The same while the tip is in the bore.", minimum=0)
+    axial_force_max_n: float | None = metric("True contact force along the axis, either way.", minimum=0)
+    time_s: float | None = metric("From the stand-off to the stand-off.", minimum=0)
+    searched_s: float | None = metric("Of it on the spiral.", minimum=0)
+    tip_at_end_m: float | None = metric("True depth at the end; negative is before the mouth.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InsertionRunMetrics:
+    """Metrics of an insertion."""
+
+    identification: HoleMetrics
+    insertion: InsertionMetrics
+
+
 def schema() -> dict[str, Any]:
     """JSON Schema of an insertion's metrics.json."""
-    return run_schema(SCHEMA)
+    return run_schema(InsertionRunMetrics, "Figures of an insertion", "What insert_sampler.py writes to metrics.json")
 
 
 def assess_insertion(
@@ -83,30 +118,29 @@ def assess_insertion(
         return float(values[at_hole].max()) if at_hole.any() else None
 
     position, angle = (None, None) if found_X_WH is None else hole_error(found_X_WH, truth.X_WH)
-    metrics = {
-        "identification": {"accepted": found_X_WH is not None, "aside_m": position, "tilt_rad": angle},
-        "insertion": {
-            "clearance_m": truth.radius - truth.tool_radius,
-            "depth_asked_m": truth.depth,
-            "depth_m": depth,
-            "side_force_max_n": peak(side),
-            "side_force_rms_n": float(np.sqrt(np.mean(side[in_bore] ** 2))) if in_bore.any() else None,
-            "axial_force_max_n": peak(np.abs(axial)),
-            "time_s": float(at_hole.sum() * recording.timestep),
-            "searched_s": float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
-            "tip_at_end_m": out,
-        },
-    }
-    mm, degrees, insertion = 1e3, float(np.degrees(1.0)), metrics["insertion"]
+    insertion = InsertionMetrics(
+        clearance_m=truth.radius - truth.tool_radius,
+        depth_asked_m=truth.depth,
+        depth_m=depth,
+        side_force_max_n=peak(side),
+        side_force_rms_n=float(np.sqrt(np.mean(side[in_bore] ** 2))) if in_bore.any() else None,
+        axial_force_max_n=peak(np.abs(axial)),
+        time_s=float(at_hole.sum() * recording.timestep),
+        searched_s=float(recording.within(WorkState.SEARCH).sum() * recording.timestep),
+        tip_at_end_m=out,
+    )
+    found = HoleMetrics(accepted=found_X_WH is not None, aside_m=position, tilt_rad=angle)
+    metrics = InsertionRunMetrics(identification=found, insertion=insertion)
+    mm, degrees = 1e3, float(np.degrees(1.0))
     checks = (
         Requirement("hole as found, off its axis", position, None, "mm", mm),
         Requirement("hole as found, tilt", angle, None, "deg", degrees),
         Requirement("depth reached", depth, None, "mm", mm),
         Requirement("short of the depth asked for", truth.depth - depth, bounds.short, "mm", mm),
-        Requirement("side force, peak", insertion["side_force_max_n"], bounds.side_force, "N"),
-        Requirement("side force, RMS in the bore", insertion["side_force_rms_n"], None, "N"),
-        Requirement("axial force, peak", insertion["axial_force_max_n"], bounds.axial_force, "N"),
-        Requirement("time at the hole", insertion["time_s"], None, "s"),
+        Requirement("side force, peak", insertion.side_force_max_n, bounds.side_force, "N"),
+        Requirement("side force, RMS in the bore", insertion.side_force_rms_n, None, "N"),
+        Requirement("axial force, peak", insertion.axial_force_max_n, bounds.axial_force, "N"),
+        Requirement("time at the hole", insertion.time_s, None, "s"),
         Requirement("tip at the end, below the mouth", out, 0.0, "mm", mm),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
@@ -121,22 +155,10 @@ def hole_error(X_WH: Array, X_WH_true: Array) -> tuple[float, float]:
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that crashed for `reason`."""
-    insertion = (
-        "clearance_m",
-        "depth_asked_m",
-        "depth_m",
-        "side_force_max_n",
-        "side_force_rms_n",
-        "axial_force_max_n",
-        "time_s",
-        "searched_s",
-        "tip_at_end_m",
+    nothing = InsertionRunMetrics(
+        identification=unmeasured(HoleMetrics, accepted=False), insertion=unmeasured(InsertionMetrics)
     )
-    return {
-        "identification": {"accepted": False, "aside_m": None, "tilt_rad": None},
-        "insertion": dict.fromkeys(insertion),
-        **crashed_run(seed, reason),
-    }
+    return {**asdict(nothing), **crashed_run(seed, reason)}
 
 
 def summary(trials: Sequence[Mapping[str, Any]], bounds: InsertionBounds | None = None) -> dict[str, Any]:

@@ -13,13 +13,14 @@ from scipy.spatial import ConvexHull
 
 from models.meshes.ray_casting import RayScene
 from models.objects.targets import TargetModel
-from sim.evaluation.metrics import Assessment, Requirement, run_schema
+from sim.evaluation.metrics import Assessment, Requirement
+from sim.evaluation.run_metrics import run_schema
+from sim.evaluation.schemas import metric, unmeasured
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_quat_wxyz, transform_points
 from sim.loop.recording import Recording
 
-SCHEMA = "inspection.schema.json"
 _EVERY = 1.0  # [s] between poses at which visibility is evaluated
 _PIECES = 4000  # number of surface samples
 _TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen
@@ -54,9 +55,34 @@ class TrueInspection:
             raise ConfigurationError("inspection: half_view, far and distance must be > 0")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectionMetrics:
+    """Distance from the object, view of it, and what was seen."""
+
+    distance_set_m: float | None = metric(minimum=0)
+    distance_rms_m: float | None = metric(
+        "True camera to the true outline at half the object's height, off the set distance.", minimum=0
+    )
+    distance_max_m: float | None = metric(minimum=0)
+    view_max_rad: float | None = metric(
+        "Between the camera's level direction and that to the nearest point of the outline.", minimum=0
+    )
+    ends_m: float | None = metric("Between the camera's first place and its last.", minimum=0)
+    seen_share: float | None = metric("Of the object's surface.", maximum=1, minimum=0)
+    flown_s: float | None = metric(minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectionRunMetrics:
+    """Metrics of an inspection flight."""
+
+    inspection: InspectionMetrics
+
+
 def schema() -> dict[str, Any]:
     """JSON Schema of an inspection's metrics.json."""
-    return run_schema(SCHEMA)
+    about = "What inspect_object.py writes to metrics.json"
+    return run_schema(InspectionRunMetrics, "Figures of an inspection flight", about)
 
 
 def assess_inspection(
@@ -76,32 +102,30 @@ def assess_inspection(
     """
     bounds = bounds or InspectionBounds()
     flown = np.flatnonzero(recording.within(WorkState.WORK))
-    figures: dict[str, Any] = dict.fromkeys(
-        ("distance_rms_m", "distance_max_m", "view_max_rad", "ends_m", "seen_share", "flown_s")
-    )
+    figures = unmeasured(InspectionMetrics, distance_set_m=truth.distance)
     if len(flown):
         X_WC = camera_poses(recording, truth, flown[:: max(1, round(0.1 / recording.timestep))])
         off, view = off_and_view(X_WC, truth)
         step = max(1, round(_EVERY / 0.1))
-        figures = {
-            "distance_rms_m": float(np.sqrt(np.mean(off**2))),
-            "distance_max_m": float(np.abs(off).max()),
-            "view_max_rad": float(view.max()),
-            "ends_m": float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
-            "seen_share": seen_share(X_WC[::step], truth),
-            "flown_s": float(len(flown) * recording.timestep),
-        }
+        figures = InspectionMetrics(
+            distance_set_m=truth.distance,
+            distance_rms_m=float(np.sqrt(np.mean(off**2))),
+            distance_max_m=float(np.abs(off).max()),
+            view_max_rad=float(view.max()),
+            ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
+            seen_share=seen_share(X_WC[::step], truth),
+            flown_s=float(len(flown) * recording.timestep),
+        )
     mm, degrees = 1e3, float(np.degrees(1.0))
     checks = (
-        Requirement("distance, RMS error", figures["distance_rms_m"], bounds.distance_rms, "mm", mm),
-        Requirement("distance, peak error", figures["distance_max_m"], bounds.distance, "mm", mm),
-        Requirement("view off the object, peak", figures["view_max_rad"], bounds.view, "deg", degrees),
-        Requirement("ends of the way apart", figures["ends_m"], bounds.ends, "mm", mm),
-        Requirement("surface seen", figures["seen_share"], None, "%", 100.0),
-        Requirement("time on the way around", figures["flown_s"], None, "s"),
+        Requirement("distance, RMS error", figures.distance_rms_m, bounds.distance_rms, "mm", mm),
+        Requirement("distance, peak error", figures.distance_max_m, bounds.distance, "mm", mm),
+        Requirement("view off the object, peak", figures.view_max_rad, bounds.view, "deg", degrees),
+        Requirement("ends of the way apart", figures.ends_m, bounds.ends, "mm", mm),
+        Requirement("surface seen", figures.seen_share, None, "%", 100.0),
+        Requirement("time on the way around", figures.flown_s, None, "s"),
     )
-    figures["distance_set_m"] = truth.distance
-    return Assessment.of(recording, {"inspection": figures}, checks, seed=seed, wall_s=wall_s)
+    return Assessment.of(recording, InspectionRunMetrics(inspection=figures), checks, seed=seed, wall_s=wall_s)
 
 
 def camera_poses(recording: Recording, truth: TrueInspection, rows: np.ndarray) -> Array:

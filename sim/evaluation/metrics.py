@@ -4,10 +4,8 @@
 and counts as missed, if the run ended before it could be measured.
 """
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from importlib.resources import files
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,19 @@ import numpy as np
 
 from models.objects.targets import TargetModel
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
+from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings, run_schema
+from sim.evaluation.schemas import unmeasured
+from sim.evaluation.surface_metrics import (
+    ContactMetrics,
+    ForceEstimateMetrics,
+    GapMetrics,
+    HullMetrics,
+    IdentificationMetrics,
+    SegmentMetrics,
+    SurfaceMetrics,
+    ThrusterMetrics,
+    ToolMetrics,
+)
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, checked, inverse, transform_points
 from sim.loop.recording import Recording
@@ -26,9 +37,6 @@ RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
 STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
-SCHEMA = "metrics.schema.json"
-
-Figures = dict[str, float | None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +105,7 @@ class Assessment:
     def of(
         cls,
         recording: Recording,
-        figures: Mapping[str, Any],
+        figures: Any,
         checks: Sequence[Requirement],
         *,
         seed: int,
@@ -112,7 +120,7 @@ class Assessment:
 
         Args:
             recording: The run.
-            figures: Metrics of its kind of work.
+            figures: Metrics of its kind of work, a dataclass.
             checks: Requirements of its kind of work.
             seed: Seed of the run.
             wall_s: Wall time [s].
@@ -126,27 +134,29 @@ class Assessment:
         state, note = final.state.value, final.note
         if recording.interrupted:
             state, note = INTERRUPTED, f"by {recording.interrupted} in state {state} after {recording.duration:.1f} s"
-        run = {
-            "simulated_s": recording.duration,
-            "seed": seed,
-            "state": state,
-            "note": note,
-            "abort": None if final.abort is None else final.abort.value,
-            "collision_s": float(recording["collision"].scalar.sum() * recording.timestep),
-            "trajectory_sha256": recording.digest(),
-        }
-        timings = {
-            "wall_s": wall_s,
-            "real_time_factor": recording.duration / wall_s if wall_s > 0.0 else None,
-            "identification_s": identification_s,
-        }
-        checks = (*checks, Requirement("collision", run["collision_s"], 0.0, "s"))
+        run = RunMetrics(
+            simulated_s=recording.duration,
+            seed=seed,
+            state=state,
+            note=note,
+            abort=None if final.abort is None else final.abort.value,
+            collision_s=float(recording["collision"].scalar.sum() * recording.timestep),
+            trajectory_sha256=recording.digest(),
+        )
+        timings = Timings(
+            wall_s=wall_s,
+            real_time_factor=recording.duration / wall_s if wall_s > 0.0 else None,
+            identification_s=identification_s,
+        )
+        checks = (*checks, Requirement("collision", run.collision_s, 0.0, "s"))
         failed = [*filter(None, (check.failure for check in checks)), *others]
         if recording.interrupted:
             failed.append(f"the run was interrupted {note}")
         elif final.state is not WorkState.DONE:
             failed.append(f"the run ended in state {state}{f': {note}' if note else ''}")
-        metrics = {**figures, "run": run, "accepted": not failed, "failed": failed, "timings": timings}
+        every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
+        metrics = {**asdict(figures), **asdict(every_run)}
+        del metrics["provenance"]  # see `made_by`
         return cls(metrics=metrics, checks=checks, failed=tuple(failed))
 
     @property
@@ -169,16 +179,7 @@ class Assessment:
 
 def schema() -> dict[str, Any]:
     """JSON Schema of metrics.json."""
-    return run_schema(SCHEMA)
-
-
-def run_schema(name: str) -> dict[str, Any]:
-    """JSON Schema `name` of one kind of metrics, merged with the schema common to all runs."""
-    own, shared = (
-        json.loads(files("sim").joinpath("schemas", each).read_text(encoding="utf-8"))
-        for each in (name, "run.schema.json")
-    )
-    return {**own, "$defs": {**own.get("$defs", {}), "every_run": shared}}
+    return run_schema(SurfaceMetrics, "metrics.json", "Figures of one run of work on an object")
 
 
 def assess(
@@ -205,54 +206,54 @@ def assess(
     """
     bounds = bounds or Bounds()
     identification = _identification(recording, truth)
-    contact, segments = contact_figures(recording)
+    contact = contact_figures(recording)
     tool = tool_figures(recording, truth)
     hull = hull_figures(recording)
     gap = gap_figures(recording, truth)
-    metrics = {
-        "identification": identification,
-        "contact": {**contact, "segments": segments},
-        "gap": gap,
-        "tool": tool,
-        "force_estimate": force_estimate_figures(recording),
-        "hull": hull,
-        "thrusters": {"saturated_s": float(recording["saturated"].scalar.sum() * recording.timestep)},
-    }
-    range_m = identification["range_m"]
+    metrics = SurfaceMetrics(
+        identification=identification,
+        contact=contact,
+        gap=gap,
+        tool=tool,
+        force_estimate=force_estimate_figures(recording),
+        hull=hull,
+        thrusters=ThrusterMetrics(saturated_s=float(recording["saturated"].scalar.sum() * recording.timestep)),
+    )
+    range_m = identification.range_m
     position_bound = bounds.position_error
     if range_m is not None:
         position_bound = min(position_bound, bounds.position_error_share * range_m)
     mm, degrees = 1e3, float(np.degrees(1.0))
     if gap is None:
         of_tool = (
-            Requirement("force error, RMS", contact["force_error_rms_n"], bounds.force_error_rms, "N"),
-            Requirement("force error, peak", contact["force_error_max_n"], bounds.force_error_max, "N"),
-            Requirement("contact lost", contact["lost_s"], bounds.lost, "s"),
+            Requirement("force error, RMS", contact.force_error_rms_n, bounds.force_error_rms, "N"),
+            Requirement("force error, peak", contact.force_error_max_n, bounds.force_error_max, "N"),
+            Requirement("contact lost", contact.lost_s, bounds.lost, "s"),
         )
     else:
         of_tool = (
-            Requirement("distance error, RMS", gap["error_rms_m"], None, "mm", mm),
-            Requirement("distance error, peak", gap["error_max_m"], bounds.gap_error, "mm", mm),
-            Requirement("touched", gap["touched_s"], 0.0, "s"),
+            Requirement("distance error, RMS", gap.error_rms_m, None, "mm", mm),
+            Requirement("distance error, peak", gap.error_max_m, bounds.gap_error, "mm", mm),
+            Requirement("touched", gap.touched_s, 0.0, "s"),
         )
     checks = (
-        Requirement("identified position", identification["position_error_m"], position_bound, "mm", mm),
-        Requirement("identified orientation", identification["orientation_error_rad"], None, "deg", degrees),
+        Requirement("identified position", identification.position_error_m, position_bound, "mm", mm),
+        Requirement("identified orientation", identification.orientation_error_rad, None, "deg", degrees),
         *of_tool,
-        Requirement("path deviation, RMS", tool["path_deviation_rms_m"], None, "mm", mm),
-        Requirement("path deviation, peak", tool["path_deviation_max_m"], bounds.path_deviation, "mm", mm),
-        Requirement("tip to ideal path, peak", tool["object_deviation_max_m"], None, "mm", mm),
-        Requirement("tool tilt, peak", tool["tilt_max_rad"], bounds.tilt, "deg", degrees),
-        Requirement("hull excursion, peak", hull["excursion_max_m"], None, "mm", mm),
-        Requirement("hull tilt, peak", hull["tilt_max_rad"], bounds.tilt, "deg", degrees),
+        Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
+        Requirement("path deviation, peak", tool.path_deviation_max_m, bounds.path_deviation, "mm", mm),
+        Requirement("tip to ideal path, peak", tool.object_deviation_max_m, None, "mm", mm),
+        Requirement("tool tilt, peak", tool.tilt_max_rad, bounds.tilt, "deg", degrees),
+        Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
+        Requirement("hull tilt, peak", hull.tilt_max_rad, bounds.tilt, "deg", degrees),
     )
-    others = () if identification["accepted"] else ("the object was not identified",)
+    others = () if identification.accepted else ("the object was not identified",)
     return Assessment.of(
         recording, metrics, checks, seed=seed, wall_s=wall_s, identification_s=identification_s, others=others
     )
 
 
-def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
+def contact_figures(recording: Recording) -> ContactMetrics:
     """Error of the true normal force from the set force in the work state, overall and per segment.
 
     A segment has one set force. RMS is of the means over the loop's steps; peaks and lost contact are of the physics
@@ -260,9 +261,8 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     counts from SETTLING after the beginning of the ramp.
     """
     time, work = recording["set_force"].time, recording.within(WorkState.WORK)
-    names = ("force_error_rms_n", "force_error_max_n", "lost_s")
     if not work.any() or not recording["set_force"].scalar[work].any():  # no force was commanded
-        return dict.fromkeys(names), []
+        return unmeasured(ContactMetrics, segments=[])
     wanted = recording["set_force"].scalar
     lost = (recording["contact_least"].scalar < LOST_BELOW) & work
     changed = np.concatenate([[True], np.diff(wanted) != 0.0])
@@ -275,7 +275,7 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
     peak = np.maximum(np.abs(over), np.abs(under))
     settled = work & (time - time[starts][part] >= SETTLING - 1e-9)
 
-    def figures(where: np.ndarray) -> Figures:
+    def figures(where: np.ndarray) -> dict[str, float | None]:
         e, worst = error[where & settled], peak[where & settled]
         return {
             "force_error_rms_n": float(np.sqrt(np.mean(e**2))) if e.size else None,
@@ -283,13 +283,12 @@ def contact_figures(recording: Recording) -> tuple[Figures, list[Figures]]:
             "lost_s": float((lost & where).sum() * recording.timestep),
         }
 
-    segments: list[Figures] = []
+    segments: list[SegmentMetrics] = []
     for number in np.unique(part[work]):
         where = work & (part == number)
-        segments.append(
-            {"set_n": float(wanted[where][-1]), **figures(where), "duration_s": float(where.sum() * recording.timestep)}
-        )
-    return figures(work), segments
+        duration_s = float(where.sum() * recording.timestep)
+        segments.append(SegmentMetrics(set_n=float(wanted[where][-1]), **figures(where), duration_s=duration_s))
+    return ContactMetrics(**figures(work), segments=segments)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -338,23 +337,11 @@ def path_error(recording: Recording) -> PathError | None:
     )
 
 
-def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
+def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
     """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
-    names = (
-        "path_deviation_rms_m",
-        "path_deviation_max_m",
-        "cross_track_rms_m",
-        "along_track_rms_m",
-        "cross_track_max_m",
-        "along_track_max_m",
-        "normal_deviation_max_m",
-        "object_deviation_max_m",
-        "tilt_max_rad",
-        "speed_mean_m_s",
-    )
     error = path_error(recording)
     if error is None:
-        return dict.fromkeys(names)
+        return unmeasured(ToolMetrics)
     work = recording.within(WorkState.WORK)
     # A symmetry rotation leaves the object unchanged but moves the path: use the symmetric pose nearest the found one.
     X_WT = np.array(truth.X_WT)
@@ -363,19 +350,18 @@ def tool_figures(recording: Recording, truth: TrueObject) -> Figures:
     tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[work])
     ideal, arc = closest_on_curve(tip_T, np.asarray(truth.model.path(truth.path).p))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
-    values = (
-        np.sqrt(np.mean(error.deviation**2)),
-        error.deviation.max(),
-        np.sqrt(np.mean(error.cross**2)),
-        np.sqrt(np.mean(error.along**2)),
-        error.cross.max(),
-        np.abs(error.along).max(),
-        np.abs(error.normal).max(),
-        np.linalg.norm(tip_T - ideal, axis=1).max(),
-        tool_tilt(recording, truth)[1].max(),
-        np.ptp(arc) / (moving.sum() * recording.timestep),
+    return ToolMetrics(
+        path_deviation_rms_m=float(np.sqrt(np.mean(error.deviation**2))),
+        path_deviation_max_m=float(error.deviation.max()),
+        cross_track_rms_m=float(np.sqrt(np.mean(error.cross**2))),
+        along_track_rms_m=float(np.sqrt(np.mean(error.along**2))),
+        cross_track_max_m=float(error.cross.max()),
+        along_track_max_m=float(np.abs(error.along).max()),
+        normal_deviation_max_m=float(np.abs(error.normal).max()),
+        object_deviation_max_m=float(np.linalg.norm(tip_T - ideal, axis=1).max()),
+        tilt_max_rad=float(tool_tilt(recording, truth)[1].max()),
+        speed_mean_m_s=float(np.ptp(arc) / (moving.sum() * recording.timestep)),
     )
-    return dict(zip(names, map(float, values), strict=True))
 
 
 def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
@@ -395,7 +381,7 @@ def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
 
 
-def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
+def gap_figures(recording: Recording, truth: TrueObject) -> GapMetrics | None:
     """Error of the pad's distance from the true surface in the work state, and contact time in any state.
 
     None for contact work.
@@ -406,12 +392,12 @@ def gap_figures(recording: Recording, truth: TrueObject) -> Figures | None:
     error = None
     if recording.within(WorkState.WORK).any():
         error = tool_gap(recording, truth)[1] - truth.contactless
-    return {
-        "set_m": truth.contactless,
-        "error_rms_m": None if error is None else float(np.sqrt(np.mean(error**2))),
-        "error_max_m": None if error is None else float(np.abs(error).max()),
-        "touched_s": touched,
-    }
+    return GapMetrics(
+        set_m=truth.contactless,
+        error_rms_m=None if error is None else float(np.sqrt(np.mean(error**2))),
+        error_max_m=None if error is None else float(np.abs(error).max()),
+        touched_s=touched,
+    )
 
 
 def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
@@ -440,15 +426,17 @@ def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Arr
     return recording["p_pad"].time[rows], tip_T, recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
 
 
-def force_estimate_figures(recording: Recording) -> Figures:
+def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:
     """Error of the tool force estimated from the joints, as a vector and along the tool, in the work state."""
     work = recording.within(WorkState.WORK)
-    names = ("error_rms_n", "normal_error_rms_n")
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
     if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
-        return dict.fromkeys(names)  # a controller need not estimate forces
-    return {names[0]: float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))), names[1]: float(np.sqrt(np.mean(normal**2)))}
+        return unmeasured(ForceEstimateMetrics)  # a controller need not estimate forces
+    return ForceEstimateMetrics(
+        error_rms_n=float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))),
+        normal_error_rms_n=float(np.sqrt(np.mean(normal**2))),
+    )
 
 
 def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
@@ -478,35 +466,31 @@ def hull_motion(recording: Recording) -> tuple[Array, Array, Array] | None:
     return recording["p_WB"].time[work], p[work] - p[first], turn
 
 
-def hull_figures(recording: Recording) -> Figures:
+def hull_figures(recording: Recording) -> HullMetrics:
     """Peak displacement and turn of the hull during the work, from its pose at first contact."""
     motion = hull_motion(recording)
     if motion is None:
-        return {"excursion_max_m": None, "tilt_max_rad": None}
+        return unmeasured(HullMetrics)
     _, displacement, turn = motion
-    return {"excursion_max_m": float(np.linalg.norm(displacement, axis=1).max()), "tilt_max_rad": float(turn.max())}
+    return HullMetrics(
+        excursion_max_m=float(np.linalg.norm(displacement, axis=1).max()), tilt_max_rad=float(turn.max())
+    )
 
 
-def _identification(recording: Recording, truth: TrueObject) -> dict[str, Any]:
+def _identification(recording: Recording, truth: TrueObject) -> IdentificationMetrics:
     """Error of the last identification, up to the object's symmetry."""
-    found = recording.targets[-1] if recording.targets else None
-    figures: dict[str, Any] = {
-        "position_error_m": None,
-        "orientation_error_rad": None,
-        "range_m": None,
-        "check_m": None,
-        "accepted": found is not None and found.accepted,
-        "views": len(recording.targets),
-    }
-    if found is not None:
-        position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)
-        figures |= {
-            "position_error_m": _finite(position),
-            "orientation_error_rad": _finite(orientation),
-            "range_m": _finite(found.range_m),
-            "check_m": _finite(found.check_m),
-        }
-    return figures
+    if not recording.targets:
+        return unmeasured(IdentificationMetrics, accepted=False, views=0)
+    found = recording.targets[-1]
+    position, orientation = truth.model.symmetry.error(found.X_WT, truth.X_WT)
+    return IdentificationMetrics(
+        position_error_m=_finite(position),
+        orientation_error_rad=_finite(orientation),
+        range_m=_finite(found.range_m),
+        check_m=_finite(found.check_m),
+        accepted=found.accepted,
+        views=len(recording.targets),
+    )
 
 
 def _finite(value: float) -> float | None:

@@ -7,20 +7,21 @@ the error of the scan, is reported separately.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from models.site.seabed import Seabed
-from sim.evaluation.metrics import Assessment, Requirement, path_error, run_schema
+from sim.evaluation.metrics import Assessment, Requirement, path_error
+from sim.evaluation.run_metrics import run_schema
+from sim.evaluation.schemas import metric, unmeasured
 from sim.evaluation.statistics import crashed_run, spread, verdicts
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
 from sim.interfaces.spatial import Array, checked, rotation_from_quat_wxyz
 from sim.loop.recording import Recording
 
-SCHEMA = "seabed_work.schema.json"
 IN_THE_SOIL = (WorkState.INSERT, WorkState.PRESS, WorkState.WORK, WorkState.WITHDRAW)
 _GAP_EVERY = 0.5  # [s] between evaluations of the hull's distance from the ground
 
@@ -50,9 +51,68 @@ class TrueGround:
         object.__setattr__(self, "hull_box", checked(self.hull_box, (2, 3), "hull_box"))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetMetrics:
+    """Error of the target heights from the true ground."""
+
+    accepted: bool
+    target_error_max_m: float | None = metric("Height of the targets as found, against the true surface.")
+    target_error_share: float | None = metric("The same over 1 cm + 0.5 % of the range.")
+    range_m: float | None = metric("Hull to the farthest target.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoreMetrics:
+    """Push and depth of a core tube."""
+
+    push_set_n: float | None
+    push_mean_n: float | None
+    push_error_share: float | None = metric("Worst of the true push while it is held, as a share of the set one.")
+    push_max_n: float | None
+    pull_max_n: float | None = metric("On the way out.")
+    depth_m: float | None = metric("Largest, of the tip below the true surface.")
+    held_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DragMetrics:
+    """Depth and side errors of a dragged tool."""
+
+    depth_set_m: float | None
+    depth_error_max_m: float | None = metric("Against the commanded path, along the tool.")
+    depth_error_rms_m: float | None
+    side_max_m: float | None = metric("Across the commanded path, in the surface.")
+    true_depth_error_max_m: float | None = metric(
+        "Below the true surface, against the set depth: the scan's error is in it."
+    )
+    true_depth_error_rms_m: float | None
+    force_max_n: float | None
+    dragged_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoilHullMetrics:
+    """Motion of the hull since the tool first met the soil, and its distance from the ground."""
+
+    rise_max_m: float | None = metric("From its place when the tool first met the soil.")
+    sink_max_m: float | None
+    excursion_max_m: float | None
+    ground_gap_m: float | None = metric("Least distance of the hull's box from the true ground, in the whole run.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeabedMetrics:
+    """Metrics of work in the seabed."""
+
+    surface: TargetMetrics
+    core: CoreMetrics | None
+    drag: DragMetrics | None
+    hull: SoilHullMetrics
+
+
 def schema() -> dict[str, Any]:
     """JSON Schema of the metrics.json of work in the seabed."""
-    return run_schema(SCHEMA)
+    return run_schema(SeabedMetrics, "Figures of work in the seabed", "What sample_seabed.py writes to metrics.json")
 
 
 def assess_seabed_work(
@@ -76,33 +136,31 @@ def assess_seabed_work(
     surface = _surface(found, truth, bounds)
     core = _core(recording, truth) if worked == (True, True) else None
     drag = _drag(recording, truth) if worked == (False, True) else None
-    hull = hull_in_the_soil(recording)
     gap = hull_gap(recording, truth)
-    metrics = {"surface": surface, "core": core, "drag": drag, "hull": {**hull, "ground_gap_m": gap}}
+    hull = SoilHullMetrics(**hull_in_the_soil(recording), ground_gap_m=gap)
+    metrics = SeabedMetrics(surface=surface, core=core, drag=drag, hull=hull)
     mm, percent = 1e3, 100.0
     if truth.push is not None:
-        of_core = core or {}
+        of_core = core or unmeasured(CoreMetrics)
         of_tool = (
-            Requirement("push, worst while held", of_core.get("push_error_share"), bounds.push, "%", percent),
-            Requirement("push, peak", of_core.get("push_max_n"), None, "N"),
-            Requirement("depth of the core", of_core.get("depth_m"), None, "mm", mm),
+            Requirement("push, worst while held", of_core.push_error_share, bounds.push, "%", percent),
+            Requirement("push, peak", of_core.push_max_n, None, "N"),
+            Requirement("depth of the core", of_core.depth_m, None, "mm", mm),
         )
     else:
-        of_drag = drag or {}
+        of_drag = drag or unmeasured(DragMetrics)
         of_tool = (
-            Requirement("depth error, peak", of_drag.get("depth_error_max_m"), bounds.depth, "mm", mm),
-            Requirement("aside of the profile, peak", of_drag.get("side_max_m"), bounds.side, "mm", mm),
-            Requirement(
-                "depth under the true surface, error, peak", of_drag.get("true_depth_error_max_m"), None, "mm", mm
-            ),
-            Requirement("force on the tool, peak", of_drag.get("force_max_n"), None, "N"),
+            Requirement("depth error, peak", of_drag.depth_error_max_m, bounds.depth, "mm", mm),
+            Requirement("aside of the profile, peak", of_drag.side_max_m, bounds.side, "mm", mm),
+            Requirement("depth under the true surface, error, peak", of_drag.true_depth_error_max_m, None, "mm", mm),
+            Requirement("force on the tool, peak", of_drag.force_max_n, None, "N"),
         )
     checks = (
-        Requirement("target's height, of what is allowed", surface["target_error_share"], 1.0, "%", percent),
-        Requirement("target's height, error", surface["target_error_max_m"], None, "mm", mm),
+        Requirement("target's height, of what is allowed", surface.target_error_share, 1.0, "%", percent),
+        Requirement("target's height, error", surface.target_error_max_m, None, "mm", mm),
         *of_tool,
-        Requirement("hull, rise", hull["rise_max_m"], bounds.rise, "mm", mm),
-        Requirement("hull, excursion", hull["excursion_max_m"], None, "mm", mm),
+        Requirement("hull, rise", hull.rise_max_m, bounds.rise, "mm", mm),
+        Requirement("hull, excursion", hull.excursion_max_m, None, "mm", mm),
         Requirement("hull over the true ground, least", gap, None, "mm", mm),
     )
     return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
@@ -114,15 +172,10 @@ _OF_DRAG = ("depth_error_max_m", "side_max_m", "true_depth_error_max_m", "true_d
 
 def crashed(seed: int, reason: str) -> dict[str, Any]:
     """Metrics of a trial that crashed for `reason`."""
-    hull = ("rise_max_m", "sink_max_m", "excursion_max_m", "ground_gap_m")
-    surface = ("target_error_max_m", "target_error_share", "range_m")
-    return {
-        "surface": {"accepted": False, **dict.fromkeys(surface)},
-        "core": None,
-        "drag": None,
-        "hull": dict.fromkeys(hull),
-        **crashed_run(seed, reason),
-    }
+    nothing = SeabedMetrics(
+        surface=unmeasured(TargetMetrics, accepted=False), core=None, drag=None, hull=unmeasured(SoilHullMetrics)
+    )
+    return {**asdict(nothing), **crashed_run(seed, reason)}
 
 
 def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -140,27 +193,22 @@ def summary(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> dict[str, Any]:
+def _surface(found: Target | None, truth: TrueGround, bounds: SeabedBounds) -> TargetMetrics:
     """Error of the target heights from the true ground, at the ends of the path."""
-    figures: dict[str, Any] = {
-        "accepted": found is not None and found.accepted,
-        "target_error_max_m": None,
-        "target_error_share": None,
-        "range_m": None,
-    }
     if found is None or found.path is None:
-        return figures
+        return unmeasured(TargetMetrics, accepted=found is not None and found.accepted)
     ends = found.path.p[[0, -1]] if truth.push is None else found.path.p[:1]
     off = np.abs(ends[:, 2] - truth.ground.height(ends))
     allowed = bounds.target + bounds.target_share * found.range_m
-    return figures | {
-        "target_error_max_m": float(off.max()),
-        "target_error_share": float(off.max() / allowed),
-        "range_m": float(found.range_m),
-    }
+    return TargetMetrics(
+        accepted=found.accepted,
+        target_error_max_m=float(off.max()),
+        target_error_share=float(off.max() / allowed),
+        range_m=float(found.range_m),
+    )
 
 
-def _core(recording: Recording, truth: TrueGround) -> dict[str, Any]:
+def _core(recording: Recording, truth: TrueGround) -> CoreMetrics:
     push = truth.push
     if push is None:
         raise ConfigurationError("core: no push was set")
@@ -168,32 +216,32 @@ def _core(recording: Recording, truth: TrueGround) -> dict[str, Any]:
     force, depth = recording["contact_normal"].scalar, tip_depth(recording, truth.ground)
     least, most = recording["contact_least"].scalar, recording["contact_most"].scalar
     error = np.maximum(np.abs(most[held] - push), np.abs(least[held] - push)) / push
-    return {
-        "push_set_n": push,
-        "push_mean_n": float(force[held].mean()),
-        "push_error_share": float(error.max()),
-        "push_max_n": float(most[inside].max()),
-        "pull_max_n": float(-least[inside].min()),
-        "depth_m": float(depth[inside].max()),
-        "held_s": float(held.sum() * recording.timestep),
-    }
+    return CoreMetrics(
+        push_set_n=push,
+        push_mean_n=float(force[held].mean()),
+        push_error_share=float(error.max()),
+        push_max_n=float(most[inside].max()),
+        pull_max_n=float(-least[inside].min()),
+        depth_m=float(depth[inside].max()),
+        held_s=float(held.sum() * recording.timestep),
+    )
 
 
-def _drag(recording: Recording, truth: TrueGround) -> dict[str, Any]:
+def _drag(recording: Recording, truth: TrueGround) -> DragMetrics:
     work = recording.within(WorkState.WORK)
     error = path_error(recording)
     depth = tip_depth(recording, truth.ground)[work]
     force = np.linalg.norm(recording["contact_force"].value[work], axis=1)
-    return {
-        "depth_set_m": truth.depth,
-        "depth_error_max_m": None if error is None else float(np.abs(error.normal).max()),
-        "depth_error_rms_m": None if error is None else float(np.sqrt(np.mean(error.normal**2))),
-        "side_max_m": None if error is None else float(np.abs(error.lateral).max()),
-        "true_depth_error_max_m": float(np.abs(depth - truth.depth).max()),
-        "true_depth_error_rms_m": float(np.sqrt(np.mean((depth - truth.depth) ** 2))),
-        "force_max_n": float(force.max()),
-        "dragged_s": float(work.sum() * recording.timestep),
-    }
+    return DragMetrics(
+        depth_set_m=truth.depth,
+        depth_error_max_m=None if error is None else float(np.abs(error.normal).max()),
+        depth_error_rms_m=None if error is None else float(np.sqrt(np.mean(error.normal**2))),
+        side_max_m=None if error is None else float(np.abs(error.lateral).max()),
+        true_depth_error_max_m=float(np.abs(depth - truth.depth).max()),
+        true_depth_error_rms_m=float(np.sqrt(np.mean((depth - truth.depth) ** 2))),
+        force_max_n=float(force.max()),
+        dragged_s=float(work.sum() * recording.timestep),
+    )
 
 
 def tip_depth(recording: Recording, ground: Seabed) -> Array:

@@ -2,10 +2,13 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from sim.evaluation.run_metrics import EveryRun, RunMetrics, Timings
+from sim.evaluation.schemas import unmeasured
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 
@@ -82,10 +85,6 @@ def verdicts(trials: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def crashed_run(seed: int, reason: str) -> dict[str, Any]:
     """Metrics common to all tasks, for a trial that crashed for `reason`."""
-    run = ("simulated_s", "collision_s", "trajectory_sha256")
-    return {
-        "run": {**dict.fromkeys(run), "seed": seed, "state": CRASHED, "note": reason, "abort": None},
-        "accepted": False,
-        "failed": [reason],
-        "timings": dict.fromkeys(("wall_s", "real_time_factor", "identification_s")),
-    }
+    run = unmeasured(RunMetrics, seed=seed, state=CRASHED, note=reason)
+    nothing = EveryRun(run=run, accepted=False, failed=[reason], timings=unmeasured(Timings))
+    return {name: value for name, value in asdict(nothing).items() if name != "provenance"}

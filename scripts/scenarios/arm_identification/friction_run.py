@@ -24,7 +24,8 @@ from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import OpenWater
 from scenarios.tasks.task import PlacedTask, RunResult, Task, object_of
-from sim.evaluation.metrics import Assessment, Requirement, run_schema
+from sim.evaluation.friction_metrics import FrictionMetrics, FrictionParameter, FrictionRunMetrics, JointFriction
+from sim.evaluation.metrics import Assessment, Requirement
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Sensor
@@ -33,7 +34,6 @@ from sim.loop.recording import Recorder
 from sim.loop.rollout import Moment
 
 SHORTEST, LONGEST = 10.0, 300.0  # [s] of swings
-SCHEMA = "friction.schema.json"
 DEPTH = 2.0  # [m] of the hull
 SLOW_SHARE = 2.0 / 3.0  # of the swings' duration, for the slow turn; two fast turns share the rest
 USUAL = 0.04  # usual Coulomb friction of a gear, share of the drive's torque limit
@@ -54,11 +54,6 @@ class FrictionBounds:
     stiction: float = 0.05
     viscous: float = 0.05
     sigmas: float = 5.0  # largest error over its standard deviation
-
-
-def schema() -> dict[str, Any]:
-    """JSON Schema of the identification's metrics.json."""
-    return run_schema(SCHEMA)
 
 
 class FrictionSamples:
@@ -222,7 +217,7 @@ def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResul
     """
     bounds = FrictionBounds()
     figures: dict[str, Any] = dict.fromkeys(("coulomb_error", "stiction_error", "viscous_error", "error_sigmas"))
-    joints: list[dict[str, Any]] = []
+    joints: list[JointFriction] = []
     if found is not None:
         true = values_of(case.true.joint_damping, case.true.dry_friction)
         believed = values_of(case.believed.joint_damping, case.believed.dry_friction)
@@ -231,20 +226,20 @@ def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResul
         off = [np.abs(got[name] - true[name]) / found.sigma(name) for name in shares]
         figures["error_sigmas"] = float(np.max(off))
         joints = [
-            {
-                "name": name,
-                "sensor_bias_nm": float(found.bias[j]),
-                "residual_nm": float(found.residual[j]),
+            JointFriction(
+                name=name,
+                sensor_bias_nm=float(found.bias[j]),
+                residual_nm=float(found.residual[j]),
                 **{
-                    word: {
-                        "believed": float(believed[word][j]),
-                        "identified": float(got[word][j]),
-                        "sigma": float(sigma) if np.isfinite(sigma := found.sigma(word)[j]) else None,
-                        "true": float(true[word][j]),
-                    }
+                    word: FrictionParameter(
+                        believed=float(believed[word][j]),
+                        identified=float(got[word][j]),
+                        sigma=float(sigma) if np.isfinite(sigma := found.sigma(word)[j]) else None,
+                        true=float(true[word][j]),
+                    )
                     for word in QUANTITIES
                 },
-            }
+            )
             for j, name in enumerate(case.true.joint_names)
         ]
     checks = [
@@ -252,7 +247,7 @@ def assessed(case: FrictionCase, found: IdentifiedFriction | None, ran: RunResul
         for name, words in (("coulomb", "Coulomb friction"), ("stiction", "stiction"), ("viscous", "viscous friction"))
     ]
     checks.append(Requirement("largest error", figures["error_sigmas"], bounds.sigmas, "sigma"))
-    content = {"friction": {**figures, "joints": joints}}
+    content = FrictionRunMetrics(friction=FrictionMetrics(**figures, joints=joints))
     return Assessment.of(ran.recording, content, checks, seed=case.scenario.seed, wall_s=ran.wall_s)
 
 

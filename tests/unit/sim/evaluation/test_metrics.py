@@ -1,7 +1,7 @@
 """Every figure of a run against its closed form, on recordings made up for it."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -109,10 +109,11 @@ def test_schema_has_the_keys_that_others_rely_on():
     required = schema()["properties"]
     for group, names in keys.items():
         assert set(names.split()) <= set(required[group]["required"])
-    shared = schema()["$defs"]["every_run"]["$defs"]
+    shared = schema()["properties"]
     assert set(shared["run"]["required"]) >= {"simulated_s", "seed", "state", "trajectory_sha256"}
     assert set(shared["timings"]["required"]) == {"wall_s", "real_time_factor", "identification_s"}
-    assert "accepted" in schema()["required"]
+    assert {"accepted", "failed"} <= set(schema()["required"])
+    assert "provenance" not in schema()["required"]  # it is added when the file is written
 
 
 def test_two_times_of_one_run_differ_in_the_timings_alone():
@@ -156,13 +157,14 @@ def test_force_error_counts_from_one_second_after_each_change():
     error = 2.0 * np.sin(2.0 * np.pi * 5.0 * TIME)  # whole periods in [1, 4) and [5, 10)
     error[(TIME < 0.999)] = 30.0
     error[(TIME > 4.0005) & (TIME < 4.999)] = -25.0
-    overall, segments = contact_figures(recorded(set_force=wanted, contact_normal=wanted + error))
-    assert overall["force_error_rms_n"] == pytest.approx(np.sqrt(2.0), rel=2e-3)
-    assert overall["force_error_max_n"] == pytest.approx(2.0, rel=2e-3)
-    assert [s["set_n"] for s in segments] == [60.0, 90.0]
-    assert [s["duration_s"] for s in segments] == pytest.approx([4.0, 6.0], abs=2 * DT)
+    overall = contact_figures(recorded(set_force=wanted, contact_normal=wanted + error))
+    assert overall.force_error_rms_n == pytest.approx(np.sqrt(2.0), rel=2e-3)
+    assert overall.force_error_max_n == pytest.approx(2.0, rel=2e-3)
+    segments = overall.segments
+    assert [s.set_n for s in segments] == [60.0, 90.0]
+    assert [s.duration_s for s in segments] == pytest.approx([4.0, 6.0], abs=2 * DT)
     for segment in segments:
-        assert segment["force_error_rms_n"] == pytest.approx(np.sqrt(2.0), rel=2e-3)
+        assert segment.force_error_rms_n == pytest.approx(np.sqrt(2.0), rel=2e-3)
 
 
 def test_lost_contact_is_counted_wherever_it_happens_in_the_work():
@@ -177,10 +179,11 @@ def test_lost_contact_is_counted_wherever_it_happens_in_the_work():
 def test_peaks_and_lost_contact_are_those_of_the_substeps():
     least, most = np.full(STEPS, 60.0), np.full(STEPS, 60.0)
     least[3000:3003], most[4000] = 0.0, 72.0
-    overall, _ = contact_figures(recorded(contact_least=least))
-    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 60.0, "lost_s": pytest.approx(3 * DT)}
-    overall, _ = contact_figures(recorded(contact_most=most))
-    assert overall == {"force_error_rms_n": 0.0, "force_error_max_n": 12.0, "lost_s": 0.0}
+    overall = contact_figures(recorded(contact_least=least))
+    assert (overall.force_error_rms_n, overall.force_error_max_n) == (0.0, 60.0)
+    assert overall.lost_s == pytest.approx(3 * DT)
+    overall = contact_figures(recorded(contact_most=most))
+    assert (overall.force_error_rms_n, overall.force_error_max_n, overall.lost_s) == (0.0, 12.0, 0.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -199,13 +202,13 @@ def test_path_error_splits_into_along_lateral_and_normal(sign: float):
     assert np.abs(error.lateral) == pytest.approx(abs(lateral))
     along, lateral, deeper = abs(along), abs(lateral), abs(deeper)
     tool = tool_figures(recording, TRUTH)
-    assert tool["cross_track_max_m"] == pytest.approx(lateral)
-    assert tool["cross_track_rms_m"] == pytest.approx(lateral)
-    assert tool["along_track_rms_m"] == pytest.approx(along)
-    assert tool["along_track_max_m"] == pytest.approx(along)
-    assert tool["path_deviation_max_m"] == pytest.approx(along)
-    assert tool["path_deviation_rms_m"] == pytest.approx(along)
-    assert tool["normal_deviation_max_m"] == pytest.approx(deeper)
+    assert tool.cross_track_max_m == pytest.approx(lateral)
+    assert tool.cross_track_rms_m == pytest.approx(lateral)
+    assert tool.along_track_rms_m == pytest.approx(along)
+    assert tool.along_track_max_m == pytest.approx(along)
+    assert tool.path_deviation_max_m == pytest.approx(along)
+    assert tool.path_deviation_rms_m == pytest.approx(along)
+    assert tool.normal_deviation_max_m == pytest.approx(deeper)
 
 
 def test_tangent_holds_while_the_commanded_point_rests():
@@ -231,8 +234,8 @@ def test_deviation_from_the_object_and_tilt_know_the_true_surface():
     recording = recorded(p_pad=tip, p_command=tip, v_command=SPEED * tangent @ R_WT.T, tool_axis=axis)
     tool = tool_figures(recording, truth)
     # measured 1e-5 m (chords of the path, 5 mm long) and 2e-5 rad
-    assert tool["object_deviation_max_m"] == pytest.approx(0.002, abs=5e-5)
-    assert tool["tilt_max_rad"] == pytest.approx(lean, abs=1e-4)
+    assert tool.object_deviation_max_m == pytest.approx(0.002, abs=5e-5)
+    assert tool.tilt_max_rad == pytest.approx(lean, abs=1e-4)
 
 
 def test_hull_is_measured_from_the_first_touch():
@@ -247,8 +250,8 @@ def test_hull_is_measured_from_the_first_touch():
     quats = np.tile(quat_wxyz_from_rotation(R_0), (STEPS, 1))
     quats[4000] = -quat_wxyz_from_rotation(R_0 @ exp_so3([0.0, 0.02, 0.0]))  # the other of its two quaternions
     hull = hull_figures(recorded(contact_normal=force, state=state, p_WB=offset, quat_WB_wxyz=quats))
-    assert hull["excursion_max_m"] == pytest.approx(0.005)
-    assert hull["tilt_max_rad"] == pytest.approx(0.02)
+    assert hull.excursion_max_m == pytest.approx(0.005)
+    assert hull.tilt_max_rad == pytest.approx(0.02)
 
 
 def test_force_estimate_and_saturation():
@@ -256,13 +259,13 @@ def test_force_estimate_and_saturation():
     saturated = np.zeros(STEPS)
     saturated[:25] = 1.0
     recording = recorded(felt_force=felt, felt_normal=np.full(STEPS, 58.0), saturated=saturated)
-    assert force_estimate_figures(recording) == pytest.approx({"error_rms_n": 5.0, "normal_error_rms_n": 2.0})
+    assert asdict(force_estimate_figures(recording)) == pytest.approx({"error_rms_n": 5.0, "normal_error_rms_n": 2.0})
     assert assessed(recording).metrics["thrusters"]["saturated_s"] == pytest.approx(0.05)
 
 
 def test_controller_that_believes_in_no_force_has_no_estimate():
     blind = recorded(felt_force=np.full((STEPS, 3), np.nan), felt_normal=np.full(STEPS, np.nan))
-    assert force_estimate_figures(blind)["error_rms_n"] is None
+    assert force_estimate_figures(blind).error_rms_n is None
 
 
 @pytest.mark.parametrize(("range_m", "accepted"), [(1.2, True), (0.5, False)])

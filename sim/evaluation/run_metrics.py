@@ -1,0 +1,78 @@
+"""Metrics that every run has beside those of its kind of work: how it ended, its timings, and what it was made by."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sim.evaluation.schemas import metric, schema_of
+
+SHA256 = "^[0-9a-f]{64}$"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunMetrics:
+    """How a run went and ended; the same, bit for bit, for two runs of one command on one machine."""
+
+    simulated_s: float | None = metric(minimum=0)
+    seed: int = metric()
+    state: str = metric(
+        "In which the run ended: done, abort or another of the work's; interrupted, from outside; crashed, of a trial."
+    )
+    note: str = metric("Why it was broken off.")
+    abort: str | None = metric(
+        "The same as a code of sim.interfaces.messages.AbortCode; null if it was not broken off."
+    )
+    collision_s: float | None = metric("Time in which another part than the tool touched something.", minimum=0)
+    trajectory_sha256: str | None = metric(
+        "Of times and values of every series recorded at each step (Recording.digest).", pattern=SHA256
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timings:
+    """Computing times of one run: all that two runs of one command may differ in."""
+
+    wall_s: float | None = metric("Of the loop.", minimum=0)
+    real_time_factor: float | None = metric("Simulated time over it.", minimum=0)
+    identification_s: float | None = metric("Of it, of the last identification.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What the figures were made by (`sim.runs.provenance`)."""
+
+    scenario: str
+    options: Mapping[str, Any] = metric("As given, without those that change no figure, such as --out.")
+    versions: Mapping[str, str]
+    machine: str
+    commit: str = metric("Of the project's git checkout; absent where there is none.", default="")
+    dirty: bool = metric("The code there is not that of the commit.", default=False)
+    model_sha256: str = metric(
+        "Of the compiled MuJoCo model as it is saved by this version of MuJoCo.", default="", pattern=SHA256
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EveryRun:
+    """Entries of every metrics.json beside those of the kind of work."""
+
+    run: RunMetrics
+    accepted: bool = metric("All of the scenario's bounds hold.")
+    failed: list[str] = metric("What did not, one line each.")
+    timings: Timings = metric("Of this one time: all that two runs of one command may differ in.")
+    provenance: Provenance = metric("What the figures were made by.", default=None)
+
+
+def run_schema(kind: type, title: str, description: str) -> dict[str, Any]:
+    """JSON Schema of a run's metrics.json.
+
+    Args:
+        kind: Dataclass of the metrics of its kind of work.
+        title: Title of the schema.
+        description: What the file is.
+
+    Returns:
+        The schema.
+    """
+    about = f"{description}; SI units. Null where the run ended before it gave the figure."
+    return schema_of((kind, EveryRun), title, about)

@@ -1,0 +1,88 @@
+"""JSON Schema of a dataclass of metrics: types from its annotations, units from its names, notes from `metric`."""
+
+import types
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, field, fields, is_dataclass
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+# Unit by the end of a name, the longest first.
+UNITS = {"_m_s": "m/s", "_rad": "rad", "_deg": "deg", "_nm": "N m", "_share": "1", "_m": "m", "_n": "N", "_s": "s"}
+_NUMBERS = {int: "integer", float: "number", bool: "boolean", str: "string"}
+
+
+Metrics = TypeVar("Metrics")
+
+
+def metric(description: str = "", *, default: Any = MISSING, **keywords: Any) -> Any:
+    """Dataclass field of metrics.
+
+    Args:
+        description: What it is, for the schema.
+        default: Stands for an entry that may be absent from the file; none: it is always there.
+        **keywords: Further keywords of JSON Schema, such as `minimum=0`.
+
+    Returns:
+        The field.
+    """
+    note = {"description": description} if description else {}
+    return field(default=default, metadata={"schema": {**keywords, **note}})
+
+
+def schema_of(kinds: Iterable[type], title: str, description: str) -> dict[str, Any]:
+    """JSON Schema of a file.
+
+    Args:
+        kinds: Dataclasses whose fields together are the entries of the file.
+        title: Title of the schema.
+        description: What the file is.
+
+    Returns:
+        The schema, complete in itself.
+    """
+    parts = [_object(kind) for kind in kinds]
+    return {
+        "$schema": DIALECT,
+        "title": title,
+        "description": description,
+        **parts[0],
+        "required": [name for part in parts for name in part["required"]],
+        "properties": {name: entry for part in parts for name, entry in part["properties"].items()},
+    }
+
+
+def unmeasured(kind: type[Metrics], **known: Any) -> Metrics:
+    """Metrics of a run that ended before they could be measured: None in all fields but those that are `known`."""
+    names = [each.name for each in fields(cast(Any, kind))]
+    return kind(**{name: known.get(name) for name in names})
+
+
+def unit_of(name: str) -> str | None:
+    """Unit by the end of a metric's name; None if it has none."""
+    return next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
+
+
+def _object(kind: type) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    properties = {}
+    for each in fields(kind):
+        unit = unit_of(each.name)
+        own = dict(each.metadata.get("schema", {}))
+        properties[each.name] = {**_type(hints[each.name]), **({"unit": unit} if unit else {}), **own}
+    required = [each.name for each in fields(kind) if each.default is MISSING and each.default_factory is MISSING]
+    return {"type": "object", "additionalProperties": False, "required": required, "properties": properties}
+
+
+def _type(hint: Any) -> dict[str, Any]:
+    origin, args = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        (inner,) = (arg for arg in args if arg is not type(None))
+        found = _type(inner)
+        return {**found, "type": [found["type"], "null"]}
+    if is_dataclass(hint) and isinstance(hint, type):
+        return _object(hint)
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return {"type": "object", **({} if args[1] is Any else {"additionalProperties": _type(args[1])})}
+    if isinstance(origin, type) and issubclass(origin, Iterable):
+        return {"type": "array", "items": _type(args[0])}
+    return {"type": _NUMBERS[hint]}

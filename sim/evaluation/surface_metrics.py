@@ -1,0 +1,118 @@
+"""Metrics of work along a path on an object, as metrics.json holds them."""
+
+from dataclasses import dataclass
+
+from sim.evaluation.schemas import metric
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationMetrics:
+    """Error of the last identification, up to the object's symmetry."""
+
+    position_error_m: float | None = metric(
+        "Origin of the found pose from the true one, up to the object's symmetry.", minimum=0
+    )
+    orientation_error_rad: float | None = metric(
+        "Least rotation from the found pose to the true one, up to the object's symmetry.", minimum=0
+    )
+    range_m: float | None = metric("Camera to the target's centre.", minimum=0)
+    check_m: float | None = metric("The acceptance check's figure.", minimum=0)
+    accepted: bool
+    views: int = metric(minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SegmentMetrics:
+    """The same for a stretch with one set force."""
+
+    set_n: float = metric(minimum=0)
+    force_error_rms_n: float | None = metric(minimum=0)
+    force_error_max_n: float | None = metric(minimum=0)
+    lost_s: float | None = metric(minimum=0)
+    duration_s: float = metric(minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactMetrics:
+    """Error of the true normal force from the set force in the work state."""
+
+    force_error_rms_n: float | None = metric(
+        "True normal force against the set value in the work state, from 1 s after each change of it has ended.",
+        minimum=0,
+    )
+    force_error_max_n: float | None = metric(minimum=0)
+    lost_s: float | None = metric("Time in the work state with less than 1 N.", minimum=0)
+    segments: list[SegmentMetrics]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GapMetrics:
+    """Error of the pad's distance from the true surface, in work without contact."""
+
+    set_m: float = metric("Distance that was to be kept.", exclusiveMinimum=0)
+    error_rms_m: float | None = metric(minimum=0)
+    error_max_m: float | None = metric(minimum=0)
+    touched_s: float = metric("Time with contact, in any state.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ToolMetrics:
+    """Errors of the true tip: from the commanded path, the ideal path on the true object, and its surface normal."""
+
+    path_deviation_rms_m: float | None = metric(
+        "The larger of cross-track and along-track at each instant: true tip against the timed commanded path.",
+        minimum=0,
+    )
+    path_deviation_max_m: float | None = metric(minimum=0)
+    cross_track_rms_m: float | None = metric(minimum=0)
+    along_track_rms_m: float | None = metric(minimum=0)
+    cross_track_max_m: float | None = metric("In the surface, across the tangent.", minimum=0)
+    along_track_max_m: float | None = metric(minimum=0)
+    normal_deviation_max_m: float | None = metric(
+        "Along the tool axis, where the force decides; no part of path_deviation.", minimum=0
+    )
+    object_deviation_max_m: float | None = metric("True tip to the ideal path on the true object.", minimum=0)
+    tilt_max_rad: float | None = metric("Between the tool axis and the true surface normal.", minimum=0)
+    speed_mean_m_s: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForceEstimateMetrics:
+    """Error of the tool force estimated from the joints."""
+
+    error_rms_n: float | None = metric(
+        "Felt tool force against the true contact force, as vectors, in the work state.", minimum=0
+    )
+    normal_error_rms_n: float | None = metric(minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HullMetrics:
+    """Peak displacement and turn of the hull during the work, from its pose at first contact."""
+
+    excursion_max_m: float | None = metric(
+        "From the hull's pose when the tool first touches, over the work state.", minimum=0
+    )
+    tilt_max_rad: float | None = metric("Whole rotation since then, yaw included.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThrusterMetrics:
+    """Saturation of the thrusters."""
+
+    saturated_s: float = metric("Time in the whole run with a command at its limit.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfaceMetrics:
+    """Metrics of work along a path on an object."""
+
+    identification: IdentificationMetrics
+    contact: ContactMetrics
+    gap: GapMetrics | None = metric(
+        "Work without contact: the pad's distance to the true surface; null where the tool pressed."
+    )
+    tool: ToolMetrics
+    force_estimate: ForceEstimateMetrics
+    hull: HullMetrics
+    thrusters: ThrusterMetrics

@@ -25,8 +25,8 @@ from scenarios.campaigns.contact_study import (
     draw,
     one_run,
 )
-from scenarios.campaigns.study_figures import METHODS
 from scenarios.campaigns.study_report import summarise
+from scenarios.campaigns.study_statistics import METHODS
 from scenarios.command import command
 from scenarios.study import Row, Study, StudyOptions
 from scenarios.study.options import at_least

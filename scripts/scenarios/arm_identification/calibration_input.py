@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 
 import models
-from calib import Calibration, identify, kernels, verification
+from calib import kernels, verification
 from calib.arm_files import ArmSource, read_arm
+from calib.identification import Calibration, identify
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
 from calib.simulation import wrong_arm
 from calib.touch_files import Touches, read_touches

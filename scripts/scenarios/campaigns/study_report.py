@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.campaigns.contact_study import CLASSES, KEPT, StudyBounds
-from scenarios.campaigns.study_figures import DRIVEN, DRIVERS, SHOWN, Row, bound_of, summary
+from scenarios.campaigns.study_statistics import DRIVEN, DRIVERS, SHOWN, Row, bound_of, summary
 from scenarios.study import Summary, Table
 from sim.reporting.report_figures import BLUE, FAINT, GREEN, INK, ORANGE, PURPLE, SKY, VERMILION, WIDTH
 

@@ -76,7 +76,7 @@ def picture(plan: SeabedPlan) -> Figure:
         half = max(0.75 * float(np.ptp(T[:, 2])), 0.15 * along[-1], 0.06)
         aside.set_ylim(middle - half, middle + half)
         aside.legend(fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    above.legend(fontsize="small")
+    above.legend(fontsize="small", loc="upper right")  # "best" is slow among thousands of points
     return figure
 
 

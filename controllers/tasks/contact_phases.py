@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from controllers.planning.trajectories import Progress
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
+from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode
-from sim.interfaces.spatial import Array
+from sim.interfaces.spatial import Array, finite_number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -16,13 +17,22 @@ class ApproachLimits:
     """Guarded approach to a surface."""
 
     standoff: float = 0.1  # [m] distance to the surface from which the tool approaches
-    speed: float = 0.03  # [m/s] farther than `guard` from the expected surface, and of the retreat
+    speed: float = 0.03  # [m/s] of the depth, farther than `guard` from the expected surface; also of the retreat
     touch_speed: float = 0.004  # [m/s] nearer than `guard`; gives 30 N at once on 3.6e5 N/m
     acceleration: float = 0.03  # [m/s^2] of the tool
-    guard: float = 0.03  # [m] distance before the expected surface
+    guard: float = 0.03  # [m] before the expected surface; longer than (speed^2 - touch_speed^2) / (2 acceleration)
     touch: float = 6.0  # [N] estimated normal force that counts as contact
     touch_time: float = 0.04  # [s] for which it must last
     search: float = 0.06  # [m] by which the approach goes beyond the expected surface
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            finite_number(getattr(self, each.name), f"approach {each.name}", above=0.0)
+        braking = (self.speed**2 - self.touch_speed**2) / (2.0 * self.acceleration)
+        if not self.guard > braking:
+            raise ConfigurationError(
+                f"approach guard: must exceed the {braking:.3g} m in which the tool brakes, got {self.guard:g} m"
+            )
 
 
 @dataclass(slots=True)

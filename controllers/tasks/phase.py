@@ -45,7 +45,11 @@ class Abort:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolLine:
-    """Tool path in W, worked from a chosen hull pose."""
+    """Tool path in W, worked from a chosen hull pose, with the straight way to it along the tool axis.
+
+    Another way than the straight one changes three places alike: `Held.aside`, set before the tare, the velocity of
+    the phase's set point, and `controllers.planning.hull_placement.tool_poses`, by which reach is tested.
+    """
 
     path: ToolPath
     placement: Placement

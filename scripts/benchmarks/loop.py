@@ -94,13 +94,14 @@ class PlannerPart:
     def __init__(self, part: Any, watch: Stopwatch, placing: Stopwatch) -> None:
         self.period, self.init = part.period, part.init
         self._step, self._spent, self._placing = watch.around(part.step), watch.spent, placing.spent
+        self._state = WorkState.SETTLE  # of the last reference
 
     def step(self, state: Any, *given: Any) -> Any:
         """Step of the planner; a step that ends the scan counts as placement."""
-        scanning = state.state is WorkState.SCAN
         state, reference = self._step(state, *given)
-        if scanning and reference.state is not WorkState.SCAN:
+        if self._state is WorkState.SCAN and reference.state is not WorkState.SCAN:
             self._placing.append(self._spent.pop())
+        self._state = reference.state
         return state, reference
 
 

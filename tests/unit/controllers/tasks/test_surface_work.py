@@ -13,6 +13,7 @@ from controllers.mkps import Chain
 from controllers.planning import path_standing
 from controllers.planning.hull_placement import Placement
 from controllers.tasks.arrival import ScanLimits
+from controllers.tasks.contact_phases import ApproachLimits
 from controllers.tasks.hull_phases import Settle, ascent_direction
 from controllers.tasks.surface_work import SurfaceTaskConfig, SurfaceWork
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -288,6 +289,19 @@ def test_a_knock_is_not_a_contact(smooth):
     script = Script(felt=felt).run()
     assert script.states == smooth.states
     assert tip(script.of(WorkState.APPROACH)[-1])[2] <= 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"touch_speed": 0.0}, "approach touch_speed: .*positive"),
+        ({"speed": np.nan}, "approach speed: .*nan"),
+        ({"guard": 0.014}, r"approach guard: must exceed the 0.0147 m .*got 0.014 m"),
+    ],
+)
+def test_an_approach_that_would_hang_or_overrun_is_refused(change, said):
+    with pytest.raises(ConfigurationError, match=said):
+        ApproachLimits(**change)
 
 
 def test_contact_starts_the_press_wherever_it_is_met():

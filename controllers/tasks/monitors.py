@@ -64,7 +64,7 @@ def watch(
         since: [s] for each the time at which its condition was last false; changed in place.
         work: state of the work.
         held: what the phases share.
-        now: what is seen in this period.
+        now: estimate, target and contact of this period.
 
     Returns:
         The reaction, and its cause; None to go on.
@@ -86,7 +86,7 @@ def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(W
     rows = (
         (no_time, Reaction.STOP, AbortCode.ESTIMATE),
         (faulty(FaultKind.ESTIMATE, "the state estimate is lost"), Reaction.STOP, AbortCode.ESTIMATE),
-        (faulty(FaultKind.CONTROLLER, "the controller's commands are no numbers"), Reaction.STOP, AbortCode.CONTROLLER),
+        (faulty(FaultKind.CONTROLLER, "the controller's commands are not finite"), Reaction.STOP, AbortCode.CONTROLLER),
         (faulty(FaultKind.ENCODER, "encoder of {} is wrong"), Reaction.WITHDRAW, AbortCode.ENCODER),
         (faulty(FaultKind.THRUSTER, "thruster {} is lost"), Reaction.RISE, AbortCode.THRUSTER),
         (

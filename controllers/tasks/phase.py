@@ -176,7 +176,7 @@ class Phase:
         Args:
             state: state of the phase.
             held: what the phases share.
-            now: what is seen in this period.
+            now: estimate, target and contact of this period.
 
         Returns:
             None while the phase goes on, else how it ended.
@@ -190,7 +190,7 @@ class Phase:
         Args:
             state: state of the phase.
             held: what the phases share.
-            now: what is seen in this period.
+            now: estimate, target and contact of this period.
 
         Returns:
             The set points.

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
     from scenarios.assembly import Assembly, assemble
     from scenarios.command import show
     from scenarios.options import barrel
-    from scenarios.perturbations.perturbation import Perturbation
+    from scenarios.perturbations.perturbation import Loop, Perturbation
     from scenarios.runner import Run, run
     from scenarios.scenario import Scenario
     from scenarios.scenario_file import read_scenario, write_scenario
 
 _HOME = {
     "Assembly": "scenarios.assembly",
+    "Loop": "scenarios.perturbations.perturbation",
     "Perturbation": "scenarios.perturbations.perturbation",
     "Run": "scenarios.runner",
     "Scenario": "scenarios.scenario",
@@ -38,6 +39,7 @@ _HOME = {
 }
 __all__ = [
     "Assembly",
+    "Loop",
     "Perturbation",
     "Run",
     "Scenario",

@@ -18,8 +18,7 @@
     kind = "Water"
     spread = 0.3
 
-Tables with a `kind` are of one of several classes. A key that is left out has its default; so has None, which TOML
-does not know.
+Tables with a `kind` are of one of several classes. A key that is left out has its default.
 """
 
 import json
@@ -88,7 +87,7 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
 
 
 def as_dict(scenario: Scenario) -> dict[str, Any]:
-    """Nested tables of a scenario; None is left out, `kind` is the name of a class that is one of several."""
+    """Nested tables of a scenario; None and an empty list of perturbations are left out, `kind` is the name of a class that is one of several."""
     return _table(scenario)
 
 
@@ -103,8 +102,13 @@ def _table(value: Any) -> Any:
         several = isinstance(value, tuple(_registries()))
         kind = {KIND: _kind_of(value)} if several else {}
         own = {field.name: getattr(value, field.name) for field in fields(value)}
-        return {**kind, **{name: _table(each) for name, each in own.items() if each is not None}}
+        return {**kind, **{name: _table(each) for name, each in own.items() if not _left_out(name, each)}}
     return [_table(each) for each in value] if isinstance(value, tuple | list) else value
+
+
+def _left_out(name: str, value: Any) -> bool:
+    """True for None, which TOML does not know, and for no perturbations: tables of them can then be appended."""
+    return value is None or (name == "perturbations" and not value)
 
 
 def _kind_of(value: Any) -> str:

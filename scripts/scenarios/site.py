@@ -1,5 +1,6 @@
 """The site: the object to work on with its true pose, growth and dents, or the seabed; current and gusts."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -39,7 +40,7 @@ class OpenWater(SiteObject):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Workpiece(SiteObject):
+class Workpiece(SiteObject, ABC):
     """Object with tool paths on it; growth and dents lie along the path, and the vehicle knows the clean object."""
 
     fouled: float = 0.0  # [m] largest height of growth
@@ -49,13 +50,13 @@ class Workpiece(SiteObject):
         """Clean model, where no path is needed. Raises ConfigurationError if there is no such object."""
         return self.target(None)[0]
 
+    @abstractmethod
     def target(self, path: str | None) -> tuple[TargetModel, str]:
         """Clean model and name of the path; None: the object's first.
 
         Raises:
             ConfigurationError: There is no such object or path.
         """
-        raise NotImplementedError
 
     def as_it_is(self, target: TargetModel, path: str | None, rng: np.random.Generator) -> TargetModel:
         """The true object: `target` with growth and dents near `path`; None: all over it.

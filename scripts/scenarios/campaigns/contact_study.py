@@ -293,7 +293,7 @@ def classify(outcome: Run, figures: dict[str, float | None], bounds: StudyBounds
     worked = bool(recording.within(WorkState.WORK).any())
     ended = {"missed": missed if worked else [], "detail": note}
     if not all(np.isfinite(value) for value in figures.values() if value is not None):
-        return {**ended, "class": DIVERGED, "kind": "figures are no numbers"}
+        return {**ended, "class": DIVERGED, "kind": "a figure is not finite"}
     if (figures["force_over_set"] or 0.0) > DAMAGE:
         return {**ended, "class": DAMAGED, "kind": f"force above {DAMAGE:g} times the set one"}
     if figures["collision_s"]:

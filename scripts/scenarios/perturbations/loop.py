@@ -103,10 +103,13 @@ class _Failure(Perturbation):
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterFailure(_Failure):
-    """A thruster gives `share` of the commanded thrust, or keeps its last command."""
+    """A thruster gives `share` of the commanded thrust, or keeps its last command.
 
-    thruster: str  # name of its actuator
-    share: float = 0.0
+    The command is changed, ahead of the thruster's lag, slew and saturation.
+    """
+
+    thruster: str  # of `Vehicle.thruster_names`: its actuator's name without "thruster_", such as "heave_front"
+    share: float = 0.0  # from 0 to 1
     stuck: bool = False
 
     def on_loop(self, loop: Loop) -> Loop:
@@ -115,7 +118,10 @@ class ThrusterFailure(_Failure):
         sound: Any = plant
         while isinstance(sound, FaultyPlant):
             sound = sound.plant
-        assert isinstance(sound, Plant)
+        if not isinstance(sound, Plant):
+            raise ConfigurationError(
+                f"ThrusterFailure: comes before perturbations that wrap the plant, found {type(sound).__name__}"
+            )
         names = sound.vehicle.thruster_names
         if self.thruster not in names:
             raise ConfigurationError(

@@ -1,8 +1,10 @@
 """The code in the documents runs as it stands there."""
 
 import re
+import sys
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,8 @@ import pytest
 
 import models
 from models.vehicle import Vehicle
-from sim.interfaces.messages import StateEstimate
+from scenarios import assemble, barrel
+from sim.interfaces.messages import Command, StateEstimate
 from sim.interfaces.protocols import Controller
 from untyped import untyped
 
@@ -19,7 +22,7 @@ def names_of(root: Path, word: str) -> dict[str, Any]:
     """What the one block of Python with `word` in it defines."""
     page = (root / "docs" / "concepts.md").read_text()
     (block,) = [block for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL) if word in block]
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = {"__name__": "of_the_documents"}
     exec(compile(block, "docs/concepts.md", "exec"), names)
     return names
 
@@ -55,3 +58,18 @@ def test_the_controller_of_the_documents_bears_the_arm(root):
     assert np.all(np.isfinite(command.joint_torque))
     assert 1.0 < np.abs(command.joint_torque).max() < 200.0
     assert not command.thrusters.any()
+
+
+def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
+    """The commands pass, but for the one thruster, whose own is multiplied."""
+    monkeypatch.setitem(sys.modules, "of_the_documents", ModuleType("of_the_documents"))  # dataclasses look there
+    names = names_of(root, "class SwingingPlant")
+    fault = names["Swinging"](thruster="heave_front")
+    plant = assemble(replace(barrel(quick=True), perturbations=(fault,))).loop.plant
+    given = np.linspace(0.1, 0.6, 6)
+    sent = []
+    monkeypatch.setattr(type(untyped(plant).plant), "step", lambda self, command: sent.append(command.thrusters))
+    for time in (0.0, 0.125):
+        plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
+    factor = np.where(np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0)
+    np.testing.assert_allclose(sent, [given, factor * given], rtol=1e-12)

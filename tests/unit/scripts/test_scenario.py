@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -34,6 +35,7 @@ from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
 from sim.interfaces.errors import LONGEST, ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.plant.faults import FaultyPlant
+from untyped import untyped
 
 ALL = (
     Water(spread=0.3),
@@ -248,3 +250,20 @@ def test_an_unknown_thruster_is_named_with_those_there_are():
 def test_a_scenario_is_no_more_than_a_run_needs():
     for kind in (Scenario, Site, SurfaceWorkTask, Water):
         assert len(fields(kind)) <= 10, kind
+
+
+def test_perturbations_can_be_appended_to_a_file_that_has_none(tmp_path):
+    write_scenario(barrel(), tmp_path / "a.toml")
+    with (tmp_path / "a.toml").open("a") as written:
+        written.write('\n[[perturbations]]\nkind = "Water"\nspread = 0.3\n')
+    assert read_scenario(tmp_path / "a.toml").perturbations == (Water(spread=0.3),)
+
+
+def test_a_thruster_cannot_fail_inside_a_plant_of_ones_own():
+    class Wrapped(Perturbation):
+        def on_loop(self, loop):
+            return replace(loop, plant=untyped(SimpleNamespace(plant=loop.plant, timestep=loop.plant.timestep)))
+
+    scenario = replace(barrel(quick=True), perturbations=(Wrapped(), ThrusterFailure(thruster="sway", at=0.0)))
+    with pytest.raises(ConfigurationError, match="comes before perturbations that wrap the plant"):
+        assemble(scenario)

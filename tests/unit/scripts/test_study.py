@@ -165,7 +165,7 @@ SCANNED = [WorkState.SCAN, WorkState.ABORT]
         ([*WORKED, WorkState.DONE], None, {"lost_s": 0.002, "along_max_m": None}, ("missed", "along_max_m, lost_s")),
         ([*WORKED, WorkState.DONE], None, {"force_over_set": 2.1}, ("damage", "force above 2 times the set one")),
         ([*WORKED, WorkState.DONE], None, {"collision_s": 0.01}, ("damage", "the vehicle touched what it should not")),
-        ([*WORKED, WorkState.DONE], None, {"force_rms_n": np.inf}, ("diverged", "figures are no numbers")),
+        ([*WORKED, WorkState.DONE], None, {"force_rms_n": np.inf}, ("diverged", "a figure is not finite")),
         (ABORTED, AbortCode.CONTACT_LOST, {}, ("broken off", "contact lost")),
         (ABORTED, AbortCode.FORCE_LIMIT, {}, ("broken off", "force limit")),
         (ABORTED, AbortCode.THRUSTER, {"force_over_set": 2.5}, ("damage", "force above 2 times the set one")),

@@ -116,6 +116,7 @@ def stretched(name: str, origin: int, frame: int, level: bool) -> float:
 def test_an_arm_reaches_as_far_as_its_maker_says(
     name: str, origin: int, frame: int, level: bool, reach: float, miss: float
 ) -> None:
+    """Against reaches as they are commonly stated; the data sheets themselves were not read for this."""
     assert stretched(name, origin, frame, level) == pytest.approx(reach, abs=miss)
 
 

@@ -87,7 +87,10 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
 
 
 def as_dict(scenario: Scenario) -> dict[str, Any]:
-    """Nested tables of a scenario; None and an empty list of perturbations are left out, `kind` is the name of a class that is one of several."""
+    """Nested tables of a scenario; None and an empty list of perturbations are left out.
+
+    `kind` is the name of a class that is one of several.
+    """
     return _table(scenario)
 
 

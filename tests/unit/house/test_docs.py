@@ -68,7 +68,7 @@ def test_the_fault_of_the_documents_reaches_the_thruster(root, monkeypatch):
     plant = assemble(replace(barrel(quick=True), perturbations=(fault,))).loop.plant
     given = np.linspace(0.1, 0.6, 6)
     sent = []
-    monkeypatch.setattr(type(untyped(plant).plant), "step", lambda self, command: sent.append(command.thrusters))
+    monkeypatch.setattr(type(untyped(plant).plant), "step", lambda _, command: sent.append(command.thrusters))
     for time in (0.0, 0.125):
         plant.step(Command(time=time, joint_torque=np.zeros(6), thrusters=given, scan=False))
     factor = np.where(np.array(untyped(plant).plant.vehicle.thruster_names) == "heave_front", 1.3, 1.0)

@@ -14,8 +14,8 @@ from rich.console import Console
 from models.meshes.ply_files import write_ply
 from models.objects import targets
 from perception.toolpath.deformation import map_deformation
-from scenarios.cloud_identification import IdentificationOptions, found_in, picture, report
-from scenarios.deformation_report import figures, picture_of_deviations, save_cloud, table
+from scenarios.cloud_commands.deformation_report import figures, picture_of_deviations, save_cloud, table
+from scenarios.cloud_commands.identification import IdentificationOptions, found_in, picture, report
 from sim.interfaces.spatial import transform_points
 from sim.runs.saving import write_json
 

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from perception.clouds.point_files import read_cloud, read_targets
 from perception.seabed.terrain_path import FASTEST, NARROWEST, SLOWEST, WIDEST, plan_seabed_work, speed_law
-from scenarios.seabed_picture import picture
+from scenarios.cloud_commands.seabed_picture import picture
 from sim.interfaces.spatial import finite_number
 
 

@@ -113,16 +113,16 @@ def never(moment: Moment) -> bool:
 class Ticks(Protocol):
     """Compiled ticks of the loop, for the time between those at which something slow is due."""
 
-    def advance(self, loop: "Loop", tick: int, end: int) -> int:
+    def advance(self, run: "Rollout", tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.
 
         Args:
-            loop: its states and messages change as if `Loop.step` had run these ticks.
+            run: its states and messages change as if `Rollout.step` had run these ticks.
             tick: first one.
             end: one after the last one.
 
         Returns:
-            The next tick for `Loop.step`; `Loop.stage` says how far it has come.
+            The next tick for `Rollout.step`; `Rollout.stage` says how far it has come.
         """
         ...
 
@@ -136,7 +136,7 @@ class Stage(IntEnum):
     COMMANDED = 3
 
 
-class Loop:
+class Rollout:
     """One run of the loop: states of the parts, present messages, and the step of a tick."""
 
     def __init__(
@@ -281,7 +281,7 @@ def rollout(
     rng: np.random.Generator,
     observers: Sequence[Observer] = (),
     until: Callable[[Moment], bool] = at_rest_after_work,
-    compiled: Callable[[Loop], Ticks] | None = None,
+    compiled: Callable[[Rollout], Ticks] | None = None,
 ) -> Moment:
     """Run until `until` is true, or until `duration` is over.
 
@@ -303,12 +303,12 @@ def rollout(
         ConfigurationError: A rate or delay is no whole multiple of the physics step.
     """
     steps = ticks_per_period(duration, plant.timestep, "duration")
-    loop = Loop(plant, parts, rng, observers)
-    moment, tick = loop.step(0), 1
-    ticks = compiled(loop) if compiled is not None else None
+    run = Rollout(plant, parts, rng, observers)
+    moment, tick = run.step(0), 1
+    ticks = compiled(run) if compiled is not None else None
     while tick < steps and not until(moment):
         if ticks is not None:
-            tick = ticks.advance(loop, tick, min(loop.next_due(tick), steps - 1))
-        moment = loop.step(tick)
+            tick = ticks.advance(run, tick, min(run.next_due(tick), steps - 1))
+        moment = run.step(tick)
         tick += 1
     return moment

@@ -249,7 +249,7 @@ class Recorder:
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
         self._believed: dict[str, _Block] = {}
-        self._record: tuple[Array, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
+        self._record: tuple[np.ndarray, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
         self._truth: Any = None
         self._reference: Reference | None = None
         self._target: Target | None = None

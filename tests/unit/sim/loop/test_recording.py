@@ -63,7 +63,7 @@ class Run:
             truth.contact_least, truth.contact_most = 0.25 * tick, 1.0 * tick
             truth.q[:] = tick
             truth.xpos[:] = tick
-            if not self.held and (tick % PLANNER_TICKS == 0 or self.reference is None):
+            if self.reference is None or (tick % PLANNER_TICKS == 0 and not self.held):
                 self.reference = Reference(
                     time=truth.time,
                     state=state,

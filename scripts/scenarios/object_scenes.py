@@ -39,6 +39,7 @@ _ROLL = np.deg2rad(10.0)  # [rad] largest roll of the camera, either way
 _STEREO = SensorModel(focal=FOCAL)
 _SONAR = sonar_model(BEAMS.pitch)
 _STONES = 3  # on the seabed
+_FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
 
@@ -120,6 +121,11 @@ class ObjectScene:
         center = self.target.center
         off = float(np.linalg.norm(transform_points(X, center) - transform_points(self.X_CT, center)))
         return off, self.target.symmetry.error(X, self.X_CT)[1]
+
+    def is_found(self, X_CT: Array) -> bool:
+        """Whether an estimated pose (4, 4) in C counts as found: within 1 % of the range and 5 deg."""
+        off, angle = self.error(X_CT)
+        return bool(off < _FOUND[0] * self.range_m and np.rad2deg(angle) < _FOUND[1])
 
 
 @cache

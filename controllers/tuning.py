@@ -214,7 +214,7 @@ class FaultLimits:
     )
 
     def __post_init__(self) -> None:
-        check(self, "health", positive=self.__slots__)
+        check(self, "health", positive=tuple(self.__slots__))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -165,7 +165,7 @@ class RecorderRecord(NamedTuple):
     """Rows of the loop's rate for `write_row`, and the arrays of the truth that it copies."""
 
     rows: Array  # (N, 2 + scalars + vectors) time, row of the reference, _SCALARS, _VECTORS
-    count: np.ndarray  # (1,) rows written
+    written: np.ndarray  # (1,) rows so far
     p_pad: Array  # (3,)
     R_WG: Array  # (3, 3)
     p_WB: Array  # (3,)
@@ -185,8 +185,8 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
         felt_force: (3,) [N] estimated contact force, W.
         felt_normal: [N] estimated normal force.
     """
-    rows, count, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W = record
-    row = rows[count[0]]
+    rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W = record
+    row = rows[written[0]]
     normal, least, most, saturated, collision = scalars
     row[0], row[1], row[2], row[3], row[4], row[5], row[6] = time, reference, normal, least, most, saturated, collision
     row[7] = felt_normal
@@ -195,7 +195,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
         row[21 + k], row[24 + k] = contact_force_W[k], felt_force[k]
     for k in range(4):
         row[17 + k] = quat_WB_wxyz[k]
-    count[0] += 1
+    written[0] += 1
 
 
 class Recorder:
@@ -244,7 +244,7 @@ class Recorder:
             "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
         }
         self._rows = np.empty((_ROWS, 2 + _total_width(_SCALARS) + _total_width(_VECTORS)))
-        self._count = np.zeros(1, dtype=np.int64)
+        self._written = np.zeros(1, dtype=np.int64)
         self._references = _Block(1 + _total_width(_REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
@@ -273,7 +273,7 @@ class Recorder:
         truth, contact = moment.truth, moment.command.contact
         if truth is not self._truth:
             self._bind(truth)
-        if self._count[0] == len(self._rows):
+        if self._written[0] == len(self._rows):
             self.ready(1)
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
@@ -297,7 +297,7 @@ class Recorder:
 
     def ready(self, rows: int) -> None:
         """Make room for so many more rows of `write_row`, before `record` is taken."""
-        while self._count[0] + rows > len(self._rows):
+        while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
 
@@ -322,9 +322,9 @@ class Recorder:
         Raises:
             ConfigurationError: No step was recorded.
         """
-        if not self._count[0]:
+        if not self._written[0]:
             raise ConfigurationError("the recorder has seen no step yet")
-        rows = self._rows[: self._count[0]].copy()
+        rows = self._rows[: self._written[0]].copy()
         time = rows[:, 0].copy()
         reference = self._references.table()[rows[:, 1].astype(np.int64)]
         series = {**_split(time, rows[:, 2:], {**_SCALARS, **_VECTORS}), **_split(time, reference[:, 1:], _REFERENCE)}
@@ -357,7 +357,7 @@ class Recorder:
         self._truth = truth
         quat_WB_wxyz = truth.xquat[self._vehicle.hull]
         views = truth.p_pad, truth.R_WG, truth.p_WB, quat_WB_wxyz, truth.contact_force_W
-        self._record = (self._rows, self._count, *views)
+        self._record = (self._rows, self._written, *views)
 
     def _refer(self, reference: Reference) -> None:
         """Record a new reference, and an event if the planner's state is new."""

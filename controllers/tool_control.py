@@ -12,9 +12,8 @@ import numpy as np
 
 from controllers.arm.compliance import ComplianceState, LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
-from controllers.arm.joint_servo import ResolvedMotion, resolve_tool_motion
 from controllers.arm.position_force import ForceDisplacement
-from controllers.arm.tool_motion import bumpless, extrapolated
+from controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
 from controllers.estimation.contact_estimators import ContactState
 from controllers.estimation.tip_force_estimator import SensedArm
 from controllers.mkps import Chain, solve
@@ -94,14 +93,7 @@ class ToolControlState:
     force: Any  # of the force law
     compliance: ComplianceState
     k: float  # [m] displacement along the tool axis
-    q_wanted: Array  # (n,) [rad] at the last step
-    qd_wanted: Array  # (n,) [rad/s]
-    qdd_wanted: Array  # (n,) [rad/s^2] by which the arm does not go with the hull
-    yielding: Array  # (2, n) how the joints move the tip along its axis, see `resolve_tool_motion`
-    holding: bool  # joint angles were held at the last step, no tool pose followed
-    offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
-    offset_rate: Array  # (n,) [rad/s]
-    ik_error: Array | None = None  # (2,) [m, rad] of the last inverse kinematics
+    motion: ToolMotion
     servo_compliance: float = 0.0  # [m/N] of the tip along the tool axis
     tick: int = 0
 
@@ -132,28 +124,23 @@ class ToolControl:
         vehicle = Vehicle.of(model)
         self.force_law: ForceLaw = force_law or ForceDisplacement()
         self.compliance = compliance or LateralCompliance()
-        self._drift: DriftCorrection = drift or FromEstimate()
+        self.drift: DriftCorrection = drift or FromEstimate()
         self._arm, self._tuning = arm, tuning
         passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
         self._chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=passive)
-        self._X_AB = inverse(np.array(vehicle.X_BA))
+        X_AB = inverse(np.array(vehicle.X_BA))
+        self.tracking = ToolTracking.of(X_AB, tuning, follows_hull=self.drift.follows_hull)
+        self._tracking_fields = tuple(self.tracking)
         self._armature = np.array(vehicle.armature)
-        self._compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
+        self.compliance_ticks = max(1, round(tuning.compliance_period / tuning.task_period))
 
     def init(self, estimate: StateEstimate) -> ToolControlState:
         """Initial state: the arm held where it is."""
-        n = len(estimate.q)
         return ToolControlState(
             force=self.force_law.init(),
             compliance=ComplianceState(),
             k=0.0,
-            q_wanted=np.array(estimate.q),
-            qd_wanted=np.zeros(n),
-            qdd_wanted=np.zeros(n),
-            yielding=np.zeros((2, n)),
-            holding=True,
-            offset=np.zeros(n),
-            offset_rate=np.zeros(n),
+            motion=ToolMotion.start(estimate.q, self._chain.memory()),
         )
 
     def presses(self, reference: Reference) -> bool:
@@ -176,9 +163,7 @@ class ToolControl:
             dt = self._tuning.task_period
             state.k = self.force_law.release(state.force, dt)
             self.compliance.release(state.compliance, dt)
-            state.q_wanted, state.qd_wanted = reference.q + since * reference.qd, reference.qd
-            state.qdd_wanted[:] = 0.0
-            state.holding = True
+            hold_joints(tuple(state.motion), reference.q, reference.qd, since)
         else:
             self._follow(state, estimate, reference, contact, reference.X_WG, since)
         state.tick += 1
@@ -193,7 +178,7 @@ class ToolControl:
         since: float,
     ) -> None:
         """Follow the tool pose `X_WG` (4, 4), wanted `since` [s] ago, after both corrections."""
-        tuning, dt, force = self._tuning, self._tuning.task_period, contact.estimate
+        dt, force = self._tuning.task_period, contact.estimate
         if reference.force_control:
             servo_compliance = self._servo_compliance(state, estimate, contact.sensed)
             state.k = self.force_law.step(state.force, reference.force, force.normal, servo_compliance, dt)
@@ -203,37 +188,22 @@ class ToolControl:
             offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt)
         else:
             offset_W = self.compliance.release(state.compliance, dt)
-        X_WG = extrapolated(X_WG, reference.v_WG_W, reference.w_WG_W, since, state.k, offset_W)
-        X_WB = self._drift.hull_pose(estimate, reference)
-        out = ResolvedMotion(np.empty((4, 4)), np.empty(len(state.q_wanted)), state.qdd_wanted, state.yielding)
-        resolve_tool_motion(
-            self._X_AB,
-            X_WB,
+        solved, X_AG = track_tool(
+            self._tracking_fields,
+            tuple(state.motion),
             (X_WG, reference.v_WG_W, reference.w_WG_W),
+            since,
+            (state.k, offset_W),
+            self.drift.hull_pose(estimate, reference),
             contact.sensed.hull,
             contact.sensed.J_B,
-            self._drift.follows_hull,
-            tuning.joint_speed_limit,
-            tuple(out),
         )
-        result = solve(self._chain, out.X_AG, state.q_wanted, 1e-6, 1e-5, branch="keep")
-        if state.holding:  # the hull stands a little off the place that the held angles were computed for
-            state.offset, state.offset_rate, state.holding = state.q_wanted - result.q, state.qd_wanted - out.qd, False
-        state.q_wanted, state.qd_wanted, state.offset, state.offset_rate = bumpless(
-            result.q,
-            out.qd,
-            state.q_wanted,
-            state.offset,
-            state.offset_rate,
-            tuning.blend_time,
-            tuning.joint_speed_limit * dt,
-            dt,
-        )
-        state.ik_error = np.array([result.position_error, result.orientation_error])
+        if not solved:
+            solve(self._chain, X_AG, state.motion.q)  # raises and says why
 
     def _servo_compliance(self, state: ToolControlState, estimate: StateEstimate, sensed: SensedArm) -> float:
         """Compliance [m/N] of the servoed arm at the tip along the tool axis."""
-        if state.servo_compliance == 0.0 or state.tick % self._compliance_ticks == 0:
+        if state.servo_compliance == 0.0 or state.tick % self.compliance_ticks == 0:
             inertia = self._arm.inertia(estimate.q) + np.diag(self._armature)
             along = sensed.J_B[:3].T @ sensed.X_BG[:3, 2]
             state.servo_compliance = float(along @ np.linalg.solve(inertia, along)) / (

@@ -10,7 +10,8 @@ One step at the rate of the drives [Konoplin 2022, section 3]:
      (`controllers.hull.hull_control`).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
@@ -38,7 +39,7 @@ class WorkControllerState:
     servo: JointServoState
     hull: HullControlState
     hull_load: HullLoad | None = None
-    q_logged: Array | None = None  # (n,) [rad] angles wanted at the last step of the hull
+    log: Mapping[str, Array] = field(default_factory=dict)  # of the last step of the hull: what nobody decides on
     tick: int = 0
 
 
@@ -74,27 +75,27 @@ class WorkController:
             feedforward: of the arm's wrench to the thrusters; None: `ArmWrench`.
             water_error: [-] share by which added masses and drags are deliberately wrong.
         """
-        self._tuning = tuning = tuning or ArmTuning()
+        self.tuning = tuning = tuning or ArmTuning()
         arm = ArmDynamics(model, water_error=water_error)
-        self._contact: ContactEstimator = estimator or TorqueSensors(model, arm=arm, tuning=tuning)
-        self._tool = ToolControl(model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift)
-        self._servo = JointServo(Vehicle.of(model), tuning, DRIVE_PERIOD)
-        self._task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
-        self._hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
-        self._hull = HullControl(model, arm, period=self._hull_ticks * DRIVE_PERIOD, water_error=water_error)
+        self.contact: ContactEstimator = estimator or TorqueSensors(model, arm=arm, tuning=tuning)
+        self.tool = ToolControl(model, arm, tuning, force_law=force_law, compliance=compliance, drift=drift)
+        self.servo = JointServo(Vehicle.of(model), tuning, DRIVE_PERIOD)
+        self.task_ticks = max(1, round(tuning.task_period / DRIVE_PERIOD))
+        self.hull_ticks = max(1, round(tuning.hover_period / DRIVE_PERIOD))
+        self._hull = HullControl(model, arm, period=self.hull_ticks * DRIVE_PERIOD, water_error=water_error)
         self._feedforward: Feedforward = feedforward or ArmWrench()
 
     @property
     def tunings(self) -> tuple[Any, ...]:
         """The gains in use, for `controllers.tuning.table`."""
-        return self._tuning, self._tool.force_law, self._tool.compliance, HULL, ObserverDeviations()
+        return self.tuning, self.tool.force_law, self.tool.compliance, HULL, ObserverDeviations()
 
     def init(self, estimate: StateEstimate) -> WorkControllerState:
         """Initial state: the arm held where it is, thrusters off."""
         return WorkControllerState(
-            contact=self._contact.init(estimate),
-            tool=self._tool.init(estimate),
-            servo=self._servo.init(),
+            contact=self.contact.init(estimate),
+            tool=self.tool.init(estimate),
+            servo=self.servo.init(),
             hull=self._hull.init(),
         )
 
@@ -112,26 +113,26 @@ class WorkController:
             The state, and the command with what the controller estimated.
         """
         contact, tool, servo = state.contact, state.tool, state.servo
-        drives = DriveState(tau=servo.tau, qd_wanted=tool.qd_wanted, current_W=state.hull.current_W)
-        self._contact.step(contact, estimate, reference, drives)
-        since = state.tick % self._task_ticks
+        drives = DriveState(tau=servo.tau, qd_wanted=tool.motion.qd, current_W=state.hull.current_W)
+        self.contact.step(contact, estimate, reference, drives)
+        since = state.tick % self.task_ticks
         if since == 0:
-            self._tool.step(tool, estimate, reference, contact)
-        presses, in_contact = self._tool.presses(reference), reference.force > 0.0 or reference.force_control
-        self._servo.soften(servo, presses)
+            self.tool.step(tool, estimate, reference, contact)
+        presses, in_contact = self.tool.presses(reference), reference.force > 0.0 or reference.force_control
+        self.servo.soften(servo, presses)
         borne_G = np.zeros(6)
         if in_contact:
-            borne_G[:3] = self._tuning.friction_feedforward * contact.sensed.f_G
+            borne_G[:3] = self.tuning.friction_feedforward * contact.sensed.f_G
         borne_G[2] = -reference.force if presses else 0.0
-        tau = self._servo.step(
+        tau = self.servo.step(
             servo,
             contact.arm,
             SeenArm(estimate.q, estimate.qd, contact.sensed.hull),
-            JointTarget(tool.q_wanted, tool.qd_wanted, tool.qdd_wanted, since * self.period),
-            tool.yielding,
+            JointTarget(tool.motion.q, tool.motion.qd, tool.motion.qdd, since * self.period),
+            tool.motion.yielding,
             BorneLoad(borne_G, contact.friction),
         )
-        if state.tick % self._hull_ticks == 0:
+        if state.tick % self.hull_ticks == 0:
             self._step_hull(state, estimate, reference, in_contact)
         state.tick += 1
         return state, Command(
@@ -141,7 +142,7 @@ class WorkController:
             scan=reference.scan,
             contact=contact.estimate,
             hull_load=state.hull_load,
-            believed=_log(state),
+            believed=state.log,
         )
 
     def _step_hull(
@@ -155,15 +156,18 @@ class WorkController:
         fed_B = arm_wrench_B if left_out_B is None else arm_wrench_B - left_out_B
         self._hull.step(state.hull, estimate, reference, fed_B)
         state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=state.hull.current_W)
-        state.q_logged = state.tool.q_wanted
+        state.log = _log(state)
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:
     """What nobody decides on, by name."""
+    tool, excess = state.tool, state.contact.excess
     log = {
-        "displacement": np.array([state.tool.k]),
-        "compliance_W": state.tool.compliance.offset_W,
+        "displacement": np.array([tool.k]),
+        "compliance_W": tool.compliance.offset_W,
         "hover_wrench_B": state.hull.wanted_B,
+        "q_wanted": tool.motion.q.copy(),
     }
-    more = {"q_wanted": state.q_logged, "ik_error": state.tool.ik_error, "arm_excess": state.contact.excess}
-    return log | {name: value for name, value in more.items() if value is not None}
+    if not np.isnan(tool.motion.ik_error[0]):
+        log["ik_error"] = tool.motion.ik_error.copy()
+    return log if excess is None else log | {"arm_excess": excess}

@@ -99,15 +99,19 @@ class JointServo:
 
     def __init__(self, vehicle: Vehicle, tuning: ArmTuning, period: float) -> None:
         self._tuning, self._period, self._n = tuning, period, vehicle.joints.size
-        self._drives = tuple(
-            Drives(
-                gains=tuning.servo_gains,
-                armature=np.array(vehicle.armature),
-                damping=np.array(vehicle.joint_damping),
-                limits=np.array(vehicle.torque_limits),
-                period=period,
-            )
+        self.drives = Drives(
+            gains=tuning.servo_gains,
+            armature=np.array(vehicle.armature),
+            damping=np.array(vehicle.joint_damping),
+            limits=np.array(vehicle.torque_limits),
+            period=period,
         )
+        self._drive_fields = tuple(self.drives)
+
+    @property
+    def hardening(self) -> float:
+        """Share [-] of the stiffness that is restored in a period after force control."""
+        return self._tuning.normal_softness * self._period / self._tuning.hardening_time
 
     def init(self) -> JointServoState:
         """Initial state: no torque asked."""
@@ -119,7 +123,7 @@ class JointServo:
         if presses:
             state.softness = tuning.normal_softness
         elif state.softness > 0.0:
-            state.softness = max(0.0, state.softness - tuning.normal_softness * self._period / tuning.hardening_time)
+            state.softness = max(0.0, state.softness - self.hardening)
 
     def step(
         self,
@@ -145,7 +149,7 @@ class JointServo:
         """
         soft = (yielding, state.softness)
         state.tau = servo_joints(
-            tuple(arm), self._drives, tuple(seen), tuple(wanted), soft, tuple(borne), state.integral
+            tuple(arm), self._drive_fields, tuple(seen), tuple(wanted), soft, tuple(borne), state.integral
         )
         return state.tau
 

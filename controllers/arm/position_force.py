@@ -16,27 +16,64 @@ tool at once by the surface's share; the loop corrects only the unknown rest.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from controllers.tuning import ForceLoopTuning, tuned
 from sim.interfaces.spatial import Array
+
+# Entries of `ForceDisplacementState.numbers`
+K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the PID
+ERROR, WANTED, EXPECTED = 2, 3, 4  # [N] at the last step: error, set force (NaN: the loop was open), expected force
+FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
+COMPLIANCE = 7  # [m/N] of the surface, as identified
+SUMS = 8  # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
+NUMBERS = 13  # number of entries
+
+
+def _open_loop() -> Array:
+    numbers = np.zeros(NUMBERS)
+    numbers[WANTED] = np.nan
+    return numbers
 
 
 @dataclass(slots=True, eq=False)
 class ForceDisplacementState:
     """Displacement of the tool, memory of the PID, and the identified surface compliance."""
 
-    k: float = 0.0  # [m] along the tool axis, into the surface
-    integral: float = 0.0  # [m]
-    error: float = 0.0  # [N] of the last step
-    wanted: float | None = None  # [N] set force of the last step; None: the loop was open
-    expected: float = 0.0  # [N] force expected by now from the response of the drives
-    felt: float = 0.0  # [N] measured normal force, smoothed, for the slope
-    displaced: float = 0.0  # [m] displacement, smoothed likewise
-    compliance: float = 0.0  # [m/N] of the surface, as identified
-    # (5,) weight [s], means of F [N] and k [m], central moments FF [N^2] and Fk [N m]
-    sums: Array = field(default_factory=lambda: np.zeros(5))
+    numbers: Array = field(default_factory=_open_loop)  # (NUMBERS,), changed in place
+
+    @property
+    def k(self) -> float:
+        """Displacement [m] along the tool axis, into the surface."""
+        return float(self.numbers[K])
+
+    @k.setter
+    def k(self, displacement: float) -> None:
+        """Set the displacement [m]."""
+        self.numbers[K] = displacement
+
+    @property
+    def compliance(self) -> float:
+        """Identified compliance [m/N] of the surface."""
+        return float(self.numbers[COMPLIANCE])
+
+
+class ForceLoopGains(NamedTuple):
+    """Fields of `ForceLoopTuning`, as the kernels take them."""
+
+    bandwidth: float
+    proportional_time: float
+    derivative_time: float
+    response: float
+    limit: float
+    speed: float
+    softest: float
+    smoothing: float
+    memory: float
+    prior: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +84,11 @@ class ForceDisplacement(ForceLoopTuning):
     def closed_loop(self) -> bool:
         """True: the estimated force is controlled."""
         return True
+
+    @property
+    def gains(self) -> ForceLoopGains:
+        """The gains, as the kernels take them."""
+        return ForceLoopGains(*(getattr(self, name) for name in ForceLoopGains._fields))
 
     def init(self) -> ForceDisplacementState:
         """Initial state: no displacement, a rigid surface."""
@@ -67,48 +109,7 @@ class ForceDisplacement(ForceLoopTuning):
         Returns:
             The displacement k [m] along the tool axis, positive into the surface.
         """
-        if state.wanted is None:
-            state.wanted, state.expected, state.error = wanted, wanted, wanted - felt
-            state.felt, state.displaced = felt, state.k
-        state.expected += min(1.0, dt / self.response) * (wanted - state.expected)
-        error = state.expected - felt
-        change = wanted - state.wanted
-        self._learn(state, felt, change, dt)
-        integral = self.bandwidth * (servo_compliance + state.compliance)  # [m/(N s)] gain
-        proportional = integral * self.proportional_time  # [m/N] gain
-        rate = (error - state.error) / dt
-        state.wanted, state.error = wanted, error
-        state.integral += integral * error * dt + state.compliance * change
-        k_wanted = state.integral + proportional * (error + self.derivative_time * rate)
-        most = self.speed * dt
-        k = min(max(k_wanted, state.k - most), state.k + most)
-        k = min(max(k, -self.limit), self.limit)
-        state.integral += k - k_wanted  # anti-windup: back-calculation from the limited output
-        state.k = k
-        return k
-
-    def _learn(self, state: ForceDisplacementState, felt: float, change: float, dt: float) -> None:
-        """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
-
-        At a constant set force k follows the surface's shape and the drift of the estimated hull pose, which are not
-        informative.
-        """
-        smooth = dt / self.smoothing
-        state.felt += smooth * (felt - state.felt)
-        state.displaced += smooth * (state.k - state.displaced)
-        if change == 0.0 and abs(state.felt - felt) < 1.0:
-            return
-        sums = state.sums
-        sums[0] = sums[0] * (1.0 - dt / self.memory) + dt
-        gain = dt / sums[0]
-        dF, dk = state.felt - sums[1], state.displaced - sums[2]
-        sums[1] += gain * dF
-        sums[2] += gain * dk
-        sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
-        sums[4] += gain * ((1.0 - gain) * dF * dk - sums[4])
-        # The prior is a rigid surface: its loop is the slowest, and stable on any surface.
-        slope = sums[4] / (sums[3] + self.prior**2)
-        state.compliance = min(max(slope, 0.0), self.softest)
+        return displace(self.gains, state.numbers, wanted, felt, servo_compliance, dt)
 
     def release(self, state: ForceDisplacementState, dt: float, *, inwards: bool = True) -> float:
         """Return the displacement to zero at the limited speed, with the force loop open.
@@ -121,10 +122,76 @@ class ForceDisplacement(ForceLoopTuning):
         Returns:
             The displacement k [m].
         """
-        most = self.speed * dt
-        state.k -= min(max(state.k, -most if inwards else 0.0), most)
-        state.integral, state.error, state.wanted = state.k, 0.0, None
-        return state.k
+        return let_go(state.numbers, self.speed * dt, inwards)
+
+
+@numba.njit(cache=True)
+def displace(gains, numbers, wanted, felt, servo_compliance, dt):
+    """Step of `ForceDisplacement`.
+
+    Args:
+        gains: `ForceLoopGains`.
+        numbers: (NUMBERS,) state; updated.
+        wanted: [N] set normal force.
+        felt: [N] measured normal force.
+        servo_compliance: [m/N] of the arm's servo along the tool axis.
+        dt: [s] since the last step.
+
+    Returns:
+        The displacement k [m].
+    """
+    if np.isnan(numbers[WANTED]):
+        numbers[WANTED], numbers[EXPECTED], numbers[ERROR] = wanted, wanted, wanted - felt
+        numbers[FELT], numbers[DISPLACED] = felt, numbers[K]
+    numbers[EXPECTED] += min(1.0, dt / gains.response) * (wanted - numbers[EXPECTED])
+    error = numbers[EXPECTED] - felt
+    change = wanted - numbers[WANTED]
+    _learn(gains, numbers, felt, change, dt)
+    integral = gains.bandwidth * (servo_compliance + numbers[COMPLIANCE])  # [m/(N s)] gain
+    proportional = integral * gains.proportional_time  # [m/N] gain
+    rate = (error - numbers[ERROR]) / dt
+    numbers[WANTED], numbers[ERROR] = wanted, error
+    numbers[INTEGRAL] += integral * error * dt + numbers[COMPLIANCE] * change
+    k_wanted = numbers[INTEGRAL] + proportional * (error + gains.derivative_time * rate)
+    most = gains.speed * dt
+    k = min(max(k_wanted, numbers[K] - most), numbers[K] + most)
+    k = min(max(k, -gains.limit), gains.limit)
+    numbers[INTEGRAL] += k - k_wanted  # anti-windup: back-calculation from the limited output
+    numbers[K] = k
+    return k
+
+
+@numba.njit(cache=True)
+def _learn(gains, numbers, felt, change, dt):
+    """Update the surface compliance: least-squares slope of k over the measured force while the set force changes.
+
+    At a constant set force k follows the surface's shape and the drift of the estimated hull pose, which are not
+    informative.
+    """
+    smooth = dt / gains.smoothing
+    numbers[FELT] += smooth * (felt - numbers[FELT])
+    numbers[DISPLACED] += smooth * (numbers[K] - numbers[DISPLACED])
+    if change == 0.0 and abs(numbers[FELT] - felt) < 1.0:
+        return
+    sums = numbers[SUMS:]
+    sums[0] = sums[0] * (1.0 - dt / gains.memory) + dt
+    gain = dt / sums[0]
+    dF, dk = numbers[FELT] - sums[1], numbers[DISPLACED] - sums[2]
+    sums[1] += gain * dF
+    sums[2] += gain * dk
+    sums[3] += gain * ((1.0 - gain) * dF * dF - sums[3])
+    sums[4] += gain * ((1.0 - gain) * dF * dk - sums[4])
+    # The prior is a rigid surface: its loop is the slowest, and stable on any surface.
+    slope = sums[4] / (sums[3] + gains.prior * gains.prior)
+    numbers[COMPLIANCE] = min(max(slope, 0.0), gains.softest)
+
+
+@numba.njit(cache=True)
+def let_go(numbers, most, inwards):
+    """Step of `ForceDisplacement.release`, by at most `most` [m]; returns the displacement k [m]."""
+    numbers[K] -= min(max(numbers[K], -most if inwards else 0.0), most)
+    numbers[INTEGRAL], numbers[ERROR], numbers[WANTED] = numbers[K], 0.0, np.nan
+    return numbers[K]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

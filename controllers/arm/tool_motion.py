@@ -1,7 +1,133 @@
-"""Tool and joint reference between the supervisor's steps: extrapolation and blending, compiled for their rate."""
+"""Joint motion wanted between the planner's steps: tool pose to joint angles, compiled for its rate.
+
+One step extrapolates the tool pose, displaces it, and resolves it into the arm's base. MKPS solves the inverse
+kinematics on the branch of the last angles. The jump where the arm began to follow a tool pose is blended out.
+"""
+
+from typing import NamedTuple
 
 import numba
 import numpy as np
+
+from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
+from controllers.ik.chain_kernels import BAD_TARGET
+from controllers.ik.damped_descent import solve_keep
+from controllers.tuning import ArmTuning
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array
+
+_POSITION, _ORIENTATION = 1e-6, 1e-5  # [m], [rad] tolerances of the inverse kinematics
+_STEPS = 4000  # [-] most iterations of the inverse kinematics
+
+
+class ToolMotion(NamedTuple):
+    """Joint motion wanted, and what its blending remembers; arrays change in place."""
+
+    q: Array  # (n,) [rad] at the last step
+    qd: Array  # (n,) [rad/s]
+    qdd: Array  # (n,) [rad/s^2] by which the arm does not go with the hull
+    yielding: Array  # (2, n) how the joints move the tip along its axis, see `resolve_tool_motion`
+    offset: Array  # (n,) [rad] what is left of the jump where the arm began to follow a tool pose
+    offset_rate: Array  # (n,) [rad/s]
+    ik_error: Array  # (2,) [m, rad] of the last inverse kinematics; NaN before the first
+    holding: np.ndarray  # (1,) bool: joint angles were held at the last step, no tool pose followed
+    chain: Array  # kernel memory of the arm's chain, also for the working of the inverse kinematics
+
+    @classmethod
+    def start(cls, q: Array, chain: Array) -> "ToolMotion":
+        """The arm held at `q` (n,) [rad]; `chain` is an own copy of its kernel memory."""
+        n = len(q)
+        zeros = (np.zeros(n), np.zeros(n), np.zeros((2, n)), np.zeros(n), np.zeros(n))
+        return cls(np.array(q), *zeros, ik_error=np.full(2, np.nan), holding=np.ones(1, dtype=np.bool_), chain=chain)
+
+
+class ToolTracking(NamedTuple):
+    """Arm, limits and period of `track_tool`."""
+
+    X_AB: Array  # (4, 4) hull pose in the arm's base
+    follows_hull: bool  # the joints compensate the hull's velocity and acceleration too
+    speed_limit: float  # [rad/s] of every joint
+    blend_time: float  # [s] see `ArmTuning`
+    period: float  # [s]
+
+    @classmethod
+    def of(cls, X_AB: Array, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":
+        """Record for an arm.
+
+        Args:
+            X_AB: (4, 4) hull pose in its base.
+            tuning: its gains.
+            follows_hull: as the field.
+        """
+        return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def hold_joints(motion, q, qd, since):
+    """Hold or move joint angles.
+
+    Args:
+        motion: fields of `ToolMotion`, in a tuple; updated.
+        q: (n,) [rad] angles wanted `since` [s] ago.
+        qd: (n,) [rad/s] their speeds.
+        since: [s] age of `q`.
+    """
+    motion = ToolMotion(*motion)
+    for j in range(q.shape[0]):
+        motion.q[j] = q[j] + since * qd[j]
+        motion.qd[j] = qd[j]
+        motion.qdd[j] = 0.0
+    motion.holding[0] = True
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
+    """Follow a tool pose.
+
+    Args:
+        tracking: fields of `ToolTracking`, in a tuple; likewise below.
+        motion: `ToolMotion`; updated.
+        target: `ToolTarget`, the tool motion wanted `since` ago.
+        since: [s] age of `target`.
+        displaced: displacement along the tool axis [m], and further displacement (3,) [m] in W.
+        X_WB: (4, 4) hull pose by which the arm places the tool.
+        hull: (24,) motion of the hull as in `newton_euler`.
+        J_B: (6, n) Jacobian of the tip, hull axes.
+
+    Returns:
+        False, with the motion unchanged, for a target that is no pose; the tool pose (4, 4) in the arm's base.
+    """
+    track, out, tool = ToolTracking(*tracking), ToolMotion(*motion), ToolTarget(*target)
+    n, dt = out.q.shape[0], track.period
+    X_WG = extrapolated(tool.X_WG, tool.v_WG_W, tool.w_WG_W, since, displaced[0], displaced[1])
+    resolved = ResolvedMotion(np.empty((4, 4)), np.empty(n), out.qdd, out.yielding)
+    resolve_tool_motion(
+        track.X_AB,
+        X_WB,
+        ToolTarget(X_WG, tool.v_WG_W, tool.w_WG_W),
+        hull,
+        J_B,
+        track.follows_hull,
+        track.speed_limit,
+        resolved,
+    )
+    trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
+    code, _, _, error_p, error_r = solve_keep(
+        out.chain, resolved.X_AG, out.q, _POSITION, _ORIENTATION, _STEPS, 0, trail, q
+    )
+    if code >= BAD_TARGET:
+        return False, resolved.X_AG
+    if out.holding[0]:  # the hull stands a little off the place that the held angles were computed for
+        for j in range(n):
+            out.offset[j], out.offset_rate[j] = out.q[j] - q[j], out.qd[j] - resolved.qd[j]
+        out.holding[0] = False
+    out.q[:], out.qd[:], out.offset[:], out.offset_rate[:] = bumpless(
+        q, resolved.qd, out.q, out.offset, out.offset_rate, track.blend_time, track.speed_limit * dt, dt
+    )
+    out.ik_error[0], out.ik_error[1] = error_p, error_r
+    return True, resolved.X_AG
 
 
 @numba.njit(cache=True)

@@ -42,7 +42,7 @@ class DriveState:
 class ContactState:
     """State of an estimator; arrays change in place."""
 
-    arm: ArmParameters  # believed arm, with its payload as soon as that is identified
+    arm: ArmParameters  # own copy of the believed arm, with its payload as soon as that is identified
     sensed: SensedArm
     tare: Tare
     bias: Array  # (n,) [N m] of the external torques
@@ -85,14 +85,14 @@ class _TorqueResidual:
 
     def __init__(self, model: mujoco.MjModel, arm: ArmDynamics, tuning: ArmTuning, period: float) -> None:
         self._arm, self._tuning, self._vehicle = arm, tuning, Vehicle.of(model)
-        self._timing = tuple(SenseTiming(period, tuning.acceleration_filter, tuning.force_filter))
+        self.timing = SenseTiming(period, tuning.acceleration_filter, tuning.force_filter)
         self._slow_ticks = max(1, round(tuning.hover_period / period))
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction."""
-        n = self._arm.n
+        n, own = self._arm.n, self._arm.parameters
         return ContactState(
-            arm=self._arm.parameters,
+            arm=own._replace(numbers=own.numbers.copy()),
             sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
             tare=Tare(np.zeros(n)),
             bias=np.zeros(n),
@@ -108,12 +108,12 @@ class _TorqueResidual:
             floor = np.hypot(floor, e.tau_doubt)
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
         errors = (state.bias, floor, self._tuning.torque_noise)
-        return estimate_tip_force(tuple(state.arm), readings, errors, self._timing, tuple(state.sensed), f_tip_W)
+        return estimate_tip_force(tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W)
 
     def _tare(self, state: ContactState, reference: Reference) -> None:
         if reference.tare:
             state.tare.add(state.sensed.tau_e)
-            state.bias = state.tare.bias()
+            state.bias[:] = state.tare.bias()
 
     def _sigma(self, state: ContactState, weighed: Array, variance: Array) -> Array:
         """Standard deviation (3,) [N] of the force; torques have `variance` (n,) and are weighted by `weighed` (n,)."""
@@ -149,14 +149,13 @@ class TorqueSensors(_TorqueResidual):
         self._period = period
         self._payload = PayloadIdentification(self._arm)
         self._force_share = min(1.0, period / tuning.force_filter)
-        self._gears = tuple(
-            FrictionTracking(
-                armature=np.array(self._vehicle.armature),
-                damping=np.array(self._vehicle.joint_damping),
-                most=tuning.friction_excess * (friction or self._vehicle.dry_friction).stiction,
-                share=min(1.0, period / tuning.friction_filter),
-            )
+        self.gears = FrictionTracking(
+            armature=np.array(self._vehicle.armature),
+            damping=np.array(self._vehicle.joint_damping),
+            most=tuning.friction_excess * (friction or self._vehicle.dry_friction).stiction,
+            share=min(1.0, period / tuning.friction_filter),
         )
+        self._gear_fields = tuple(self.gears)
 
     def init(self, estimate: StateEstimate) -> ContactState:
         """Initial state: free of contact, no tare, no friction, no payload."""
@@ -195,7 +194,7 @@ class TorqueSensors(_TorqueResidual):
         """
         f_tip_W = np.empty(3)
         normal = self._sense(state, estimate, drives.current_W, f_tip_W)
-        track_gear_friction(drives.tau, estimate.tau, estimate.qd, state.sensed.qdd, self._gears, state.friction)
+        track_gear_friction(drives.tau, estimate.tau, estimate.qd, state.sensed.qdd, self._gear_fields, state.friction)
         state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=state.estimate.sigma_G)
 
     def _identify_payload(
@@ -205,7 +204,7 @@ class TorqueSensors(_TorqueResidual):
         sensed = state.sensed
         if reference.X_WG is not None:
             state.excess = self._payload.excess(own)
-            state.arm, state.own = self._payload.weighed(state.excess), None
+            state.arm.numbers[:], state.own = self._payload.weighed(state.excess).numbers, None
         elif state.tick * self._period > self._tuning.weighing_after:
             self._payload.add(own, JointMotion(estimate.q, estimate.qd, sensed.qdd), sensed.hull, sensed.tau_e)
 

@@ -18,6 +18,7 @@ to none.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -56,18 +57,24 @@ class DisturbanceObserver:
             beliefs: assumed standard deviations; None takes the defaults.
         """
         self._beliefs = beliefs or ObserverDeviations()
-        self._mass = inertia[:3, :3].copy()
-        self._inverse_mass = np.linalg.inv(self._mass)
-        self._lever = inertia[:3, 3:].copy()
-        self._turning = inertia[3:, 3:].copy()
-        self._inverse_turning = np.linalg.inv(self._turning)
-        self._linear, self._quadratic = np.array(linear), np.array(quadratic)
         b = self._beliefs
-        self._numbers = np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk])
+        mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
+        self._hull = _Hull(
+            mass=mass,
+            inverse_mass=np.linalg.inv(mass),
+            lever=inertia[:3, 3:].copy(),
+            turning=turning,
+            inverse_turning=np.linalg.inv(turning),
+            linear=np.array(linear),
+            quadratic=np.array(quadratic),
+            noise=np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk]),
+            moment_bandwidth=b.moment_bandwidth,
+        )
+        self._hull_fields = tuple(self._hull)
 
     def init(self) -> DisturbanceObserverState:
         """Initial state: no current and no disturbance, with the assumed initial variances."""
-        b, m = self._beliefs, self._mass.diagonal()
+        b, m = self._beliefs, self._hull.mass.diagonal()
         P = np.zeros((3, 4, 4))
         for i in range(3):
             P[i] = np.diag([b.velocity_noise**2, b.current**2, b.gain**2, (b.offset * m[i]) ** 2])
@@ -104,36 +111,11 @@ class DisturbanceObserver:
             return
         other_B = 0.5 * (arm_B + state.arm_B) + static_B
         _observe(
-            self._numbers,
-            self._mass,
-            self._inverse_mass,
-            self._lever,
-            self._linear,
-            self._quadratic,
-            R_WB,
-            v_WB_B,
-            given_B,
-            other_B,
+            self._hull_fields,
+            (R_WB, v_WB_B, w_WB_B),
+            (given_B, other_B),
             dt,
-            state.v_W,
-            state.current_W,
-            state.gain,
-            state.offset_W,
-            state.P,
-            w_WB_B - state.w_B,
-        )
-        _observe_turning(
-            self._turning,
-            self._inverse_turning,
-            self._linear[3:],
-            self._quadratic[3:],
-            w_WB_B,
-            given_B,
-            other_B,
-            dt,
-            self._beliefs.moment_bandwidth * dt,
-            state.w_B,
-            state.moment_B,
+            (state.v_W, state.current_W, state.gain, state.offset_W, state.P, state.w_B, state.moment_B),
         )
         state.arm_B[:] = arm_B
 
@@ -152,32 +134,51 @@ class DisturbanceObserver:
         u = v_WB_B - R_WB.T @ state.current_W
         wrench = np.empty(6)
         wrench[:3] = R_WB.T @ state.offset_W + state.gain * given_B[:3]
-        wrench[:3] -= (self._linear[:3] + self._quadratic[:3] * np.abs(u)) * u
+        wrench[:3] -= (self._hull.linear[:3] + self._hull.quadratic[:3] * np.abs(u)) * u
         wrench[3:] = state.moment_B
         return wrench
 
 
+class _Hull(NamedTuple):
+    """Inertia and drag of the hull, and the assumed noise."""
+
+    mass: Array  # (3, 3) [kg]
+    inverse_mass: Array  # (3, 3)
+    lever: Array  # (3, 3) [kg m] momentum of the turning
+    turning: Array  # (3, 3) [kg m^2]
+    inverse_turning: Array  # (3, 3)
+    linear: Array  # (6,)
+    quadratic: Array  # (6,)
+    noise: Array  # (4,) standard deviations of velocity, and of the walks of current, gain and offset
+    moment_bandwidth: float  # [rad/s]
+
+
 @numba.njit(cache=True)
-def _observe(
-    numbers,
-    mass,
-    inverse_mass,
-    lever,
-    linear,
-    quadratic,
-    R_WB,
-    v_B,
-    given_B,
-    other_B,
-    dt,
-    v_W,
-    current_W,
-    gain,
-    offset_W,
-    P,
-    turned,
-):
-    """Step of the three four-state filters; `turned` (3,) [rad/s] is the change of the angular velocity over it."""
+def _observe(hull, seen, wrenches, dt, state):
+    """Step of all filters.
+
+    Args:
+        hull: fields of `_Hull`, in a tuple.
+        seen: attitude R_WB, and velocities v_B [m/s] and w_B [rad/s].
+        wrenches: (6,) [N, N m] mean wrenches over the step, hull axes: of the thrusters, all others known.
+        dt: [s] of the step.
+        state: v_W, current_W, gain, offset_W, P, w_B and moment_B of `DisturbanceObserverState`; updated.
+    """
+    hull = _Hull(*hull)
+    R_WB, v_B, w_WB_B = seen
+    given_B, other_B = wrenches
+    v_W, current_W, gain, offset_W, P, w_B, moment_B = state
+    _observe_moving(hull, (R_WB, v_B, w_WB_B - w_B), given_B, other_B, dt, (v_W, current_W, gain, offset_W, P))
+    _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B)
+
+
+@numba.njit(cache=True)
+def _observe_moving(hull, seen, given_B, other_B, dt, state):
+    """Step of the three four-state filters; the last of `seen` (3,) [rad/s] is the change of the angular velocity."""
+    R_WB, v_B, turned = seen
+    v_W, current_W, gain, offset_W, P = state
+    mass, inverse_mass, lever, numbers = hull.mass, hull.inverse_mass, hull.lever, hull.noise
+    linear, quadratic = hull.linear, hull.quadratic
     R_WB = R_WB.copy()
     R_BW = R_WB.T.copy()
     u, offset = R_BW @ (v_W - current_W), R_BW @ offset_W
@@ -215,8 +216,10 @@ def _observe(
 
 
 @numba.njit(cache=True)
-def _observe_turning(turning, inverse_turning, linear, quadratic, w_WB_B, given_B, other_B, dt, pace, w_B, moment_B):
+def _observe_turning(hull, w_WB_B, given_B, other_B, dt, w_B, moment_B):
     """Step of the moment observer: `w_B` tracks the measured rate, `moment_B` is the disturbance that this takes."""
+    turning, inverse_turning, pace = hull.turning, hull.inverse_turning, hull.moment_bandwidth * dt
+    linear, quadratic = hull.linear[3:], hull.quadratic[3:]
     spin, net, error = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         spin[i] = turning[i, 0] * w_WB_B[0] + turning[i, 1] * w_WB_B[1] + turning[i, 2] * w_WB_B[2]

@@ -9,8 +9,12 @@ Each level is a primal active-set method on the bounds. It starts where the leve
 feasible and leaves the levels above unchanged. Steps are found by orthogonal projection, never by normal equations.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
+
+from sim.interfaces.spatial import Array
 
 _SAME = 1e-10  # [-] share of a row's norm below which its remainder after projection is rounding noise
 _HELD = 1e-9  # [-] of a unit step: below it the levels above fix a variable, and its bound adds no constraint
@@ -90,14 +94,24 @@ def _off(v, basis, count):
     return np.sqrt(total)
 
 
+class _Factors(NamedTuple):
+    """Active bounds, and the factors over the variables that are free of them."""
+
+    at: np.ndarray  # (m,) int8: -1, 0 or 1; active bounds are independent of each other and of the kept rows
+    U: Array  # (m, m) orthonormal rows: kept rows over the free variables = L U
+    L: Array  # (m, m)
+    V: Array  # (m, m) orthonormal rows: the part of A there outside their span = T V
+    T: Array  # (k, m)
+
+
 @numba.njit(cache=True)
 def _level(A, b, kept, count, low, high, x):
     """Minimise |A x - b|^2 from `x` within bounds while `kept[:count] @ x` stays unchanged; returns the steps taken."""
     k, m = A.shape
-    at = np.zeros(m, dtype=np.int8)  # active bounds, always independent of each other and of `kept`
-    U, L = np.zeros((m, m)), np.zeros((m, m))  # kept rows over the free variables = L U, U orthonormal
-    V, T = np.zeros((m, m)), np.zeros((k, m))  # the part of A there outside their span = T V
-    G, residual, p, s = np.empty((k, m)), np.empty(k), np.empty(m), np.empty(m)
+    at = np.zeros(m, dtype=np.int8)
+    U, L, V, T = np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m)), np.zeros((k, m))
+    factors = _Factors(at, U, L, V, T)
+    residual, p, s = np.empty(k), np.empty(m), np.empty(m)
     longest = 0.0
     for r in range(k):
         longest = max(longest, np.sqrt((A[r] * A[r]).sum()))
@@ -120,7 +134,7 @@ def _level(A, b, kept, count, low, high, x):
             for i in range(m):
                 U[j, i] = kept[j, i] if at[i] == 0 and low[i] != high[i] else 0.0
             _split(U, j, L)
-        rank = _beside(A, at, low, high, U, count, longest, G, V, T)
+        rank = _beside(A, low, high, factors, count, longest)
         _least(T, residual, k, rank, s)
         for i in range(m):
             p[i] = 0.0
@@ -141,7 +155,7 @@ def _level(A, b, kept, count, low, high, x):
             x[hit] = high[hit] if at[hit] > 0 else low[hit]
             stuck = stuck + 1 if share == 0.0 else 0
             continue
-        release = _wrong_way(A, residual, s, rank, T, kept, count, U, L, at, 1e-12 * scale, stuck > 2 * m)
+        release = _wrong_way(A, residual, s[:rank], kept[:count], factors, 1e-12 * scale, stuck > 2 * m)
         if release < 0:
             return step + 1
         at[release] = 0
@@ -170,9 +184,10 @@ def _split(U, j, L):
 
 
 @numba.njit(cache=True)
-def _beside(A, at, low, high, U, count, longest, G, V, T):
-    """Factorise A over the free variables, outside the span of U, as T V with orthonormal V; returns the rank."""
+def _beside(A, low, high, factors, count, longest):
+    """Factorise A over the free variables, outside the span of `count` rows of U, into T V; returns the rank."""
     k, m = A.shape
+    at, U, V, T, G = factors.at, factors.U, factors.V, factors.T, np.empty((k, m))
     for r in range(k):
         for i in range(m):
             G[r, i] = A[r, i] if at[i] == 0 and low[i] != high[i] else 0.0
@@ -244,9 +259,11 @@ def _least(T, residual, k, rank, s):
 
 
 @numba.njit(cache=True)
-def _wrong_way(A, residual, s, rank, T, kept, count, U, L, at, enough, in_order):
+def _wrong_way(A, residual, s, kept, factors, enough, in_order):
     """Active bound whose release lowers the cost most, or the first such one if `in_order` [Bland 1977]; -1 if none."""
     k, m = A.shape
+    rank, count = s.shape[0], kept.shape[0]
+    at, U, L, T = factors.at, factors.U, factors.L, factors.T
     gradient, multiplier = np.zeros(m), np.zeros(m)
     for r in range(k):
         now = residual[r]  # residual after the step just taken

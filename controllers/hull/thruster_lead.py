@@ -10,6 +10,7 @@ smaller T_r is command activity: noise is amplified by about T / T_r.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -34,6 +35,16 @@ class ThrusterLeadState:
     given_B: Array  # (6,) [N, N m] mean wrench on the hull from the last step to the next, hull axes
 
 
+class _Propellers(NamedTuple):
+    """Model of the thrusters, as the kernel takes it."""
+
+    curves: Array  # of thrust over speed
+    figures: Array  # (m, 3) lag [s], slew rate [1/s], loss by inflow
+    B: Array  # (6, m) wrench of unit thrusts
+    advance: Array  # (6, m) levers of the inflow: `B` without the propellers' reaction torques
+    response: float  # [s] lag with compensation
+
+
 class ThrusterLead:
     """Thruster model of one vehicle, run in parallel and inverted."""
 
@@ -53,17 +64,18 @@ class ThrusterLead:
         if not -1.0 < number(lag_error, "lag_error") < np.inf:
             raise ConfigurationError(f"lag_error: must be finite and above -1, got {lag_error}")
         table = vehicle.thruster_table
-        self._curves, self._B = curves(table), np.array(vehicle.thruster_wrench)
-        self._advance = self._B.copy()  # levers for the inflow: without the propellers' reaction torques
-        self._advance[3:] -= table[:, TORQUE] * self._B[:3]
-        self._figures = np.column_stack(
+        B = np.array(vehicle.thruster_wrench)
+        advance = B.copy()
+        advance[3:] -= table[:, TORQUE] * B[:3]
+        figures = np.column_stack(
             [(1.0 + lag_error) * table[:, TIME_CONSTANT], table[:, SLEW_RATE], table[:, INFLOW_LOSS]]
         )
-        self._response = float(response)
+        self._model = tuple(_Propellers(curves(table), figures, B, advance, float(response)))
+        self._thrusters = len(figures)
 
     def init(self) -> ThrusterLeadState:
         """Initial state: all propellers at rest."""
-        m = len(self._figures)
+        m = self._thrusters
         return ThrusterLeadState(np.zeros(m), np.zeros(m), np.zeros(6))
 
     def step(self, state: ThrusterLeadState, wanted: Array, nu_r_B: Array, dt: float) -> Array:
@@ -86,26 +98,16 @@ class ThrusterLead:
         wanted = fitting(wanted, state.speed.shape, "thruster commands wanted")
         nu_r_B = fitting(nu_r_B, (6,), "motion through the water")
         command = np.empty_like(wanted)
-        _lead(
-            self._curves,
-            self._figures,
-            self._B,
-            self._advance,
-            self._response,
-            wanted,
-            nu_r_B,
-            dt,
-            state.passed,
-            state.speed,
-            state.given_B,
-            command,
-        )
+        _lead(self._model, wanted, nu_r_B, dt, (state.passed, state.speed, state.given_B), command)
         return command
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _lead(curve, figures, B, advance, response, wanted, nu_r_B, dt, passed, speed, given_B, command):
+def _lead(model, wanted, nu_r_B, dt, state, command):
+    """Commands for the next `dt`; `model` is `_Propellers`, `state` is passed, speed and given_B of the state."""
+    curve, figures, B, advance, response = model
+    passed, speed, given_B = state
     given_B[:] = 0.0
     for i in range(wanted.shape[0]):
         lag, slew, loss = figures[i]

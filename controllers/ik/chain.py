@@ -329,6 +329,10 @@ class Chain:
         entry("kinematics")(self._memory, checked(q, (self.n,), "q"), X_base_tip, J)
         return X_base_tip, J
 
+    def memory(self) -> Array:
+        """Own copy of the chain's kernel memory, for compiled loops that solve without the GIL."""
+        return self._memory.copy()
+
     def single(self) -> NDArray[np.float32]:
         """Kernel memory in single precision, its limits rounded inwards."""
         if not self._single:

@@ -26,6 +26,7 @@ import numba
 import numpy as np
 
 from controllers.hull.station_keeping import hull_inertia
+from controllers.safety.joint_residuals import JointResidualModel, JointResiduals, update_residuals
 from controllers.tuning import FaultLimits
 from models import hydrodynamics
 from models.vehicle import Vehicle
@@ -34,23 +35,6 @@ from models.water.thrusters import SLEW_RATE, TIME_CONSTANT, curves
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Command, Fault, FaultKind, HullLoad, StateEstimate
 from sim.interfaces.spatial import Array
-
-
-class JointResiduals(NamedTuple):
-    """Residuals of torque sensors and encoders; arrays, changed in place."""
-
-    q: Array  # (n,) [rad] last readings
-    qd: Array  # (n,) [rad/s]
-    tau: Array  # (n,) [N m]
-    tau_motor: Array  # (n,) [N m] last command
-    same: np.ndarray  # (2, n) consecutive equal samples of torque sensor and encoder
-    longest: np.ndarray  # (2, n) the longest such run while sound
-    qd_slow: Array  # (n,) [rad/s] filtered
-    gear: Array  # (n,) [N m] sensor less motor, filtered, without rotor inertia
-    excess: Array  # (n,) [N m] sensor less motor, filtered
-    usual: Array  # (n,) [N m] its average
-    beyond: Array  # (n,) [s] for which it has exceeded its bound
-    slip: Array  # (n,) [rad] angle less integral of speed
 
 
 class HullResiduals(NamedTuple):
@@ -66,17 +50,6 @@ class HullResiduals(NamedTuple):
     thrust: Array  # (m,) [N] predicted
     thrust_usual: Array  # (m,) [N] its average while the missing wrench was usual
     lost_for: Array  # (m,) [s] for which this thruster has explained the missing wrench
-
-
-class _JointModel(NamedTuple):
-    armature: Array  # (n,) [kg m^2]
-    damping: Array  # (n,) [N m s/rad]
-    floor: Array  # (n,) [N m] constant part of the torque bound
-    share: float  # [-] part of the torque bound by the reading
-    period: float  # [s] of the steps
-    torque_time: float  # [s]
-    encoder_time: float  # [s]
-    learning_time: float  # [s]
 
 
 class _HullModel(NamedTuple):
@@ -120,7 +93,7 @@ class FaultDetection:
         self._vehicle = vehicle = Vehicle.of(model)
         self._period, self.limits = period, limits or FaultLimits()
         limits = self.limits
-        self._joints = _JointModel(
+        self.joints = JointResidualModel(
             armature=np.array(vehicle.armature),
             damping=np.array(vehicle.joint_damping),
             floor=limits.torque_floor * vehicle.torque_limits + limits.friction * vehicle.dry_friction.stiction,
@@ -147,25 +120,12 @@ class FaultDetection:
 
     def init(self, estimate: StateEstimate) -> FaultDetectionState:
         """Initial state at the first `estimate`: no faults."""
-        n, m = self._vehicle.joints.size, len(self._vehicle.thruster_names)
-        joint, thruster, six = (lambda: np.zeros(n)), (lambda: np.zeros(m)), (lambda: np.zeros(6))
+        m = len(self._vehicle.thruster_names)
+        thruster, six = (lambda: np.zeros(m)), (lambda: np.zeros(6))
         return FaultDetectionState(
             began=estimate.time,
             hull_time=estimate.time,
-            joints=JointResiduals(
-                q=np.array(estimate.q),
-                qd=np.array(estimate.qd),
-                tau=np.array(estimate.tau),
-                tau_motor=joint(),
-                same=np.zeros((2, n), dtype=np.int64),
-                longest=np.zeros((2, n), dtype=np.int64),
-                qd_slow=np.array(estimate.qd),
-                gear=joint(),
-                excess=joint(),
-                usual=joint(),
-                beyond=joint(),
-                slip=joint(),
-            ),
+            joints=JointResiduals.start(estimate.q, estimate.qd, estimate.tau),
             hull=HullResiduals(
                 speed=thruster(),
                 passed=thruster(),
@@ -196,9 +156,9 @@ class FaultDetection:
         limits, time = self.limits, estimate.time
         warm = time - state.began > limits.warm_up
         seen = (estimate.q, estimate.qd, estimate.tau)
-        found = _joints(tuple(self._joints), seen, time - state.began, warm, tuple(state.joints))
+        found = update_residuals(tuple(self.joints), seen, time - state.began, warm, tuple(state.joints))
         if warm and found:
-            self._judge_joints(state, time)
+            self.judge_joints(state, time)
         if not estimate.vision_age > limits.vision_age:  # also where the age is unknown (nan)
             state.faults = [fault for fault in state.faults if fault.kind is not FaultKind.VISION]
         else:
@@ -210,7 +170,13 @@ class FaultDetection:
             self._look_at_hull(state, estimate, command, load, warm)
         return tuple(state.faults)
 
-    def _judge_joints(self, state: FaultDetectionState, time: float) -> None:
+    def judge_joints(self, state: FaultDetectionState, time: float) -> None:
+        """Register the joints' sensors with residuals beyond their bounds as faulty.
+
+        Args:
+            state: of the detection, with the residuals of now; changed in place.
+            time: [s] of the readings.
+        """
         limits, joints = self.limits, state.joints
         least = np.round(np.array([[limits.frozen_time], [limits.frozen_encoder_time]]) / self._period)
         frozen = joints.same > np.maximum(least, limits.frozen_factor * joints.longest)
@@ -303,57 +269,6 @@ def finite(X_WB, v_B, w_B, a_B, q, qd, time):
     for j in range(q.shape[0]):
         total += 0.0 * (q[j] + qd[j])
     return total == 0.0
-
-
-@numba.njit(cache=True)
-@keyed_by_imports
-def _joints(model, seen, age, warm, residuals):
-    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation.
-
-    Records come as plain tuples of their fields, which numba types faster.
-
-    Args:
-        model: `_JointModel`.
-        seen: joint angles, speeds and torques, (n,) each.
-        age: [s] since the first sample.
-        warm: True once the initial learning is over.
-        residuals: `JointResiduals`; updated.
-    """
-    model, r = _JointModel(*model), JointResiduals(*residuals)
-    q, qd, tau = seen
-    dt, torque_time, encoder_time, learning_time = (
-        model.period,
-        model.torque_time,
-        model.encoder_time,
-        model.learning_time,
-    )
-    q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
-    gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
-    lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
-    look = False
-    for j in range(q.shape[0]):
-        for k in range(2):
-            equal = tau[j] == tau_last[j] if k == 0 else (q[j] == q_last[j] and qd[j] == qd_last[j])
-            if equal:
-                same[k, j] += 1
-                look |= same[k, j] > longest[k, j]
-            else:
-                longest[k, j] = max(longest[k, j], same[k, j])
-                same[k, j] = 0
-        slip[j] += q[j] - q_last[j] - 0.5 * dt * (qd[j] + qd_last[j]) - leak * slip[j]
-        if not warm:
-            slip[j] = 0.0
-        look |= abs(slip[j]) > 1e-3
-        gear[j] += lag * (tau[j] - r.tau_motor[j] + model.damping[j] * qd[j] - gear[j])
-        excess[j] = gear[j] + model.armature[j] * (qd[j] - qd_slow[j]) / torque_time
-        qd_slow[j] += lag * (qd[j] - qd_slow[j])
-        off = abs(excess[j] - usual[j]) / (model.floor[j] + model.share * abs(tau[j]))
-        if off < 0.5 or not warm:
-            usual[j] += learn * (excess[j] - usual[j])
-        r.beyond[j] = r.beyond[j] + dt if off > 1.0 else 0.0
-        look |= off > 1.0
-        q_last[j], qd_last[j], tau_last[j] = q[j], qd[j], tau[j]
-    return look
 
 
 @numba.njit(cache=True)

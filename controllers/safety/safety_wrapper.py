@@ -65,19 +65,19 @@ class SafetyWrapper:
             limits: thresholds of fault detection; None takes the defaults.
         """
         self.period = controller.period
-        self._controller, self._patience = controller, patience
+        self.controller, self._patience = controller, patience
         vehicle = Vehicle.of(model)
         self._limits = np.array(vehicle.torque_limits)
         self._armed = vehicle.joints.size > 0
         self._arm = ArmDynamics(model) if self._armed else None
         self._armature, self._damping = np.array(vehicle.armature), np.array(vehicle.joint_damping)
-        self._health = FaultDetection(model, period=controller.period, limits=limits)
+        self.health = FaultDetection(model, period=controller.period, limits=limits)
         self._thrusters = len(vehicle.thruster_names)
 
     @property
     def tunings(self) -> tuple[Any, ...]:
         """The gains in use, those of the wrapped controller first, for `controllers.tuning.table`."""
-        return *getattr(self._controller, "tunings", ()), self._health.limits, SAFETY
+        return *getattr(self.controller, "tunings", ()), self.health.limits, SAFETY
 
     def init(self, estimate: StateEstimate) -> SafetyWrapperState:
         """Initial state at the first `estimate`, with a command of zero torque and thrust."""
@@ -90,7 +90,7 @@ class SafetyWrapper:
             contact=ContactEstimate(normal=0.0),
         )
         return SafetyWrapperState(
-            inner=self._controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
+            inner=self.controller.init(estimate), health=None, time=-np.inf, sound=estimate, command=still
         )
 
     def step(
@@ -108,26 +108,47 @@ class SafetyWrapper:
         """
         e = estimate
         if state.stopped is not None or not finite(e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, e.q, e.qd, e.time):
-            return state, self._without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         if e.imu_age > SAFETY.old_imu:
-            return state, self._without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         fresh = e.time > state.time
         if not fresh and state.blind_for + self.period > self._patience:
-            return state, self._without(state, estimate, FaultKind.ESTIMATE)
+            return state, self.without(state, estimate, FaultKind.ESTIMATE)
         state.time = e.time
         if state.health is None:
-            state.health = self._health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
+            state.health = self.health.init(replace(estimate, tau=np.nan_to_num(e.tau, posinf=0.0, neginf=0.0)))
         estimate = self._replaced(state.health, estimate)
-        state.inner, command = self._controller.step(state.inner, estimate, reference)
+        state.inner, command = self.controller.step(state.inner, estimate, reference)
         if not (_numbers(command.joint_torque) and _numbers(command.thrusters)):
-            return state, self._without(state, estimate, FaultKind.CONTROLLER)
-        faults = self._health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
+            return state, self.without(state, estimate, FaultKind.CONTROLLER)
+        faults = self.health.step(state.health, estimate, command) if fresh else tuple(state.health.faults)
+        return state, self.passed(state, estimate, command, faults, fresh=fresh)
+
+    def passed(
+        self,
+        state: SafetyWrapperState,
+        estimate: StateEstimate,
+        command: Command,
+        faults: tuple[Fault, ...],
+        *,
+        fresh: bool = True,
+    ) -> Command:
+        """Command of the wrapped controller as it goes on, where estimate and command are sound.
+
+        Args:
+            state: of the wrapper; changed in place.
+            estimate: of the vehicle now.
+            command: of the wrapped controller, finite.
+            faults: found so far.
+            fresh: the time of `estimate` has advanced.
+
+        Returns:
+            The command with the faults; drives with a faulty encoder only bear the arm's weight.
+        """
         state.sound, state.command, state.blind_for = estimate, command, 0.0 if fresh else state.blind_for + self.period
         if not faults:
-            return state, command
-        return state, replace(
-            command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults
-        )
+            return command
+        return replace(command, joint_torque=self._servoed(command.joint_torque, estimate, faults), faults=faults)
 
     def _replaced(self, health: FaultDetectionState, estimate: StateEstimate) -> StateEstimate:
         """Estimate with motor torques in place of faulty torque sensors, and a large doubt for them.
@@ -139,14 +160,14 @@ class SafetyWrapper:
         if not missing and not health.faults:
             return estimate
         if missing:
-            self._health.blame_torque_sensors(health, ~np.isfinite(estimate.tau), estimate.time)
+            self.health.blame_torque_sensors(health, ~np.isfinite(estimate.tau), estimate.time)
         wrong = [fault.index for fault in health.faults if fault.kind is FaultKind.TORQUE_SENSOR]
         if not wrong:
             return estimate
         tau, doubt = np.array(estimate.tau), np.zeros(len(estimate.tau))
         for j in wrong:
             doubt[j] = _LEFT_OUT
-            acceleration = (estimate.qd[j] - health.joints.qd_slow[j]) / self._health.limits.torque_time
+            acceleration = (estimate.qd[j] - health.joints.qd_slow[j]) / self.health.limits.torque_time
             motor = health.joints.tau_motor[j] - self._armature[j] * acceleration - self._damping[j] * estimate.qd[j]
             tau[j] = motor + health.joints.usual[j]
         return replace(estimate, tau=tau, tau_doubt=doubt)
@@ -160,8 +181,17 @@ class SafetyWrapper:
         torque[wrong] = self._borne(estimate.q, estimate.X_WB[:3, :3])[wrong]
         return torque
 
-    def _without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
-        """Command without a controller: the last one repeated, after `patience` brakes only."""
+    def without(self, state: SafetyWrapperState, estimate: StateEstimate, kind: FaultKind) -> Command:
+        """Command without a controller: the last one repeated, after `patience` brakes only.
+
+        Args:
+            state: of the wrapper; changed in place.
+            estimate: of the vehicle now, possibly invalid.
+            kind: what is missing.
+
+        Returns:
+            The command, with the faults.
+        """
         state.blind_for += self.period
         faults = tuple(state.health.faults) if state.health is not None else ()
         if state.stopped is None and state.blind_for > self._patience:

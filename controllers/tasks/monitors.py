@@ -19,8 +19,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
 from controllers.tasks.phase import Abort, Context, Held
 from sim.interfaces.messages import AbortCode, FaultKind, WorkState
 
@@ -103,10 +101,10 @@ def fault_monitors(blind_time: float, during: frozenset[WorkState] = frozenset(W
 def no_time(held: Held, now: Context) -> str:
     """The time of the estimate is not finite."""
     del held
-    return "" if np.isfinite(now.estimate.time) else "the state estimate is lost"
+    return "" if math.isfinite(now.estimate.time) else "the state estimate is lost"
 
 
-def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -np.inf) -> Condition:
+def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -math.inf) -> Condition:
     """Condition: faults of a kind are reported.
 
     Args:
@@ -121,7 +119,10 @@ def faulty(kind: FaultKind, sentence: str, *, count: int = 1, age: float = -np.i
 
     def found(held: Held, now: Context) -> str:
         del held
-        alike = [] if now.last is None else [fault for fault in now.last.faults if fault.kind is kind]
+        faults = () if now.last is None else now.last.faults
+        if not faults:
+            return ""
+        alike = [fault for fault in faults if fault.kind is kind]
         if len(alike) < count or not any(now.estimate.time - fault.time > age for fault in alike):
             return ""
         said = sentence.format(", ".join(fault.part for fault in alike))

@@ -122,7 +122,8 @@ class TaskPlanner:
         if reaction in row.leave:
             state.abort = cause
             row = self._enter(state, row.leave[reaction], now)
-        now = replace(now, paused=reaction is Reaction.PAUSE, adrift=state.adrift)
+        if reaction is Reaction.PAUSE or state.adrift:
+            now = replace(now, paused=reaction is Reaction.PAUSE, adrift=state.adrift)
         outcome = row.phase.step(state.phase, state.held, now)
         if outcome is None:
             return None

@@ -6,6 +6,9 @@ vision in W follow. With specific force f of the IMU and known attitude R,
 
     p' = v,   v' = R (f - b) - g,   b' = walk,   c' = 0,   w' = -w / T + noise;
     vision = p + w + noise,   DVL = R^T v + c + noise.
+
+All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
+(1,) `memory`, the others its element `f`.
 """
 
 import numba
@@ -30,7 +33,59 @@ FIX = 6  # columns of `past_fix`
 # Entries of `layout`
 STATES, AT_DVL_BIAS, AT_WANDER = 0, 1, 2  # number of states, first index of each optional triple (-1: none)
 
+HISTORY = 512  # IMU samples stored: largest delay of vision
 TILT_CLIP = 5e-3  # [rad] error of one attitude reading is clipped to this, so that an outlier turns R by little
+IMU_REPEATS = 25  # equal samples in a row by which the IMU is found frozen
+IMU_SILENCE = 0.05  # [s] without a sample, after which the filter runs without the IMU
+BLIND = 2.5e-3  # [(m/s^2)^2 s] spectral density of the hull's unmeasured acceleration
+
+FILTER = np.dtype(
+    (
+        np.record,
+        [
+            # Constants of a run
+            ("layout", np.int64, 3),
+            ("walks", np.float64, 3),  # variance of the bias in one second, of the settled wander, its time [s]
+            ("acceleration", np.float64),  # [m/s^2] white noise of the accelerometer
+            ("rate", np.float64),  # [rad^2/s^2] variance of the gyro
+            ("attitude", np.float64),  # [rad^2] variance of one attitude reading
+            ("rate_walk", np.float64),  # [rad^2/s^3] variance of the gyro bias in one second
+            ("tilt", np.float64),  # [m^2/s^4] variance of the horizontal acceleration by tilt noise
+            ("release", np.float64, 4),  # spring of the held corrections, see `put_out`
+            ("smooth", np.float64),  # [s] time constant of the output acceleration
+            # Times [s]
+            ("time", np.float64),  # of the filter: the newest IMU sample
+            ("clock", np.float64),  # newest time of any measurement
+            ("given", np.float64),  # of the last estimate
+            ("imu_time", np.float64),  # of the newest sound IMU sample
+            ("used", np.float64, 2),  # of the newest fix used, by kind
+            ("interval", np.float64),  # shortest interval between IMU samples so far
+            # Attitude
+            ("R_WB", np.float64, (3, 3)),
+            ("gyro", np.float64, 3),  # covariance of angle and gyro bias, see `turn`
+            ("rate_bias", np.float64, 3),  # [rad/s]
+            ("turning", np.float64, 3),  # `variances` of `turn`
+            # Mean, covariance, output
+            ("x", np.float64, MOST_STATES),
+            ("P", np.float64, (MOST_STATES, MOST_STATES)),
+            ("held", np.float64, (2, 3)),  # withheld corrections of position [m] and velocity [m/s] in W
+            ("a_B", np.float64, 3),  # [m/s^2] smoothed acceleration
+            # IMU samples: the last one processed, the last one seen
+            ("force", np.float64, 3),  # [m/s^2] specific force in B
+            ("w_B", np.float64, 3),  # [rad/s]
+            ("seen_force", np.float64, 3),
+            ("seen_w", np.float64, 3),
+            ("repeats", np.int64),  # equal samples in a row, less one
+            # Stored past, a ring of steps
+            ("head", np.int64),  # newest row
+            ("past_input", np.float64, (HISTORY, INPUT)),
+            ("past_x", np.float64, (HISTORY, MOST_STATES)),  # before the fixes of the step
+            ("past_P", np.float64, (HISTORY, MOST_STATES, MOST_STATES)),
+            ("past_fix", np.float64, (HISTORY, 2, FIX)),
+        ],
+    ),
+    align=True,
+)
 
 
 @numba.njit(cache=True)
@@ -96,17 +151,10 @@ def rotate(R, angle):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def propagate(row, layout, walks, x, P):
-    """Advance mean and covariance by one stored IMU step, in place.
-
-    Args:
-        row: (INPUT,) stored step.
-        layout: (3,) state layout.
-        walks: (3,) variance of the bias in one second, stationary variance of the wander, its time constant [s].
-        x: (15,) mean.
-        P: (15, 15) covariance.
-    """
-    dt, n, wander = row[DT], layout[STATES], layout[AT_WANDER]
+def propagate(f, row):
+    """Advance mean and covariance of `f` by one stored IMU step `row` (INPUT,), in place."""
+    x, P, walks = f.x, f.P, f.walks
+    dt, n, wander = row[DT], f.layout[STATES], f.layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     half = 0.5 * dt * dt
     for i in range(3):
@@ -147,8 +195,8 @@ def propagate(row, layout, walks, x, P):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def compare(kind, fix, row, layout, x, P, innovation, cross, S):
-    """Innovation of a fix, its covariance and cross covariance with the states, all in W; fills the last three arrays.
+def compare(kind, fix, row, layout, x, P):
+    """Innovation of a fix, its covariance and cross covariance with the states, all in W.
 
     Args:
         kind: VISION or DVL.
@@ -157,10 +205,11 @@ def compare(kind, fix, row, layout, x, P, innovation, cross, S):
         layout: (3,) state layout.
         x: (15,) mean.
         P: (15, 15) covariance.
-        innovation: (3,) result.
-        cross: (15, 3) result.
-        S: (3, 3) result.
+
+    Returns:
+        Innovation (3,), cross covariance (15, 3) and covariance of the innovation (3, 3).
     """
+    innovation, cross, S = np.empty(3), np.zeros((MOST_STATES, 3)), np.empty((3, 3))
     n, dvl_bias, wander = layout[STATES], layout[AT_DVL_BIAS], layout[AT_WANDER]
     R = row[ATTITUDE : ATTITUDE + 9].reshape((3, 3))
     first = 0 if kind == VISION else 3
@@ -193,6 +242,7 @@ def compare(kind, fix, row, layout, x, P, innovation, cross, S):
                     s += R[i, k] * cross[dvl_bias + k, j]
             S[i, j] = s
         S[i, i] += fix[VARIANCE]
+    return innovation, cross, S
 
 
 @numba.njit(cache=True)
@@ -216,20 +266,17 @@ def inverse3(S):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def absorb(kind, fix, row, layout, x, P):
-    """Kalman update of mean and covariance by one fix, in place.
+def absorb(f, kind, fix, row):
+    """Kalman update of mean and covariance of `f` by one fix, in place.
 
     Args:
+        f: Record of FILTER.
         kind: VISION or DVL.
         fix: (FIX,) the fix.
         row: (INPUT,) stored step of the fix.
-        layout: (3,) state layout.
-        x: (15,) mean.
-        P: (15, 15) covariance.
     """
-    n = layout[STATES]
-    innovation, cross, S = np.empty(3), np.empty((MOST_STATES, 3)), np.empty((3, 3))
-    compare(kind, fix, row, layout, x, P, innovation, cross, S)
+    x, P, n = f.x, f.P, f.layout[STATES]
+    innovation, cross, S = compare(kind, fix, row, f.layout, x, P)
     inv = inverse3(S)
     gain = np.empty(3)
     for i in range(n):
@@ -243,189 +290,127 @@ def absorb(kind, fix, row, layout, x, P):
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def inertial(
-    specific_force_B,
-    w_B,
-    R_meas,
-    time,
-    dt,
-    across,
-    along,
-    layout,
-    walks,
-    turning,
-    R,
-    gyro,
-    rate_bias,
-    x,
-    P,
-    head,
-    past_input,
-    past_x,
-    past_P,
-    past_fix,
-):
-    """Process one IMU sample: attitude, mean, covariance, and a row of the stored past at `head`.
+def advance(f, dt, specific_force_B, w_B, R_meas, unknown):
+    """Process one IMU sample: attitude, mean, covariance, and a new row of the stored past.
 
     Args:
+        f: Record of FILTER.
+        dt: [s] since the last sample.
         specific_force_B: (3,) [m/s^2] in B.
         w_B: (3,) [rad/s] gyro rates in B.
         R_meas: (3, 3) attitude of the reference.
-        time: [s] of the sample.
-        dt: [s] since the last one.
-        across: [m^2/s^2] variance added to the horizontal velocity.
-        along: [m^2/s^2] variance added to the vertical velocity.
-        layout: (3,) state layout.
-        walks: (3,) as in `propagate`.
-        turning: (3,) `variances` of `turn`.
-        R: (3, 3) attitude R_WB, changed in place.
-        gyro: (3,) as in `turn`, changed in place.
-        rate_bias: (3,) [rad/s] gyro bias, changed in place.
-        x: (15,) mean, changed in place.
-        P: (15, 15) covariance, changed in place.
-        head: Row of the past to write.
-        past_input: (h, INPUT) stored steps.
-        past_x: (h, 15) stored means, before the fixes of the step.
-        past_P: (h, 15, 15) stored covariances.
-        past_fix: (h, 2, FIX) stored fixes.
+        unknown: [m^2/s^2] variance added to the velocity for a motion that was not measured; 0 for a sample.
 
     Returns:
-        False, with nothing changed, for a sample that is not finite.
+        False for a sample that is not finite, which changes neither states nor past.
     """
+    if dt < 0.999 * f.interval and unknown == 0.0:  # first samples, or a faster stream than assumed
+        f.interval = dt
+        f.turning[0], f.turning[1], f.turning[2] = f.rate * dt, f.attitude + 1e-16, f.rate_walk
+    elif dt > 1.5 * f.interval and unknown == 0.0:
+        unknown = BLIND * (dt - f.interval)
     total = 0.0
     for i in range(3):
         total += specific_force_B[i] + w_B[i] + R_meas[i, 0] + R_meas[i, 1] + R_meas[i, 2]
     if not np.isfinite(total):
         return False
-    turn(R, R_meas, w_B, dt, rate_bias, gyro, turning)
-    row = past_input[head]
-    row[TIME] = time
+    turn(f.R_WB, R_meas, w_B, dt, f.rate_bias, f.gyro, f.turning)
+    head = (f.head + 1) % HISTORY
+    row = f.past_input[head]
+    along = (f.acceleration * dt) ** 2 + unknown
+    # Tilt noise left after the attitude filter: equal shares of gyro and reference, white at the resolution of vision.
+    across = along + f.tilt * f.interval * dt
+    row[TIME] = f.time + dt
     row[DT], row[NOISE_XY], row[NOISE_Z], row[JUMP] = dt, across, along, 0.0
     for i in range(3):
         row[FORCE + i] = specific_force_B[i]
         for j in range(3):
-            row[ATTITUDE + 3 * i + j] = R[i, j]
-    propagate(row, layout, walks, x, P)
-    past_x[head] = x
-    for i in range(layout[STATES]):
-        for j in range(layout[STATES]):
-            past_P[head, i, j] = P[i, j]
-    past_fix[head, VISION, HAS] = past_fix[head, DVL, HAS] = 0.0
+            row[ATTITUDE + 3 * i + j] = f.R_WB[i, j]
+    propagate(f, row)
+    _store(f, head)
+    f.past_fix[head, VISION, HAS] = f.past_fix[head, DVL, HAS] = 0.0
+    for i in range(3):
+        f.force[i], f.w_B[i] = specific_force_B[i], w_B[i]
+    f.head = head
+    f.time += dt
     return True
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def mahalanobis(kind, fix, at, layout, past_input, past_x, past_P, innovation, white):
-    """Squared Mahalanobis distance of a fix from the stored estimate at step `at`.
-
-    Args:
-        kind: VISION or DVL.
-        fix: (FIX,) the fix.
-        at: Row of the past.
-        layout: (3,) state layout.
-        past_input: (h, INPUT) stored steps.
-        past_x: (h, 15) stored means.
-        past_P: (h, 15, 15) stored covariances.
-        innovation: (3,) result, in W.
-        white: (3,) result: the innovation whitened by its covariance.
-
-    Returns:
-        The squared distance, chi-square distributed with three degrees of freedom for a sound fix.
-    """
-    cross, S = np.empty((MOST_STATES, 3)), np.empty((3, 3))
-    compare(kind, fix, past_input[at], layout, past_x[at], past_P[at], innovation, cross, S)
-    L, total = S, 0.0  # Cholesky factor, in place
-    for i in range(3):
-        white[i] = innovation[i]
-        for j in range(i):
-            for k in range(j):
-                L[i, j] -= L[i, k] * L[j, k]
-            L[i, j] /= L[j, j]
-            L[i, i] -= L[i, j] * L[i, j]
-            white[i] -= L[i, j] * white[j]
-        L[i, i] = np.sqrt(L[i, i])
-        white[i] /= L[i, i]
-        total += white[i] * white[i]
-    return total
-
-
-@numba.njit(cache=True)
-@keyed_by_imports
-def replay(at, head, layout, walks, past_input, past_x, past_P, past_fix, x, P):
-    """Restart the filter at step `at` and run it forward with every fix received since: exact, in order of time.
-
-    Args:
-        at: Row of the past to restart from.
-        head: Newest row of the past.
-        layout: (3,) state layout.
-        walks: (3,) as in `propagate`.
-        past_input: (h, INPUT) stored steps.
-        past_x: (h, 15) stored means, rewritten.
-        past_P: (h, 15, 15) stored covariances, rewritten.
-        past_fix: (h, 2, FIX) stored fixes.
-        x: (15,) result: mean at `head`.
-        P: (15, 15) result: covariance at `head`.
-    """
-    n, size = layout[STATES], len(past_input)
-    x[:] = past_x[at]
+def _store(f, at):
+    """Store mean and covariance in row `at` of the past."""
+    n, P, past_P = f.layout[STATES], f.P, f.past_P[at]
+    f.past_x[at] = f.x
     for i in range(n):
         for j in range(n):
-            P[i, j] = past_P[at, i, j]
-    while True:
-        for kind in range(2):
-            if past_fix[at, kind, HAS]:
-                absorb(kind, past_fix[at, kind], past_input[at], layout, x, P)
-        if at == head:
-            return
-        at = (at + 1) % size
-        propagate(past_input[at], layout, walks, x, P)
-        past_x[at] = x
-        for i in range(n):
-            for j in range(n):
-                past_P[at, i, j] = P[i, j]
+            past_P[i, j] = P[i, j]
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def all_finite(q, qd, tau):
-    """True if three arrays (n,) are finite.
+def take_imu(memory, sample):
+    """Process one sample of the IMU, unless it is old, not finite or frozen.
 
     Args:
-        q: (n,) [rad] joint angles.
-        qd: (n,) [rad/s] joint rates.
-        tau: (n,) [N m] joint torques.
+        memory: (1,) of FILTER.
+        sample: ImuRecord.
     """
-    total = 0.0
-    for j in range(q.shape[0]):
-        total += q[j] + qd[j] + tau[j]
-    return np.isfinite(total)
+    f = memory[0]
+    dt = sample.time[0] - f.time
+    if not dt > 1e-9:
+        return
+    force, w, frozen = sample.specific_force_B, sample.w_WB_B, False
+    if force[0] != f.seen_force[0]:
+        f.repeats = 0
+    else:
+        equal = True
+        for i in range(3):
+            equal = equal and force[i] == f.seen_force[i] and w[i] == f.seen_w[i]
+        if equal:
+            f.repeats += 1
+            frozen = f.repeats >= IMU_REPEATS
+    for i in range(3):
+        f.seen_force[i], f.seen_w[i] = force[i], w[i]
+    if not frozen and advance(f, dt, force, w, sample.R_WB, 0.0):
+        f.imu_time = sample.time[0]
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def smoothed_output(dt, lag, smooth, release, specific_force_B, w_B, R, rate_bias, x, P, held, a_B):
-    """Smoothed output of the filter: withheld corrections are released as by a damped spring.
+def take_sample(memory, sample):
+    """Process what the IMU gave in one step of the loop; without it for too long, go on at constant velocity.
 
     Args:
-        dt: [s] since the last output.
-        lag: [s] from the filter's time to that of the output.
-        smooth: [s] time constant of the acceleration.
-        release: (4,) spring: frequency over the filter's own [-], lowest and highest frequency [rad/s], and the
-            distance [m] beyond which the pull no longer grows.
-        specific_force_B: (3,) [m/s^2] in B.
-        w_B: (3,) [rad/s] gyro rates in B.
-        R: (3, 3) attitude R_WB.
-        rate_bias: (3,) [rad/s] gyro bias.
-        x: (15,) mean.
-        P: (15, 15) covariance.
-        held: (2, 3) withheld corrections of position [m] and velocity [m/s] in W, reduced in place.
-        a_B: (3,) [m/s^2] smoothed acceleration in B, changed in place.
-
-    Returns:
-        X_WB (4, 4), v_WB_B (3,) [m/s], w_WB_B (3,) [rad/s], a_WB_B (3,) [m/s^2], and the standard deviation (3,) [m] of
-        the position in W.
+        memory: (1,) of FILTER.
+        sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new sample.
     """
+    f = memory[0]
+    if sample.time[0] > f.clock:
+        f.clock = sample.time[0]
+    take_imu(memory, sample)
+    dt = f.clock - f.time
+    if f.clock - f.imu_time > IMU_SILENCE and dt > 1e-9:
+        force = f.R_WB[2] * GRAVITY + f.x[6:9]
+        advance(f, dt, force, f.rate_bias, f.R_WB, BLIND * dt)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def put_out(memory, joints, out):
+    """Write the estimate of now; withheld corrections are released as by a damped spring.
+
+    The `release` of the filter is that spring: frequency over the filter's own [-], lowest and highest frequency
+    [rad/s], and the distance [m] beyond which the pull no longer grows.
+
+    Args:
+        memory: (1,) of FILTER.
+        joints: JointRecord of the newest readings; one that is not finite leaves the joint's last value in `out`.
+        out: EstimateRecord, the same one over a run.
+    """
+    f = memory[0]
+    dt, lag = f.clock - f.given, f.clock - f.time
+    R, x, P, held, a_B, release = f.R_WB, f.x, f.P, f.held, f.a_B, f.release
     across = P[0, 3] + P[1, 4] + P[2, 5]
     spread = P[0, 0] + P[1, 1] + P[2, 2]
     frequency = min(max(release[0] * across / spread, release[1]), release[2])
@@ -436,19 +421,116 @@ def smoothed_output(dt, lag, smooth, release, specific_force_B, w_B, R, rate_bia
         for i in range(3):
             held[1, i] -= dt * (np.sqrt(2.0) * frequency * held[1, i] + pull * held[0, i])
             held[0, i] += dt * held[1, i]
-    share = min(1.0, dt / smooth)
-    X_WB, v_B, w, sigma = np.eye(4), np.zeros(3), np.empty(3), np.empty(3)
+    share = min(1.0, dt / f.smooth)
     for i in range(3):
-        w[i] = w_B[i] - rate_bias[i]
-        fresh = specific_force_B[i] - x[6 + i] - R[2, i] * GRAVITY
+        out.w_WB_B[i] = f.w_B[i] - f.rate_bias[i]
+        fresh = f.force[i] - x[6 + i] - R[2, i] * GRAVITY
         a_B[i] += share * (fresh - a_B[i])
-        X_WB[i, 3] = x[i] - held[0, i] + lag * (x[3 + i] - held[1, i])
-        sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
+        out.a_WB_B[i] = a_B[i]
+        out.X_WB[i, 3] = x[i] - held[0, i] + lag * (x[3 + i] - held[1, i])
+        out.position_sigma[i] = np.sqrt(P[i, i] + held[0, i] ** 2)
+        v = 0.0
         for j in range(3):
-            X_WB[i, j] = R[i, j]
-            v_B[i] += R[j, i] * (x[3 + j] - held[1, j])
+            out.X_WB[i, j] = R[i, j]
+            v += R[j, i] * (x[3 + j] - held[1, j])
+        out.v_WB_B[i] = v
     if lag > 0.0:
         ahead = R.copy()
-        rotate(ahead, w * lag)
-        X_WB[:3, :3] = ahead
-    return X_WB, v_B, w, a_B.copy(), sigma
+        rotate(ahead, out.w_WB_B * lag)
+        out.X_WB[:3, :3] = ahead
+    for j in range(out.q.shape[0]):
+        if np.isfinite(joints.q[j]):
+            out.q[j] = joints.q[j]
+        if np.isfinite(joints.qd[j]):
+            out.qd[j] = joints.qd[j]
+        if np.isfinite(joints.tau[j]):
+            out.tau[j] = joints.tau[j]
+    out.time[0] = f.clock
+    out.ages[0], out.ages[1], out.ages[2] = f.clock - f.used[VISION], f.clock - f.used[DVL], f.clock - f.imu_time
+    f.given = f.clock
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def row_at(memory, time):
+    """Row of the past nearest to a time.
+
+    Args:
+        memory: (1,) of FILTER.
+        time: [s]
+
+    Returns:
+        The row, -1 if the past does not reach `time`, and `time` after the row's own [s].
+    """
+    f = memory[0]
+    at = 0
+    for row in range(1, HISTORY):
+        if abs(f.past_input[row, TIME] - time) < abs(f.past_input[at, TIME] - time):
+            at = row
+    shift = time - f.past_input[at, TIME]
+    known = f.interval if np.isfinite(f.interval) else 0.0
+    return at if abs(shift) <= 0.75 * known + 1e-9 else -1, shift
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def mahalanobis(memory, kind, fix, at):
+    """Distance of a fix from the stored estimate at step `at`.
+
+    Args:
+        memory: (1,) of FILTER.
+        kind: VISION or DVL.
+        fix: (FIX,) the fix.
+        at: Row of the past.
+
+    Returns:
+        Squared Mahalanobis distance, chi-square distributed with three degrees of freedom for a sound fix; innovation
+        (3,) in W; the innovation whitened by its covariance (3,).
+    """
+    f = memory[0]
+    innovation, _, L = compare(kind, fix, f.past_input[at], f.layout, f.past_x[at], f.past_P[at])
+    white, total = np.empty(3), 0.0
+    for i in range(3):  # Cholesky factor, in place
+        white[i] = innovation[i]
+        for j in range(i):
+            for k in range(j):
+                L[i, j] -= L[i, k] * L[j, k]
+            L[i, j] /= L[j, j]
+            L[i, i] -= L[i, j] * L[i, j]
+            white[i] -= L[i, j] * white[j]
+        L[i, i] = np.sqrt(L[i, i])
+        white[i] /= L[i, i]
+        total += white[i] * white[i]
+    return total, innovation, white
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def replay(memory, at):
+    """Restart the filter at step `at` and run it forward with every fix received since: exact, in order of time.
+
+    The correction of position and velocity is added to what is withheld from the output.
+
+    Args:
+        memory: (1,) of FILTER.
+        at: Row of the past to restart from.
+    """
+    f = memory[0]
+    n, x, P, held = f.layout[STATES], f.x, f.P, f.held
+    before = x[:6].copy()
+    x[:] = f.past_x[at]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] = f.past_P[at, i, j]
+    while True:
+        for kind in range(2):
+            if f.past_fix[at, kind, HAS]:
+                absorb(f, kind, f.past_fix[at, kind], f.past_input[at])
+        if at == f.head:
+            break
+        at = (at + 1) % HISTORY
+        propagate(f, f.past_input[at])
+        _store(f, at)
+    for i in range(3):
+        held[0, i] += x[i] - before[i]
+        held[1, i] += x[3 + i] - before[3 + i]

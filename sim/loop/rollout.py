@@ -7,6 +7,7 @@ The loop depends on protocols only.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, Protocol
 
 import numpy as np
@@ -109,6 +110,169 @@ def never(moment: Moment) -> bool:
     return False
 
 
+class Ticks(Protocol):
+    """Compiled ticks of the loop, for the time between those at which something slow is due."""
+
+    def advance(self, run: "Rollout", tick: int, end: int) -> int:
+        """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.
+
+        Args:
+            run: its states and messages change as if `Rollout.step` had run these ticks.
+            tick: first one.
+            end: one after the last one.
+
+        Returns:
+            The next tick for `Rollout.step`; `Rollout.stage` says how far it has come.
+        """
+        ...
+
+
+class Stage(IntEnum):
+    """Stage that a tick of the loop has reached."""
+
+    NEW = 0
+    ESTIMATED = 1
+    PLANNED = 2
+    COMMANDED = 3
+
+
+class Rollout:
+    """One run of the loop: states of the parts, present messages, and the step of a tick."""
+
+    def __init__(
+        self, plant: SteppedPlant, parts: Parts, rng: np.random.Generator, observers: Sequence[Observer] = ()
+    ) -> None:
+        """Make the states of all parts from their first measurements.
+
+        Args:
+            plant: Plant, or a wrapper of one.
+            parts: Sensors, estimator, finder, planner and controller.
+            rng: Source of all random streams.
+            observers: Called at every step, in order.
+
+        Raises:
+            ConfigurationError: A rate or delay is no whole multiple of the physics step.
+        """
+        dt, sensors = plant.timestep, parts.sensors
+        self.plant, self.parts, self.observers = plant, parts, observers
+        self._every = [ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0 for s in sensors]
+        self._delay = [
+            ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0 for s in sensors
+        ]
+        self._estimator_ticks = ticks_per_period(parts.estimator.period, dt, type(parts.estimator).__name__)
+        self._look_ticks = ticks_per_period(LOOK_PERIOD, dt, "the time between looks")
+        self.planner_ticks = ticks_per_period(parts.planner.period, dt, type(parts.planner).__name__)
+        self._controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
+        self.sensor_states = [s.init(stream) for s, stream in zip(sensors, rng.spawn(len(sensors)), strict=True)]
+        self._finder_state = parts.finder.init() if parts.finder else None
+        self.truth = plant.observe()
+        first: list[Measurement] = []
+        for i, sensor in enumerate(sensors):
+            if self._every[i]:
+                self.sensor_states[i], measurement = sensor.step(self.sensor_states[i], self.truth)
+                if measurement is not None:
+                    first.append(measurement)
+        state = parts.estimator.init(first)
+        self.estimator_state, self.estimate = parts.estimator.step(state, first)
+        self._planner_state = parts.planner.init(self.estimate)
+        self.controller_state = parts.controller.init(self.estimate)
+        self.stage = Stage.NEW
+        self.target: Target | None = None
+        self.reference: Reference | None = None
+        self.command: Command | None = None
+        self._frame: Look | None = None
+        self._asked = 0  # tick at which the present request for frames began
+        self._seen_from: dict[float, StateEstimate] = {}  # estimate at exposure, by the time stamp of a delayed frame
+        self._arrived: list[Measurement] = []  # since the estimator's last step
+        self._on_the_way: dict[int, list[Measurement]] = {}
+        self._slow = [every for every in self._every if every > 1]
+
+    def step(self, tick: int) -> Moment:
+        """Run the rest of a tick, from the stage that it has reached; returns its snapshot."""
+        parts, stage = self.parts, self.stage
+        if stage < Stage.ESTIMATED:
+            if tick:
+                self.truth = self.plant.observe()
+            self._sense(tick)
+            self._estimate(tick)
+        if stage < Stage.PLANNED and tick % self.planner_ticks == 0:
+            self.plan()
+        assert self.reference is not None
+        if stage < Stage.COMMANDED and tick % self._controller_ticks == 0:
+            self.controller_state, self.command = parts.controller.step(
+                self.controller_state, self.estimate, self.reference
+            )
+        command, self.stage = self.command, Stage.NEW
+        assert command is not None
+        moment = Moment(
+            tick,
+            self.truth,
+            self.estimate,
+            self.target,
+            self.reference,
+            command,
+            self._frame if stage < Stage.ESTIMATED else None,
+            self._finder_state,
+        )
+        for observer in self.observers:
+            observer.observe(moment)
+        self.plant.step(command)
+        return moment
+
+    def plan(self) -> Reference:
+        """Step the planner; returns its set points."""
+        self._planner_state, self.reference = self.parts.planner.step(
+            self._planner_state, self.estimate, self.target, self.command
+        )
+        return self.reference
+
+    def next_due(self, tick: int) -> int:
+        """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is requested."""
+        if self.command is None or self.command.scan or self._seen_from or self._arrived:
+            return tick
+        due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
+        return min(due, *self._on_the_way) if self._on_the_way else due
+
+    def _sense(self, tick: int) -> None:
+        """Let the sensors that are due measure, and collect what arrives."""
+        scan = self.command is not None and self.command.scan
+        if not scan:
+            self._asked = tick + 1
+        truth, states, sensors, arrived = self.truth, self.sensor_states, self.parts.sensors, self._arrived
+        for i, every in enumerate(self._every):
+            if every:
+                if tick % every:
+                    continue
+            elif not scan or self._seen_from or (tick - self._asked) % self._look_ticks:
+                continue
+            states[i], measurement = sensors[i].step(states[i], truth)
+            if measurement is None:
+                continue
+            if self._delay[i]:
+                self._on_the_way.setdefault(tick + self._delay[i], []).append(measurement)
+                if not every:
+                    self._seen_from[measurement.time] = self.estimate
+            else:
+                arrived.append(measurement)
+        if tick in self._on_the_way:
+            arrived += self._on_the_way.pop(tick)
+
+    def _estimate(self, tick: int) -> None:
+        """Step the estimator; a frame that has arrived goes to the finder."""
+        self._frame = None
+        if tick % self._estimator_ticks == 0:
+            self.estimator_state, self.estimate = self.parts.estimator.step(self.estimator_state, self._arrived)
+            for measurement in self._arrived:
+                if isinstance(measurement, (DepthImage, SonarScan)):
+                    self._frame = measurement
+            self._arrived = []
+        frame, finder = self._frame, self.parts.finder
+        if frame is not None and finder is not None:
+            then = self._seen_from.pop(frame.time, self.estimate)
+            self._finder_state, found = finder.step(self._finder_state, then, frame)
+            self.target = found or self.target  # None: the finder needs more frames first
+
+
 def rollout(
     plant: SteppedPlant,
     parts: Parts,
@@ -117,6 +281,7 @@ def rollout(
     rng: np.random.Generator,
     observers: Sequence[Observer] = (),
     until: Callable[[Moment], bool] = at_rest_after_work,
+    compiled: Callable[[Rollout], Ticks] | None = None,
 ) -> Moment:
     """Run until `until` is true, or until `duration` is over.
 
@@ -127,8 +292,9 @@ def rollout(
         parts: Sensors, estimator, finder, planner and controller.
         duration: Longest simulated time [s].
         rng: Source of all random streams.
-        observers: Called at every step, in order.
-        until: Called at the end of every step; the run ends where it is true.
+        observers: Called at every step, in order; with `compiled`, only where something slow is due.
+        until: Called at the end of every step; the run ends where it is true. With `compiled`, as the observers.
+        compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs part by part.
 
     Returns:
         The last moment.
@@ -136,82 +302,13 @@ def rollout(
     Raises:
         ConfigurationError: A rate or delay is no whole multiple of the physics step.
     """
-    dt = plant.timestep
-    steps = ticks_per_period(duration, dt, "duration")
-    sensor_ticks = [ticks_per_period(s.period, dt, type(s).__name__) if s.period > 0.0 else 0 for s in parts.sensors]
-    sensor_delay = [
-        ticks_per_period(s.delay, dt, f"delay of {type(s).__name__}") if s.delay > 0.0 else 0 for s in parts.sensors
-    ]
-    estimator_ticks = ticks_per_period(parts.estimator.period, dt, type(parts.estimator).__name__)
-    look_ticks = ticks_per_period(LOOK_PERIOD, dt, "the time between looks")
-    planner_ticks = ticks_per_period(parts.planner.period, dt, type(parts.planner).__name__)
-    controller_ticks = ticks_per_period(parts.controller.period, dt, type(parts.controller).__name__)
-    sensor_states = [s.init(stream) for s, stream in zip(parts.sensors, rng.spawn(len(parts.sensors)), strict=True)]
-    finder_state = parts.finder.init() if parts.finder else None
-
-    truth = plant.observe()
-    first: list[Measurement] = []
-    for i, sensor in enumerate(parts.sensors):
-        if sensor_ticks[i]:
-            sensor_states[i], measurement = sensor.step(sensor_states[i], truth)
-            if measurement is not None:
-                first.append(measurement)
-    estimator_state = parts.estimator.init(first)
-    estimator_state, estimate = parts.estimator.step(estimator_state, first)
-    planner_state = parts.planner.init(estimate)
-    controller_state = parts.controller.init(estimate)
-
-    target: Target | None = None
-    command: Command | None = None
-    reference: Reference | None = None
-    moment: Moment | None = None
-    asked = 0  # tick at which the present request for frames began
-    seen_from: dict[float, StateEstimate] = {}  # estimate at exposure, by the time stamp of a delayed frame
-    arrived: list[Measurement] = []  # since the estimator's last step
-    on_the_way: dict[int, list[Measurement]] = {}
-    for tick in range(steps):
-        if tick:
-            truth = plant.observe()
-        scan = command is not None and command.scan
-        if not scan:
-            asked = tick + 1
-        for i, every in enumerate(sensor_ticks):
-            due = tick % every == 0 if every else scan and not seen_from and (tick - asked) % look_ticks == 0
-            if not due:
-                continue
-            sensor_states[i], measurement = parts.sensors[i].step(sensor_states[i], truth)
-            if measurement is None:
-                continue
-            if sensor_delay[i]:
-                on_the_way.setdefault(tick + sensor_delay[i], []).append(measurement)
-                if not every:
-                    seen_from[measurement.time] = estimate
-            else:
-                arrived.append(measurement)
-        if tick in on_the_way:
-            arrived += on_the_way.pop(tick)
-        frame: Look | None = None
-        if tick % estimator_ticks == 0:
-            estimator_state, estimate = parts.estimator.step(estimator_state, arrived)
-            for measurement in arrived:
-                if isinstance(measurement, (DepthImage, SonarScan)):
-                    frame = measurement
-            arrived = []
-        if frame is not None and parts.finder is not None:
-            then = seen_from.pop(frame.time, estimate)
-            finder_state, found = parts.finder.step(finder_state, then, frame)
-            target = found or target  # None: the finder needs more frames first
-        if tick % planner_ticks == 0:
-            planner_state, reference = parts.planner.step(planner_state, estimate, target, command)
-        assert reference is not None
-        if tick % controller_ticks == 0:
-            controller_state, command = parts.controller.step(controller_state, estimate, reference)
-        assert command is not None
-        moment = Moment(tick, truth, estimate, target, reference, command, frame, finder_state)
-        for observer in observers:
-            observer.observe(moment)
-        plant.step(command)
-        if until(moment):
-            break
-    assert moment is not None
+    steps = ticks_per_period(duration, plant.timestep, "duration")
+    run = Rollout(plant, parts, rng, observers)
+    moment, tick = run.step(0), 1
+    ticks = compiled(run) if compiled is not None else None
+    while tick < steps and not until(moment):
+        if ticks is not None:
+            tick = ticks.advance(run, tick, min(run.next_due(tick), steps - 1))
+        moment = run.step(tick)
+        tick += 1
     return moment

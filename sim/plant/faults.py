@@ -260,6 +260,10 @@ class FaultyPlant:
         """As `Plant.observe`."""
         return self.plant.observe()
 
+    def spans(self) -> str:
+        """As `Plant.spans`: thruster faults are in Python."""
+        return "the plant has thruster faults"
+
     def step(self, command: Command) -> None:
         """As `Plant.step`, with the thruster commands changed by the active faults."""
         thrusters, time = np.array(command.thrusters), self.plant.truth.time

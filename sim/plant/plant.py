@@ -10,8 +10,9 @@ from sim import hydrodynamics
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command
 from sim.interfaces.spatial import Array, checked_pose, fitting, quat_wxyz_from_rotation
+from sim.plant.compiled_step import Drive, Flow, PlantRecord, Watch, drive, end_step, verdict
 from sim.plant.reaction_wrench import ReactionWrench
-from sim.plant.readout import CONTACTS, FORCE, NORMAL, gears_and_contacts, places_of
+from sim.plant.readout import CONTACTS, FORCE, NORMAL, Readout, gears_and_contacts, places_of
 from sim.plant.soil_contact import SoilForce
 from sim.plant.thrusters import Thrusters
 from sim.water.current import Current
@@ -138,28 +139,28 @@ class Plant:
         self.data = mujoco.MjData(model)
         self.substeps = substeps
         self.timestep = substeps * float(model.opt.timestep)
-        self._least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
+        least_gain = self.timestep - 0.5 * float(model.opt.timestep)  # [s] a smaller advance means a reset
         # Written each step; a model without coefficients has no slot for it and needs none.
         slot = LAYOUT.current_acceleration
         wet = hydrodynamics.carries_hydrodynamics(model)
         water = world_row(model) if wet else np.zeros(LAYOUT.size)
         self._current_slot = water[slot : slot + 3]
-        self._seen, self._told = water[LAYOUT.seen :][:1], water[LAYOUT.told :][:1]  # warnings of the callback
-        self._mark = self.data.crb[0, :1] if wet else np.array([WET_MARK])  # WET_MARK: this step includes the water
-        self._observed = False
+        self._watch = Watch(
+            time=np.zeros(1),
+            observed=np.zeros(1, dtype=np.bool_),
+            seen=water[LAYOUT.seen :][:1],
+            told=water[LAYOUT.told :][:1],
+            mark=self.data.crb[0, :1] if wet else np.array([WET_MARK]),
+            least_gain=least_gain,
+        )
         self._thrusters = Thrusters(vehicle.thruster_table, vehicle.thruster_wrench, self.timestep)
         self._wind, self._ctrl = model.opt.wind, self.data.ctrl
         self._pad_geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, TOOL_GEOM)
         pad_site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, PAD_FACE_SITE)
         if pad_site < 0:
             pad_site = vehicle.tip
-        self._gears = _rows_of_friction(model, vehicle)
-        self._own_geom = _carried_geoms(model, vehicle.hull)
-        self._places = places_of(self.data, model, self._pad_geom)
-        self._frictionloss, self._contacts = model.dof_frictionloss, np.zeros(CONTACTS)
-        dry = vehicle.dry_friction
-        self._friction = np.array([dry.coulomb, dry.stiction, dry.stribeck_speed])
-        self._joint_ctrl, self._thruster_ctrl = _block(vehicle.actuators), _block(vehicle.thruster_actuators)
+        self._contacts = np.zeros(CONTACTS)
+        self._joint_ctrl = _block(vehicle.actuators)
         measured = reaction_ticks > 0 and vehicle.joints.size > 0
         self._reaction = ReactionWrench(model, vehicle.arm_base, frame=vehicle.hull) if measured else None
         self._reaction_ticks, self._tick = reaction_ticks, 0
@@ -167,7 +168,32 @@ class Plant:
         if soil is not None and self._pad_geom < 0:
             raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
-        self.truth = self._bind(pad_site)
+        self.truth = truth = self._bind(pad_site)
+        dry = vehicle.dry_friction
+        self._readout = Readout(
+            places=places_of(self.data, model, self._pad_geom),
+            gears=_rows_of_friction(model, vehicle),
+            dof=vehicle.dof,
+            friction=np.array([dry.coulomb, dry.stiction, dry.stribeck_speed]),
+            qd=truth.qd,
+            own_geom=_carried_geoms(model, vehicle.hull),
+            added=self._from_soil,
+            tau_friction=truth.tau_friction,
+            frictionloss=model.dof_frictionloss,
+            contacts=self._contacts,
+        )
+        self._drive = Drive(
+            curves=self._thrusters.curves,
+            table=self._thrusters.table,
+            state=self._thrusters.state,
+            R_WB=truth.R_WB,
+            v_WB_W=truth.v_WB_W,
+            w_WB_B=truth.w_WB_B,
+            current_W=truth.current_W,
+            ctrl=self._ctrl,
+            thrusters=vehicle.thruster_actuators,
+            saturated=np.zeros(1, dtype=np.bool_),
+        )
         self.reset(current=current, X_WB=X_WB)
 
     def reset(self, *, current: Current, X_WB: Array | None = None) -> None:
@@ -199,19 +225,23 @@ class Plant:
             data.qpos[address : address + 3] = X_WB[:3, 3]
             data.qpos[address + 3 : address + 7] = quat_wxyz_from_rotation(X_WB[:3, :3])
         self._current = current
+        self._flow = Flow(
+            current.velocity, current.acceleration, current.row, self._wind, self._current_slot, truth.current_W
+        )
+        # From Python, records go to kernels as plain tuples: numba finds the type of a NamedTuple more slowly.
+        self._as_tuples = tuple(self._drive), tuple(self._readout), tuple(self._flow)
         self._thrusters.reset()
         self._from_soil[:] = 0.0
         if self._soil is not None:
             self._soil.reset()
-        self._flow()  # overwrite the flow of the last step
-        truth.time = float(data.time)
-        self._observed = False
-        truth.saturated = False
+        self._blow()  # overwrite the flow of the last step
+        self._watch.time[0] = data.time
+        self._watch.observed[0] = self._drive.saturated[0] = False
         truth.tau_friction[:] = 0.0
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
-        self._read_off(0, 1)
-        self._contact()
+        gears_and_contacts(self._as_tuples[1], 0, 1)
+        self.publish()
 
     def _bind(self, pad_site: int) -> Truth:
         """Truth whose arrays are views into MjData, made once to avoid lookups in the loop."""
@@ -253,15 +283,18 @@ class Plant:
         """
         mujoco.mj_step1(self.model, self.data)
         time = float(self.data.time)
-        truth = self.truth
-        # On NaN MuJoCo resets the simulation, which shows in the time; in the first step it need not.
-        if time - truth.time < self._least_gain or truth.time == 0.0 or self._seen[0] != self._told[0]:
-            hydrodynamics.check_motion(self.model, self.data)
-        if self._mark[0] != WET_MARK:
-            hydrodynamics.check_wet(self.model, self.data)
-        truth.time = time
-        self._observed = True
+        watch, truth = self._watch, self.truth
+        if verdict.py_func(time, truth.time, watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0]):
+            self.check()
+        truth.time = watch.time[0] = time
+        watch.observed[0] = True
         return truth
+
+    def check(self) -> None:
+        """Warn or raise an error as `observe` does, after `sim.plant.compiled_step.observe` asked for it."""
+        hydrodynamics.check_motion(self.model, self.data)
+        if self._watch.mark[0] != WET_MARK:
+            hydrodynamics.check_wet(self.model, self.data)
 
     def step(self, command: Command) -> None:
         """Apply the command for one `timestep`; `observe` must have been called since the last step.
@@ -269,20 +302,19 @@ class Plant:
         Raises:
             ConfigurationError: `observe` was not called, or a command has the wrong shape or is not finite.
         """
-        if not self._observed:
+        watch = self._watch
+        if not watch.observed[0]:
             raise ConfigurationError("plant: call observe() before each step(): it computes what the step integrates")
         joint_torque = fitting(command.joint_torque, self.vehicle.actuators.shape, "joint torque command [N m]")
         model, data, truth, soil, last = self.model, self.data, self.truth, self._soil, self.substeps - 1
-        truth.saturated = self._thrusters.step(
-            command.thrusters, truth.R_WB, truth.v_WB_W, truth.w_WB_B, truth.current_W
-        )
-        self._ctrl[self._thruster_ctrl] = self._thrusters.thrust
+        of_drive, readout, flow = self._as_tuples
+        truth.saturated = drive(of_drive, fitting(command.thrusters, truth.propeller_speed.shape, "thruster command"))
         self._ctrl[self._joint_ctrl] = joint_torque
         for substep in range(last):
             if soil is not None:
                 self._dig(soil)
             mujoco.mj_step2(model, data)
-            self._read_off(substep, last + 1)
+            gears_and_contacts(readout, substep, last + 1)
             mujoco.mj_step1(model, data)
         if soil is not None:
             self._dig(soil)
@@ -292,29 +324,45 @@ class Plant:
             truth.arm_wrench_B[:] = self._reaction.wrench(data, before)
         else:
             mujoco.mj_step2(model, data)
-        self._observed = False
+        watch.observed[0] = False
         self._tick += 1
-        self._read_off(last, last + 1)
+        if self._current.profile is None:
+            self._current.ready()
+            end_step(readout, flow, last + 1)
+        else:
+            gears_and_contacts(readout, last, last + 1)
+            self._blow()
         self._contact()
-        self._flow()
 
-    def _read_off(self, substep: int, substeps: int) -> None:
-        """Record gear friction, update its Stribeck bound, and accumulate contacts."""
-        truth = self.truth
-        gears_and_contacts(
-            self._places,
-            self._gears,
-            self.vehicle.dof,
-            self._friction,
-            truth.qd,
-            self._own_geom,
-            self._from_soil,
-            truth.tau_friction,
-            self._frictionloss,
-            self._contacts,
-            substep,
-            substeps,
+    def spans(self) -> str:
+        """Why the compiled stages of `sim.plant.compiled_step` cannot advance this plant; empty if they can."""
+        if self._soil is not None:
+            return "the plant has soil"
+        if self._reaction is not None:
+            return "the plant measures the wrench of the arm on the hull"
+        if self._current.profile is not None:
+            return "the current has a profile"
+        return ""
+
+    def ready(self) -> int:
+        """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
+        return self._current.ready()
+
+    def record(self) -> PlantRecord:
+        """Arrays of the compiled stages (`sim.plant.compiled_step`), valid until the next `reset`."""
+        return PlantRecord(
+            drive=self._drive,
+            readout=self._readout,
+            flow=self._flow,
+            watch=self._watch,
+            joints=self.vehicle.actuators,
+            substeps=self.substeps,
         )
+
+    def publish(self) -> None:
+        """Bring the numbers of `truth` up to date after compiled stages; its arrays are live."""
+        self.truth.time, self.truth.saturated = float(self._watch.time[0]), bool(self._drive.saturated[0])
+        self._contact()
 
     def _contact(self) -> None:
         """Publish the contacts of the step that has ended."""
@@ -331,7 +379,7 @@ class Plant:
         lever = truth.p_pad - data.xipos[self._tool]
         wrench[:3], wrench[3:] = f_W, np.cross(lever, f_W)
 
-    def _flow(self) -> None:
+    def _blow(self) -> None:
         """Write the flow of the next step into the model, before `observe` computes its forces."""
         velocity, acceleration = self._current.step()
         self._wind[:] = velocity

@@ -6,6 +6,7 @@ them in place; the offsets come from `sim.water.mujoco_layout` and are compared 
 
 import ctypes
 from functools import cache
+from typing import NamedTuple
 
 import mujoco
 import numba
@@ -13,7 +14,8 @@ import numpy as np
 
 from sim.interfaces.errors import HydrodynamicsError
 from sim.interfaces.kernels import keyed_by_imports
-from sim.water.mujoco_layout import offset, structure
+from sim.interfaces.spatial import Array
+from sim.water.mujoco_layout import library, offset, structure
 from sim.water.native_memory import f64, i32, pointer
 
 # Entries of `contacts`, the output of `gears_and_contacts`
@@ -23,6 +25,7 @@ CONTACTS = 7  # number of entries
 
 # Entries of `places`, integers: address of MjData, geom of the pad, type of friction cone; offsets; SIZE of a contact
 DATA, PAD, PYRAMIDS, NCON, NE, NEFC, CONTACT, EFC_FORCE, SIZE, FRAME, FRICTION, DIM, GEOM, EFC_ADDRESS = range(14)
+TIME, MODEL, STEP1, STEP2 = range(14, 18)  # offset in MjData; addresses of MjModel, mj_step1 and mj_step2
 
 _PROBE = """
 <mujoco>
@@ -35,7 +38,7 @@ _PROBE = """
 
 
 def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarray:
-    """Addresses and offsets for `gears_and_contacts`.
+    """Addresses and offsets for compiled code that reads or steps the physics.
 
     Args:
         data: Must outlive the result.
@@ -43,13 +46,13 @@ def places_of(data: mujoco.MjData, model: mujoco.MjModel, pad: int) -> np.ndarra
         pad: Geom of the pad, or -1.
 
     Returns:
-        `places` (14,) of integers.
+        `places` (18,) of integers.
 
     Raises:
         HydrodynamicsError: This MuJoCo stores contacts differently from its introspection.
     """
     places = np.array(_offsets(), dtype=np.int64)
-    places[DATA], places[PAD] = data._address, pad
+    places[DATA], places[MODEL], places[PAD] = data._address, model._address, pad
     places[PYRAMIDS] = model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     return places
 
@@ -60,15 +63,18 @@ def _offsets() -> tuple[int, ...]:
     names = ("frame", "friction", "dim", "geom", "efc_address")
     in_contact = [offset("mjContact", name) for name in names]
     _compare(names)
-    return (0, 0, 0, *in_data, ctypes.sizeof(structure("mjContact")), *in_contact)
+    steps = [ctypes.cast(getattr(library(), name), ctypes.c_void_p).value or 0 for name in ("mj_step1", "mj_step2")]
+    size = ctypes.sizeof(structure("mjContact"))
+    return (0, 0, 0, *in_data, size, *in_contact, offset("mjData", "time"), 0, *steps)
 
 
 def _compare(names: tuple[str, ...]) -> None:
     model = mujoco.MjModel.from_xml_string(_PROBE)
     data = mujoco.MjData(model)
+    mujoco.mj_step(model, data)
     mujoco.mj_forward(model, data)
     of_data, kind = structure("mjData").from_address(data._address), structure("mjContact")
-    counts = {name: getattr(of_data, name) == getattr(data, name) for name in ("ncon", "ne", "nefc")}
+    counts = {name: getattr(of_data, name) == getattr(data, name) for name in ("time", "ncon", "ne", "nefc")}
     counts["efc_force"] = of_data.efc_force == data.efc_force.ctypes.data
     live = data.contact[0]
     seen = kind.from_address(of_data.contact)
@@ -79,29 +85,34 @@ def _compare(names: tuple[str, ...]) -> None:
         raise HydrodynamicsError(f"MuJoCo {mujoco.__version__}: contacts are not where its introspection says: {wrong}")
 
 
+class Readout(NamedTuple):
+    """Gears and contacts of one plant; the last three are outputs."""
+
+    places: np.ndarray  # (18,) of `places_of`
+    gears: np.ndarray  # (n,) row of each joint's gear among the friction constraints, -1: no friction; or (0,)
+    dof: np.ndarray  # (n,) degree of freedom of each joint
+    friction: Array  # (3, n) sliding and sticking friction [N m], and Stribeck's speed [rad/s]
+    qd: Array  # (n,) [rad/s] joint velocities
+    own_geom: np.ndarray  # (ngeom,) mask, True for geoms of the vehicle
+    added: Array  # (4,) [N] normal force, and force in W, to be added to those of each substep
+    tau_friction: Array  # (n,) [N m] friction torque on each joint
+    frictionloss: Array  # (nv,) [N m] friction bounds of the next substep
+    contacts: Array  # (CONTACTS,) accumulated over the substeps
+
+
 @numba.njit(cache=True)
 @keyed_by_imports
-def gears_and_contacts(
-    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts, substep, substeps
-):
+def gears_and_contacts(readout, substep, substeps):
     """Read friction and contacts of the substep that has ended; set the friction bounds of the next one.
 
     The means in `contacts` are complete after the last of `substeps`; `substep` 0 starts a new step.
 
     Args:
-        places: From `places_of`.
-        rows: Row (n,) of each joint's gear among the friction constraints; -1: no friction.
-        dof: Degree of freedom (n,) of each joint.
-        friction: (3, n) sliding and sticking friction [N m], and Stribeck's speed [rad/s].
-        qd: Joint velocities (n,) [rad/s].
-        own_geom: Mask (ngeom,), True for geoms of the vehicle.
-        added: (4,) [N] normal force, and force in W, to be added to this substep's.
-        tau_friction: Output (n,) [N m], friction torque on each joint.
-        frictionloss: Output (nv,) [N m], friction bounds of the next substep.
-        contacts: Output (CONTACTS,), accumulated over the substeps.
+        readout: `Readout`, or its fields as a plain tuple.
         substep: Index of the substep, from 0.
         substeps: Number of substeps.
     """
+    places, rows, dof, friction, qd, own_geom, added, tau_friction, frictionloss, contacts = readout
     d = places[DATA]
     efc_force = pointer(d, places[EFC_FORCE])
     first, end = i32(d + places[NE], 0), i32(d + places[NEFC], 0)

@@ -14,11 +14,11 @@ SATURATED = 0.979  # share of full thrust that counts as saturated; thrust alloc
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _advance(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
+def advance_thrusters(curve, table, command, R_WB, v_WB_W, w_WB_B, current_W, state):
     """Advance the lag by one exact step and compute thrust; True if any command was at its limit.
 
     Rows of `table` (9, m): decay of the lag, slew in a step, inflow loss, lever of the advance speed (6). Rows of
-    `state` (3, m): command after the slew limit, propeller speed, thrust.
+    `state` (3, m): command after the slew limit, propeller speed, thrust [N].
     """
     decay, slew, inflow_loss, advance = table[0], table[1], table[2], table[3:]
     passed, speed, thrust = state[0], state[1], state[2]
@@ -63,7 +63,7 @@ class Thrusters:
         """
         if table.ndim != 2 or (len(table) and table.shape[1] < HEADER) or wrench.shape != (6, len(table)):
             raise ConfigurationError(f"thrusters: table {table.shape} and wrench {wrench.shape} do not fit together")
-        self._curves = curves(table)
+        self.curves = curves(table)
         columns = np.array(table).reshape(len(table), -1) if len(table) else np.zeros((0, HEADER))
         lag, slew = columns[:, TIME_CONSTANT], columns[:, SLEW_RATE]
         decay = np.where(lag > 0.0, np.exp(-timestep / np.where(lag > 0.0, lag, 1.0)), 0.0)
@@ -71,14 +71,14 @@ class Thrusters:
         advance = np.array(wrench)
         advance[3:] -= columns[:, TORQUE] * advance[:3]
         slew = np.where(slew > 0.0, slew * timestep, np.inf)
-        self._table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
-        self._state = np.zeros((3, len(table)))  # first row: command after the drives' slew limit
-        self.speed = self._state[1]  # normalised propeller speed
-        self.thrust = self._state[2]  # [N]
+        self.table = np.vstack([decay, slew, columns[:, INFLOW_LOSS], advance])
+        self.state = np.zeros((3, len(table)))  # first row: command after the drives' slew limit
+        self.speed = self.state[1]  # normalised propeller speed
+        self.thrust = self.state[2]  # [N]
 
     def reset(self) -> None:
         """Stop all propellers."""
-        self._state[:] = 0.0
+        self.state[:] = 0.0
 
     def step(self, command: Array, R_WB: Array, v_WB_W: Array, w_WB_B: Array, current_W: Array) -> bool:
         """Advance by one step of the plant; the thrust [N] is then in `self.thrust`.
@@ -97,4 +97,4 @@ class Thrusters:
             ConfigurationError: The command has another shape or is not finite.
         """
         command = fitting(command, self.speed.shape, "thruster command")
-        return _advance(self._curves, self._table, command, R_WB, v_WB_W, w_WB_B, current_W, self._state)
+        return advance_thrusters(self.curves, self.table, command, R_WB, v_WB_W, w_WB_B, current_W, self.state)

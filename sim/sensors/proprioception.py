@@ -46,6 +46,74 @@ class SensorState:
         return self.drawn[self.used - count : self.used]
 
 
+_CONSTANTS = [("bias", np.float64, _MOST_JOINTS)]  # drawn for this run, in the sensor's units
+_NOISE = [("drawn", np.float64, _BLOCK), ("used", np.int64)]  # standard normal numbers, and how many of them are used
+
+ENCODERS = np.dtype(
+    (
+        np.record,
+        [*_CONSTANTS, ("resolution", np.float64), ("rate_noise", np.float64), ("rate_resolution", np.float64), *_NOISE],
+    )
+)
+TORQUE_SENSORS = np.dtype((np.record, [*_CONSTANTS, ("noise", np.float64), ("resolution", np.float64), *_NOISE]))
+IMU = np.dtype(
+    (
+        np.record,
+        [
+            *_CONSTANTS,  # accelerometer (3,) [m/s^2], attitude (3,) [rad], gyro (3,) [rad/s]
+            ("acceleration_noise", np.float64),
+            ("rate_noise", np.float64),
+            ("attitude_noise", np.float64),
+            ("acceleration_resolution", np.float64),
+            ("rate_resolution", np.float64),
+            *_NOISE,
+        ],
+    )
+)
+
+
+class FastState:
+    """State of a sensor that samples at every step of the loop: a record for its compiled function, and a stream."""
+
+    __slots__ = ("_count", "_drawn", "_rng", "_used", "record", "stated")
+
+    def __init__(self, kind: np.dtype, sensor: Any, rng: np.random.Generator, bias: Array) -> None:
+        """Copy bias and constants into a record.
+
+        Args:
+            kind: Type of the record: ENCODERS, TORQUE_SENSORS or IMU.
+            sensor: Gives the record's constants.
+            rng: Stream of the noise.
+            bias: (k,) drawn for this run.
+        """
+        self.record = np.zeros(1, kind)  # changed in place
+        self.record["bias"][0, : len(bias)] = bias
+        for name in kind.names or ():
+            if hasattr(sensor, name) and name != "bias":
+                self.record[name] = getattr(sensor, name)
+        self.stated: Any = None  # noise by the data sheet, attached to every measurement
+        self._rng, self._count = rng, 0
+        self._drawn, self._used = self.record["drawn"][0], self.record["used"]
+        self._used[0] = _BLOCK
+
+    @property
+    def bias(self) -> Array:
+        """Biases of this run, padded with zeros."""
+        return self.record["bias"][0]
+
+    def ready(self) -> int:
+        """Number of samples for which noise is drawn; before the first sample 0."""
+        return int(_BLOCK - self._used[0]) // max(self._count, 1)
+
+    def draw(self, count: int) -> Array:
+        """Make sure that noise of `count` numbers is drawn for the next sample, and return the record."""
+        self._count = count
+        if self._used[0] + count > _BLOCK:
+            self._rng.standard_normal(out=self._drawn)
+            self._used[0] = 0
+        return self.record
+
+
 def _check(sensor: Any, above: Iterable[str] = ("period",)) -> None:
     """Raise ConfigurationError unless all numbers of `sensor` are finite and >= 0, and those named in `above` > 0."""
     for item in fields(sensor):
@@ -95,32 +163,36 @@ class Encoders:
     def __post_init__(self) -> None:
         _check(self, ("period", "resolution"))
 
-    def init(self, rng: np.random.Generator) -> SensorState:
+    def init(self, rng: np.random.Generator) -> FastState:
         """Draw the biases of this run."""
-        return SensorState(rng, self.bias * _constant(rng, _MOST_JOINTS))
+        return FastState(ENCODERS, self, rng, self.bias * _constant(rng, _MOST_JOINTS))
 
-    def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, EncoderMeasurement]:
+    def step(self, state: FastState, truth: Truth) -> tuple[FastState, EncoderMeasurement]:
         """Measure joint angles and velocities."""
-        q, qd = _encode(
-            truth.q,
-            truth.qd,
-            state.bias,
-            state.normal(len(truth.q)),
-            self.resolution,
-            self.rate_noise,
-            self.rate_resolution,
-        )
+        n = len(truth.q)
+        q, qd = np.empty(n), np.empty(n)
+        encode(state.draw(n), truth.q, truth.qd, q, qd)
         return state, EncoderMeasurement(time=truth.time, q=q, qd=qd)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _encode(q, qd, bias, noise, resolution, rate_noise, rate_resolution):
-    angle, rate = np.empty_like(q), np.empty_like(qd)
+def encode(record, q, qd, q_read, qd_read):
+    """Sample the encoders, with noise from their record.
+
+    Args:
+        record: (1,) of ENCODERS.
+        q: (n,) [rad] true angles.
+        qd: (n,) [rad/s] true velocities.
+        q_read: (n,) [rad] result.
+        qd_read: (n,) [rad/s] result.
+    """
+    sensor = record[0]
     for j in range(len(q)):
-        angle[j] = _in_steps(q[j] + bias[j], resolution)
-        rate[j] = _in_steps(qd[j] + rate_noise * noise[j], rate_resolution)
-    return angle, rate
+        q_read[j] = _in_steps(q[j] + sensor.bias[j], sensor.resolution)
+        noise = sensor.rate_noise * sensor.drawn[sensor.used + j]
+        qd_read[j] = _in_steps(qd[j] + noise, sensor.rate_resolution)
+    sensor.used += len(q)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,36 +208,48 @@ class JointTorqueSensors:
     def __post_init__(self) -> None:
         _check(self)
 
-    def init(self, rng: np.random.Generator) -> SensorState:
+    def init(self, rng: np.random.Generator) -> FastState:
         """Draw the biases of this run."""
-        return SensorState(rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS))
+        return FastState(TORQUE_SENSORS, self, rng, rng.uniform(-self.bias, self.bias, _MOST_JOINTS))
 
-    def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, TorqueMeasurement]:
+    def step(self, state: FastState, truth: Truth) -> tuple[FastState, TorqueMeasurement]:
         """Measure the torques at the gear outputs."""
-        tau = _transmitted(
+        n = len(truth.q)
+        tau = np.empty(n)
+        transmit(
+            state.draw(n),
             truth.tau_drive,
             truth.tau_friction,
             truth.armature,
             truth.qdd,
             truth.joint_damping,
             truth.qd,
-            state.normal(len(truth.q)),
-            self.noise,
-            state.bias,
-            self.resolution,
+            tau,
         )
         return state, TorqueMeasurement(time=truth.time, tau=tau)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _transmitted(tau_drive, tau_friction, armature, qdd, damping, qd, noise, share, bias, resolution):
-    """Torque at the gear outputs, with sensor errors: drive torque less rotor inertia, gear friction and damping."""
-    tau = np.empty_like(tau_drive)
-    for j in range(len(tau)):
+def transmit(record, tau_drive, tau_friction, armature, qdd, damping, qd, tau_read):
+    """Sample the torque at the gear outputs: drive torque less rotor inertia, gear friction and damping.
+
+    Args:
+        record: (1,) of TORQUE_SENSORS.
+        tau_drive: (n,) [N m] of the motors.
+        tau_friction: (n,) [N m] of dry friction in the gears, on the joint.
+        armature: (n,) [kg m^2] inertia of the rotors.
+        qdd: (n,) [rad/s^2] true accelerations.
+        damping: (n,) [N m s/rad] of the joints.
+        qd: (n,) [rad/s] true velocities.
+        tau_read: (n,) [N m] result.
+    """
+    sensor = record[0]
+    for j in range(len(tau_read)):
         true = tau_drive[j] + tau_friction[j] - armature[j] * qdd[j] - damping[j] * qd[j]
-        tau[j] = _in_steps(true * (1.0 + share * noise[j]) + bias[j], resolution)
-    return tau
+        noise = sensor.noise * sensor.drawn[sensor.used + j]
+        tau_read[j] = _in_steps(true * (1.0 + noise) + sensor.bias[j], sensor.resolution)
+    sensor.used += len(tau_read)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,12 +270,13 @@ class Imu:
     def __post_init__(self) -> None:
         _check(self)
 
-    def init(self, rng: np.random.Generator) -> SensorState:
+    def init(self, rng: np.random.Generator) -> FastState:
         """Draw the biases of this run."""
         bias = rng.standard_normal(6)
         rate = self.rate_bias * _constant(rng, 3)
         errors = np.concatenate([self.acceleration_bias * bias[:3], self.attitude_bias * bias[3:], rate])
-        stated = ImuNoise(
+        state = FastState(IMU, self, rng, errors)
+        state.stated = ImuNoise(
             acceleration=_white(self.acceleration_noise, self.acceleration_resolution),
             acceleration_bias=self.acceleration_bias,
             rate=_white(self.rate_noise, self.rate_resolution),
@@ -199,57 +284,46 @@ class Imu:
             attitude=self.attitude_noise,
             attitude_bias=self.attitude_bias,
         )
-        return SensorState(rng, errors, stated=stated)
+        return state
 
-    def step(self, state: SensorState, truth: Truth) -> tuple[SensorState, ImuMeasurement]:
+    def step(self, state: FastState, truth: Truth) -> tuple[FastState, ImuMeasurement]:
         """Measure specific force, angular velocity and attitude."""
-        force_B, w_B, R = _inertial(
-            truth.R_WB,
-            truth.acceleration,
-            truth.w_WB_B,
-            state.bias,
-            state.normal(9),
-            self.acceleration_noise,
-            self.rate_noise,
-            self.attitude_noise,
-            self.acceleration_resolution,
-            self.rate_resolution,
-        )
+        force_B, w_B, R = np.empty(3), np.empty(3), np.empty((3, 3))
+        sense_motion(state.draw(9), truth.R_WB, truth.acceleration, truth.w_WB_B, force_B, w_B, R)
         return state, ImuMeasurement(time=truth.time, specific_force_B=force_B, w_WB_B=w_B, R_WB=R, noise=state.stated)
 
 
 @numba.njit(cache=True)
 @keyed_by_imports
-def _inertial(
-    R_WB,
-    acceleration,
-    w_B,
-    bias,
-    noise,
-    acceleration_noise,
-    rate_noise,
-    attitude_noise,
-    acceleration_resolution,
-    rate_resolution,
-):
-    """Specific force, angular velocity and attitude with their errors; the attitude error is about hull axes."""
-    force_B, w, phi = np.empty(3), np.empty(3), np.empty(3)
+def sense_motion(record, R_WB, acceleration, w_B, force_read, w_read, R_read):
+    """Sample the inertial unit; the attitude error is about hull axes.
+
+    Args:
+        record: (1,) of IMU.
+        R_WB: (3, 3) true attitude.
+        acceleration: (6,) or (3,) [m/s^2] true one of the hull's origin in W; only the first three count.
+        w_B: (3,) [rad/s] true angular velocity in B.
+        force_read: (3,) [m/s^2] result, in B.
+        w_read: (3,) [rad/s] result, in B.
+        R_read: (3, 3) result.
+    """
+    sensor, phi = record[0], np.empty(3)
+    bias, noise = sensor.bias, sensor.drawn[sensor.used : sensor.used + 9]
+    sensor.used += 9
     for i in range(3):
-        force = bias[i] + acceleration_noise * noise[i]
+        force = bias[i] + sensor.acceleration_noise * noise[i]
         for j in range(3):
             force += R_WB[j, i] * (acceleration[j] + (GRAVITY if j == 2 else 0.0))
-        force_B[i] = _in_steps(force, acceleration_resolution)
-        w[i] = _in_steps(w_B[i] + bias[6 + i] + rate_noise * noise[3 + i], rate_resolution)
-        phi[i] = bias[3 + i] + attitude_noise * noise[6 + i]
+        force_read[i] = _in_steps(force, sensor.acceleration_resolution)
+        w_read[i] = _in_steps(w_B[i] + bias[6 + i] + sensor.rate_noise * noise[3 + i], sensor.rate_resolution)
+        phi[i] = bias[3 + i] + sensor.attitude_noise * noise[6 + i]
     # Second order in the error, which is below a milliradian: within 1e-10 of a rotation, far below the noise.
-    R = np.empty((3, 3))
     for j in range(3):
         k, m = (j + 1) % 3, (j + 2) % 3
         own = 1.0 - 0.5 * (phi[k] ** 2 + phi[m] ** 2)
         next_, last = phi[m] + 0.5 * phi[j] * phi[k], 0.5 * phi[j] * phi[m] - phi[k]
         for i in range(3):
-            R[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
-    return force_B, w, R
+            R_read[i, j] = R_WB[i, j] * own + R_WB[i, k] * next_ + R_WB[i, m] * last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,5 +1,6 @@
 """Time-varying current: a steady part plus gusts of finite acceleration."""
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -7,10 +8,9 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, number, readonly
+from sim.interfaces.spatial import Array, checked, number
 
 _BLOCK = 4096  # steps generated at a time
-_STEADY = readonly(np.zeros(3))  # [m/s^2] acceleration of a steady current
 _LONGEST = 1e12  # [steps] longest time constant; beyond it the filter's pole is lost in rounding
 
 
@@ -19,6 +19,10 @@ class Current:
 
     Gusts are white noise through two equal first-order filters: their acceleration, which the pressure-gradient force
     needs, is then finite. `gust` is their standard deviation per axis.
+
+    `velocity` [m/s] and `acceleration` [m/s^2], each (N, 3), hold the steps generated ahead, without the profile; `row`
+    (2,) is the next of their rows, and by how many rows a step moves on. Compiled code may take rows itself, `ready` of
+    them. The three arrays are never replaced.
     """
 
     def __init__(
@@ -61,7 +65,7 @@ class Current:
                 f"{_LONGEST:.0e} of them"
             )
         self._rng, self._dt = rng, dt
-        self._profile, self._ticks = profile, 0
+        self.profile, self._ticks = profile, 0
         self._blows = gust > 0.0
         a, b = np.exp(-dt / time_constant), -np.expm1(-dt / time_constant)
         self._numerator, self._denominator = [b], [1.0, -a]
@@ -69,8 +73,9 @@ class Current:
         # from Lyapunov's equation; scaled so that the second state has the gust's.
         first = gust * (1.0 + a) / (1.0 + a * a)
         self._scale = gust * (1.0 + a) * np.sqrt((1.0 + a) / (b * (1.0 + a * a)))
-        self._velocity = self._acceleration = np.zeros((0, 3))  # generated ahead; read-only
-        self._at = 0
+        rows = _BLOCK if self._blows else 1
+        self.velocity, self.acceleration = np.tile(self._mean, (rows, 1)), np.zeros((rows, 3))
+        self.row = np.array([rows, 1] if self._blows else [0, 0])  # no gust is generated yet
         self._filters = np.zeros((2, 1, 3))
         if self._blows:
             assert rng is not None
@@ -81,34 +86,33 @@ class Current:
     @property
     def timestep(self) -> float | None:
         """Step of the plant [s] that it was made for; None for a steady current, which suits any step."""
-        return self._dt if self._blows or self._profile is not None else None
+        return self._dt if self._blows or self.profile is not None else None
 
     def _refill(self) -> None:
         assert self._rng is not None
         noise = self._scale * self._rng.standard_normal((_BLOCK, 3))
         for i in range(2):
             noise, self._filters[i] = lfilter(self._numerator, self._denominator, noise, axis=0, zi=self._filters[i])
-        self._velocity = self._mean + noise
-        self._acceleration = np.diff(noise, axis=0, prepend=self._gust[None]) / self._dt
-        for rows in (self._velocity, self._acceleration):
-            rows.setflags(write=False)
-        self._gust, self._at = noise[-1], 0
+        self.velocity[:] = self._mean + noise
+        self.acceleration[:] = np.diff(noise, axis=0, prepend=self._gust[None]) / self._dt
+        self._gust, self.row[0] = noise[-1], 0
+
+    def ready(self) -> int:
+        """Number of steps that may now be taken from the rows; generates new ones after the last."""
+        if not self._blows:
+            return sys.maxsize
+        if self.row[0] == _BLOCK:
+            self._refill()
+        return _BLOCK - int(self.row[0])
 
     def step(self) -> tuple[Array, Array]:
         """Velocity (3,) [m/s] and acceleration (3,) [m/s^2] of the water for the plant's next step, world axes."""
-        velocity, acceleration = self._flow()
-        if self._profile is None:
+        self.ready()
+        at = self.row[0]
+        velocity, acceleration = self.velocity[at].copy(), self.acceleration[at].copy()
+        self.row[0] += self.row[1]
+        if self.profile is None:
             return velocity, acceleration
-        share, growth = self._profile(self._ticks * self._dt)
+        share, growth = self.profile(self._ticks * self._dt)
         self._ticks += 1
         return share * velocity, share * acceleration + growth * velocity
-
-    def _flow(self) -> tuple[Array, Array]:
-        """Velocity and acceleration before the profile is applied."""
-        if not self._blows:
-            return self._mean, _STEADY
-        if self._at == len(self._velocity):
-            self._refill()
-        at = self._at
-        self._at = at + 1
-        return self._velocity[at], self._acceleration[at]

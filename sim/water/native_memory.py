@@ -1,4 +1,4 @@
-"""Loads from raw addresses in compiled code, where MuJoCo's structs are reached without their Python binding."""
+"""Loads and calls by raw address in compiled code, which reaches MuJoCo without its Python binding."""
 
 from collections.abc import Callable
 from typing import Any, cast
@@ -33,3 +33,22 @@ def loader(result: types.Type, kind: ir.Type, scale: int) -> Callable[[int, int]
 f64 = loader(types.float64, ir.DoubleType(), 8)
 i32 = loader(types.int32, ir.IntType(32), 4)
 pointer = loader(types.intp, ir.IntType(64), 1)  # index in bytes
+
+
+def _stepper() -> Callable[[int, int, int], Any]:
+    """Intrinsic f(function, model, data) that calls the C function `void (const mjModel*, mjData*)` at an address."""
+
+    def call(_typing: Any, _function: Any, _model: Any, _data: Any) -> Any:
+        def codegen(context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
+            place = ir.IntType(8).as_pointer()
+            kind = ir.FunctionType(ir.VoidType(), [place, place]).as_pointer()
+            model, data = builder.inttoptr(args[1], place), builder.inttoptr(args[2], place)
+            builder.call(builder.inttoptr(args[0], kind), [model, data])
+            return context.get_dummy_value()
+
+        return types.void(types.intp, types.intp, types.intp), codegen
+
+    return cast(Any, intrinsic(call))
+
+
+call_physics = _stepper()  # `mj_step1` or `mj_step2`, whose addresses are in `sim.plant.readout.places_of`

@@ -40,7 +40,7 @@ def test_contacts_and_gears_are_those_of_the_binding(cone, condim, within):
     for _ in range(60):
         mujoco.mj_step(model, data)
         qd = data.qvel[6:7].copy()
-        gears_and_contacts(places, np.array([0]), dof, friction, qd, own, nothing, tau, bound, contacts, 0, 1)
+        gears_and_contacts((places, np.array([0]), dof, friction, qd, own, nothing, tau, bound, contacts), 0, 1)
         normal, force, part = 0.0, np.zeros(3), np.zeros(6)
         for i in range(data.ncon):
             contact = data.contact[i]
@@ -70,9 +70,8 @@ def test_what_touches_beside_the_pad_is_a_collision():
     contacts, tau, bound = np.ones(CONTACTS), np.ones(1), np.zeros(model.nv)
     dof, friction = model.joint("j").dofadr, np.array([[0.3], [0.5], [1.0]])
     for collided in (False, True):
-        gears_and_contacts(
-            places, np.array([0]), dof, friction, np.zeros(1), own, np.zeros(4), tau, bound, contacts, 0, 1
-        )
+        parts = places, np.array([0]), dof, friction, np.zeros(1), own, np.zeros(4), tau, bound, contacts
+        gears_and_contacts(parts, 0, 1)
         assert bool(contacts[COLLISION]) is collided
         if not collided:
             assert not contacts.any()

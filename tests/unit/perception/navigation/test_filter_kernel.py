@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sim.interfaces.records import EstimateRecord, estimate_record, joint_record
 from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 from uncompiled import uncompiled
 
@@ -15,12 +16,15 @@ class Case:
     """A layout with a mean, a covariance and one stored step, drawn at random."""
 
     def __init__(self, layout: tuple[int, int, int], rng: np.random.Generator) -> None:
-        self.layout, self.n = np.array(layout), layout[0]
-        self.x, self.P = np.zeros(15), np.zeros((15, 15))
+        self.memory = np.zeros(1, kernel.FILTER)
+        self.f = self.memory[0]
+        self.layout, self.n, self.x, self.P = self.f.layout, layout[0], self.f.x, self.f.P
+        self.layout[:], self.f.walks[:] = layout, WALKS
         self.x[: self.n] = rng.normal(size=self.n)
         G = rng.normal(size=(self.n, self.n))
         self.P[: self.n, : self.n] = G @ G.T + 0.1 * np.eye(self.n)
-        self.R = exp_so3(rng.normal(size=3))
+        self.R = self.f.R_WB
+        self.R[:] = exp_so3(rng.normal(size=3))
         self.row = np.zeros(kernel.INPUT)
         self.row[: kernel.FORCE] = [3.0, 0.07, 0.02, 0.05]
         self.row[kernel.FORCE : kernel.ATTITUDE] = rng.normal(size=3)
@@ -64,7 +68,7 @@ def test_propagation_is_f_p_f_transposed_and_noise(case: Case) -> None:
     force = case.R @ case.row[kernel.FORCE : kernel.ATTITUDE] - [0.0, 0.0, GRAVITY]
     gravity[:3], gravity[3:6] = 0.5 * dt**2 * force, dt * force
     x, P = F @ case.x[:n] + gravity, F @ case.P[:n, :n] @ F.T + Q
-    kernel.propagate(case.row, case.layout, WALKS, case.x, case.P)
+    kernel.propagate(case.f, case.row)
     np.testing.assert_allclose(case.x[:n], x, atol=1e-12)
     np.testing.assert_allclose(case.P[:n, :n], P, atol=1e-12)
 
@@ -73,21 +77,20 @@ def test_propagation_is_f_p_f_transposed_and_noise(case: Case) -> None:
 def test_a_fix_is_taken_by_the_kalman_gain(case: Case, kind: int) -> None:
     n, H = case.n, case.measured(kind)
     x, P = case.x[:n].copy(), case.P[:n, :n].copy()
-    innovation, cross, S = np.empty(3), np.zeros((15, 3)), np.empty((3, 3))
-    kernel.compare(kind, case.fix, case.row, case.layout, case.x, case.P, innovation, cross, S)
+    innovation, cross, S = kernel.compare(kind, case.fix, case.row, case.layout, case.x, case.P)
     expected = case.fix[kernel.VALUE : kernel.VALUE + 3] - H @ x
     covariance = H @ P @ H.T + case.fix[kernel.VARIANCE] * np.eye(3)
     np.testing.assert_allclose(innovation, expected, atol=1e-12)
     np.testing.assert_allclose(cross[:n], P @ H.T, atol=1e-12)
     np.testing.assert_allclose(S, covariance, atol=1e-12)
     np.testing.assert_allclose(kernel.inverse3(S), np.linalg.inv(S), atol=1e-10)
-    history = [np.array([array]) for array in (case.row, case.x, case.P)]
-    white = np.empty(3)
-    square = kernel.mahalanobis(kind, case.fix, 0, case.layout, *history, innovation, white)
+    case.f.past_input[7], case.f.past_x[7], case.f.past_P[7] = case.row, case.x, case.P
+    square, shown, white = kernel.mahalanobis(case.memory, kind, case.fix, 7)
+    np.testing.assert_array_equal(shown, innovation)
     assert square == pytest.approx(expected @ np.linalg.solve(covariance, expected))
     np.testing.assert_allclose(white, np.linalg.solve(np.linalg.cholesky(covariance), expected), atol=1e-10)
     K = P @ H.T @ np.linalg.inv(covariance)
-    kernel.absorb(kind, case.fix, case.row, case.layout, case.x, case.P)
+    kernel.absorb(case.f, kind, case.fix, case.row)
     np.testing.assert_allclose(case.x[:n], x + K @ expected, atol=1e-10)
     np.testing.assert_allclose(case.P[:n, :n], (np.eye(n) - K @ H) @ P, atol=1e-10)
 
@@ -147,134 +150,82 @@ def test_a_wild_attitude_reading_turns_by_little_and_to_its_side(rng: np.random.
         assert wild_bias @ axis > 0.0
 
 
-def past(size: int) -> tuple[Array, Array, Array, Array]:
-    return (
-        np.zeros((size, kernel.INPUT)),
-        np.full((size, 15), np.nan),
-        np.full((size, 15, 15), np.nan),
-        np.ones((size, 2, kernel.FIX)),
-    )
-
-
 def test_a_replay_is_the_filter_run_again_with_the_late_fix(case: Case, rng: np.random.Generator) -> None:
     """Around the end of the ring, with fixes of both kinds on the way."""
-    size, n = 4, case.n
-    R, gyro, bias = case.R.copy(), np.array([0.01, 0.0, 0.01]), np.zeros(3)
-    stored = past(size)
-    states = []
-    for step, head in enumerate((2, 3, 0, 1)):
+    f, n, last = case.f, case.n, kernel.HISTORY - 1
+    f.past_x[:], f.past_P[:], f.past_fix[:] = np.nan, np.nan, 1.0
+    f.head, f.interval, f.acceleration, f.attitude, f.tilt = last - 2, np.inf, 2.0, 1e-4, 4.0
+    f.gyro[:] = 0.01, 0.0, 0.01
+    states = {}
+    for step, head in enumerate((last - 1, last, 0, 1)):
         force, w = rng.normal(size=3), 0.1 * rng.normal(size=3)
-        done = kernel.inertial(
-            force,
-            w,
-            R,
-            0.05 * step,
-            0.05,
-            0.02,
-            0.05,
-            case.layout,
-            WALKS,
-            np.full(3, 0.01),
-            R,
-            gyro,
-            bias,
-            case.x,
-            case.P,
-            head,
-            *stored,
-        )
-        assert done
-        row = stored[0][head]
-        np.testing.assert_allclose(row[:7], [0.05 * step, 0.05, 0.02, 0.05, *force])
-        np.testing.assert_allclose(row[kernel.ATTITUDE : kernel.JUMP], R.ravel())
-        np.testing.assert_array_equal(stored[1][head], case.x)
-        np.testing.assert_array_equal(stored[2][head][:n, :n], case.P[:n, :n])
-        assert not stored[3][head, :, kernel.HAS].any()
-        states.append((case.x.copy(), case.P.copy()))
-    stored[3][3, kernel.VISION], stored[3][1, kernel.DVL] = case.fix, case.fix
-    x, P = (array.copy() for array in states[1])
-    kernel.absorb(kernel.VISION, case.fix, stored[0][3], case.layout, x, P)
+        assert kernel.advance(f, 0.05, force, w, case.R.copy(), 0.0)
+        assert f.head == head
+        row = f.past_input[head]
+        np.testing.assert_allclose(row[:7], [0.05 * (step + 1), 0.05, 0.02, 0.01, *force])
+        np.testing.assert_allclose(row[kernel.ATTITUDE : kernel.JUMP], case.R.ravel())
+        np.testing.assert_array_equal(f.past_x[head], case.x)
+        np.testing.assert_array_equal(f.past_P[head][:n, :n], case.P[:n, :n])
+        assert not f.past_fix[head, :, kernel.HAS].any()
+        states[head] = case.x.copy(), case.P.copy()
+    f.past_fix[last, kernel.VISION], f.past_fix[1, kernel.DVL] = case.fix, case.fix
+    twin = np.zeros(1, kernel.FILTER)[0]
+    twin.layout[:], twin.walks[:] = f.layout, f.walks
+    twin.x[:], twin.P[:] = states[last]
+    kernel.absorb(twin, kernel.VISION, case.fix, f.past_input[last])
     for head in (0, 1):
-        kernel.propagate(stored[0][head], case.layout, WALKS, x, P)
-        np.testing.assert_array_equal(x.shape, (15,))
-    before = x.copy(), P.copy()
-    kernel.absorb(kernel.DVL, case.fix, stored[0][1], case.layout, x, P)
-    found_x, found_P = np.zeros(15), np.zeros((15, 15))
-    kernel.replay(3, 1, case.layout, WALKS, *stored, found_x, found_P)
-    np.testing.assert_allclose(found_x, x)
-    np.testing.assert_allclose(found_P[:n, :n], P[:n, :n])
-    np.testing.assert_allclose(stored[1][1], before[0])  # the past is kept before its fixes
-    np.testing.assert_allclose(stored[2][1][:n, :n], before[1][:n, :n])
+        kernel.propagate(twin, f.past_input[head])
+    before = twin.x.copy(), twin.P.copy()
+    kernel.absorb(twin, kernel.DVL, case.fix, f.past_input[1])
+    withheld = 0.01 * rng.normal(size=(2, 3))
+    f.held[:] = withheld
+    kernel.replay(case.memory, last)
+    np.testing.assert_allclose(f.x, twin.x)
+    np.testing.assert_allclose(f.P[:n, :n], twin.P[:n, :n])
+    np.testing.assert_allclose(f.past_x[1], before[0])  # the past is kept before its fixes
+    np.testing.assert_allclose(f.past_P[1][:n, :n], before[1][:n, :n])
+    np.testing.assert_allclose(f.held - withheld, (twin.x - states[1][0])[:6].reshape(2, 3), atol=1e-12)
 
 
 def test_a_sample_that_is_not_finite_changes_nothing(case: Case) -> None:
-    stored = past(2)
+    case.f.interval = 0.05
+    before = case.memory.copy()
     for spoilt in range(3):
         given = [np.ones(3), np.ones(3), np.eye(3)]
         given[spoilt] = given[spoilt] * np.nan
-        R, x, P = case.R.copy(), case.x.copy(), case.P.copy()
-        assert not kernel.inertial(
-            *given,
-            0.0,
-            0.05,
-            0.02,
-            0.05,
-            case.layout,
-            WALKS,
-            np.full(3, 0.01),
-            R,
-            np.ones(3),
-            np.zeros(3),
-            x,
-            P,
-            0,
-            *stored,
-        )
-        np.testing.assert_array_equal(R, case.R)
-        np.testing.assert_array_equal(x, case.x)
-        np.testing.assert_array_equal(P, case.P)
-    ones = np.ones(3)
-    assert kernel.all_finite(ones, ones, ones)
-    for k in range(3):
-        given = [ones, ones, ones]
-        given[k] = np.array([1.0, np.inf, 1.0])
-        assert not kernel.all_finite(*given)
+        assert not kernel.advance(case.f, 0.05, *given, 0.0)
+        assert case.memory.tobytes() == before.tobytes()
 
 
 RELEASE = np.array([0.5, 0.2, 3.0, 0.04])
 
 
-def smooth(case: Case, dt: float, lag: float, held: Array, a_B: Array, w: Array | None = None) -> tuple:
-    return kernel.smoothed_output(
-        dt,
-        lag,
-        0.1,
-        RELEASE,
-        np.array([0.1, 0.2, 9.9]),
-        np.zeros(3) if w is None else w,
-        case.R,
-        np.array([0.01, -0.02, 0.03]),
-        case.x,
-        case.P,
-        held,
-        a_B,
-    )
+def smooth(case: Case, dt: float, lag: float, held: Array, a_B: Array, w: Array | None = None) -> EstimateRecord:
+    """Output `dt` after the last one and `lag` ahead of the filter; `held` and `a_B` are changed in place."""
+    f, out = case.f, estimate_record(2)
+    f.release[:], f.smooth, f.time, f.clock, f.given = RELEASE, 0.1, -lag, 0.0, -dt
+    f.force[:], f.w_B[:], f.rate_bias[:] = [0.1, 0.2, 9.9], 0.0 if w is None else w, [0.01, -0.02, 0.03]
+    f.held[:], f.a_B[:] = held, a_B
+    kernel.put_out(case.memory, joint_record(2), out)
+    held[:], a_B[:] = f.held, f.a_B
+    return out
 
 
 def test_output_leads_the_filter_by_its_lag_and_leaves_out_what_is_held(case: Case, rng: np.random.Generator) -> None:
     held, w = 0.01 * rng.normal(size=(2, 3)), rng.normal(size=3)
     kept = held.copy()
-    X, v_B, w_out, _, sigma = smooth(case, 0.0, 0.07, held, np.zeros(3), w)
+    out = smooth(case, 0.0, 0.07, held, np.zeros(3), w)
+    X = out.X_WB
     np.testing.assert_array_equal(held, kept)  # no time has passed
     rate = w - [0.01, -0.02, 0.03]
     v_W = case.x[3:6] - held[1]
     np.testing.assert_allclose(X[:3, 3], case.x[:3] - held[0] + 0.07 * v_W)
     np.testing.assert_allclose(X[:3, :3], case.R @ exp_so3(0.07 * rate), atol=1e-12)
-    np.testing.assert_allclose(v_B, case.R.T @ v_W)
-    np.testing.assert_allclose(w_out, rate)
-    np.testing.assert_allclose(sigma, np.sqrt(np.diag(case.P)[:3] + held[0] ** 2))
-    X, *_ = smooth(case, 0.0, 0.0, held, np.zeros(3), w)
-    np.testing.assert_array_equal(X[:3, :3], case.R)
+    np.testing.assert_allclose(out.v_WB_B, case.R.T @ v_W)
+    np.testing.assert_allclose(out.w_WB_B, rate)
+    np.testing.assert_allclose(out.position_sigma, np.sqrt(np.diag(case.P)[:3] + held[0] ** 2))
+    out = smooth(case, 0.0, 0.0, held, np.zeros(3), w)
+    np.testing.assert_array_equal(out.X_WB[:3, :3], case.R)
 
 
 def test_what_is_held_is_released_as_by_a_damped_spring(case: Case) -> None:
@@ -301,7 +252,6 @@ def test_acceleration_follows_by_its_time_constant(case: Case) -> None:
     fresh = np.array([0.1, 0.2, 9.9]) - case.x[6:9] - GRAVITY * case.R[2]
     for dt, share in ((0.02, 0.2), (0.05, 0.5), (0.3, 1.0)):
         a_B = np.array([1.0, -1.0, 2.0])
-        *_, given, _ = smooth(case, dt, 0.0, np.zeros((2, 3)), a_B)
+        given = smooth(case, dt, 0.0, np.zeros((2, 3)), a_B).a_WB_B
         np.testing.assert_allclose(a_B, (1.0 - share) * np.array([1.0, -1.0, 2.0]) + share * fresh)
         np.testing.assert_array_equal(given, a_B)
-        assert given is not a_B

@@ -76,7 +76,7 @@ def test_late_fixes_give_what_all_information_at_once_gives(within, in_order):
     state = navigation.init([imu(0), first, log, *body()])
     for k in range(1, ticks + 1):
         state, _ = navigation.step(state, [*arriving.get(k, []), imu(k)])
-    assert sum(watch.refused for watch in state.watches) == 0
+    assert sum(watch.refused for watch in state.fixes.watches) == 0
 
     # Prior of every step, and transitions between them.
     eye, R0 = np.eye(3), attitude[0]

@@ -19,6 +19,7 @@ from sim.interfaces.messages import (
     VisionMeasurement,
     VisionNoise,
 )
+from sim.interfaces.records import estimate_record, joint_record
 from sim.interfaces.spatial import GRAVITY, Array, exp_so3, log_so3
 from sim.sensors import proprioception
 
@@ -151,8 +152,8 @@ def test_place_and_velocity_handed_on_belong_together(within):
 def test_the_output_loses_nothing_of_the_corrections(within):
     """What is held back is handed on: filter and output agree once the pictures stop."""
     *_, state = run(resting, 30.0)
-    filter_, start = Navigation(), state.time
-    assert np.abs(state.held[0]).max() > 1e-5
+    filter_, start = Navigation(), float(state.memory["time"][0])
+    assert np.abs(state.memory["held"][0, 0]).max() > 1e-5
     state, estimate = filter_.step(state, [])
     rng = np.random.default_rng(2)
     for tick in range(1, 2500):
@@ -219,7 +220,7 @@ def test_a_sensor_worse_than_it_states_is_believed_less():
     for adapt in (True, False):
         course = slow(noise=5e-3).run(60.0, np.random.default_rng(2), Navigation(period=0.01, adapt=adapt), spoil=lie)
         errors[adapt] = late_error(course, 30.0)
-        scale = course.state.watches[0].scale
+        scale = course.state.fixes.watches[0].scale
         assert (15.0 < scale < 35.0) if adapt else scale == 1.0  # 25 is true
     honest = late_error(slow(noise=5e-3).run(60.0, np.random.default_rng(2)), 30.0)
     assert errors[True] < 1.15 * honest
@@ -228,8 +229,8 @@ def test_a_sensor_worse_than_it_states_is_believed_less():
 
 def test_a_sound_sensor_keeps_its_word():
     course = slow().run(60.0, np.random.default_rng(7))
-    assert [watch.refused for watch in course.state.watches] == [0, 0]
-    assert all(watch.scale < 1.3 for watch in course.state.watches)
+    assert [watch.refused for watch in course.state.fixes.watches] == [0, 0]
+    assert all(watch.scale < 1.3 for watch in course.state.fixes.watches)
 
 
 @pytest.mark.parametrize("rig", [{}, {"delay": 0.25, "noise": 5e-3}], ids=["vision as it is", "vision late and rough"])
@@ -247,7 +248,7 @@ def test_an_accelerometer_whose_bias_jumps_is_learnt_anew(size: float, rig: dict
         ]
 
     course = slow(**rig).run(30.0, rng, spoil=spoil)
-    assert course.state.bias_jumps >= 1
+    assert course.state.fixes.bias_jumps >= 1
     within("place from the jump on [m]", np.abs(course.error[1500:]).max(), 0.08)
     within("bias at the end [m/s^2]", np.abs(course.state.x[6:9] - course.bias_B - way).max(), 3e-3)
 
@@ -257,7 +258,7 @@ def test_a_sound_accelerometer_is_not_thought_to_jump(rng: np.random.Generator):
     course = slow(noise=5e-3).run(60.0, rng)
     jump = with_pictures(lambda tick, m: None if 1000 < tick < 1300 else replace(m, p_WB=m.p_WB + 0.05 * (tick > 2000)))
     spoilt = slow().run(40.0, rng, spoil=jump)
-    assert (course.state.bias_jumps, spoilt.state.bias_jumps) == (0, 0)
+    assert (course.state.fixes.bias_jumps, spoilt.state.fixes.bias_jumps) == (0, 0)
 
 
 def test_outliers_are_refused():
@@ -433,26 +434,33 @@ def test_first_measurement_that_is_missing_is_named(missing):
 def test_a_steady_push_is_integrated_exactly_in_a_turned_hull_with_a_known_bias(rng, within):
     """p = v t + a t^2 / 2 over a hundred steps, to rounding."""
     R, a, bias, v = exp_so3(rng.uniform(-1.0, 1.0, 3)), rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
-    row, x, P = np.zeros(kernel.INPUT), np.zeros(kernel.MOST_STATES), np.zeros((kernel.MOST_STATES,) * 2)
+    row, f = np.zeros(kernel.INPUT), np.zeros(1, kernel.FILTER)[0]
+    f.layout[:] = 9, -1, -1
     row[kernel.DT], row[kernel.ATTITUDE : kernel.ATTITUDE + 9] = 0.05, R.ravel()
     row[kernel.FORCE : kernel.FORCE + 3] = R.T @ (a + np.array([0.0, 0.0, GRAVITY])) + bias
-    x[3:6], x[6:9] = v, bias
+    f.x[3:6], f.x[6:9] = v, bias
     for _ in range(100):
-        kernel.propagate(row, np.array([9, -1, -1]), np.zeros(3), x, P)
-    within("place [m]", x[:3] - (5.0 * v + 12.5 * a), 1e-10)
-    within("velocity [m/s]", x[3:6] - (v + 5.0 * a), 1e-11)
+        kernel.propagate(f, row)
+    within("place [m]", f.x[:3] - (5.0 * v + 12.5 * a), 1e-10)
+    within("velocity [m/s]", f.x[3:6] - (v + 5.0 * a), 1e-11)
 
 
 def test_what_is_handed_on_is_the_state_brought_to_the_time_of_the_estimate(rng, within):
     """A tilted hull, corrections held back: place, attitude, velocity, rates and acceleration by their definitions."""
     lag, w_B, bias, f_B = 0.03, rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=3)
-    R, x, held, P = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3)), np.eye(9)
-    release, none = (1.0, 0.1, 10.0, 0.01), np.zeros(3)
-    X, v_B, w, _, _ = kernel.smoothed_output(0.0, lag, 0.02, release, f_B, w_B, R, bias, x, P, held.copy(), none.copy())
+    R, x, held = exp_so3(rng.normal(size=3)), rng.normal(size=9), rng.normal(size=(2, 3))
+    memory, out = np.zeros(1, kernel.FILTER), estimate_record(6)
+    f = memory[0]
+    f.release[:], f.smooth, f.clock, f.given = (1.0, 0.1, 10.0, 0.01), 0.01, lag, lag
+    f.force[:], f.w_B[:], f.rate_bias[:], f.held[:] = f_B, w_B, bias, held
+    f.R_WB[:], f.x[:9], f.P[:] = R, x, np.eye(kernel.MOST_STATES)
+    kernel.put_out(memory, joint_record(6), out)
+    X, v_B, w = out.X_WB, out.v_WB_B, out.w_WB_B
     v_W = x[3:6] - held[1]
     within("place [m]", X[:3, 3] - (x[:3] - held[0] + lag * v_W), 1e-14)
     within("attitude [rad]", log_so3(X[:3, :3].T @ R @ exp_so3(lag * (w_B - bias))), 1e-7)  # measured 1e-9
     within("velocity [m/s]", v_B - R.T @ v_W, 1e-14)
     within("rates [rad/s]", w - (w_B - bias), 1e-14)
-    a_B = kernel.smoothed_output(0.01, lag, 0.01, release, f_B, w_B, R, bias, x, P, np.zeros((2, 3)), none.copy())[3]
-    within("acceleration [m/s^2]", a_B - (f_B - x[6:] - R.T @ [0.0, 0.0, GRAVITY]), 1e-13)
+    f.held[:], f.a_B[:], f.given = 0.0, 0.0, lag - f.smooth
+    kernel.put_out(memory, joint_record(6), out)
+    within("acceleration [m/s^2]", out.a_WB_B - (f_B - x[6:] - R.T @ [0.0, 0.0, GRAVITY]), 1e-13)

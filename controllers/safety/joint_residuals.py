@@ -1,0 +1,106 @@
+"""Residuals of torque sensors and encoders against their redundant sources, compiled for the rate of the drives."""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array
+
+
+class JointResiduals(NamedTuple):
+    """Residuals of torque sensors and encoders; arrays, changed in place."""
+
+    q: Array  # (n,) [rad] last readings
+    qd: Array  # (n,) [rad/s]
+    tau: Array  # (n,) [N m]
+    tau_motor: Array  # (n,) [N m] last command
+    same: np.ndarray  # (2, n) consecutive equal samples of torque sensor and encoder
+    longest: np.ndarray  # (2, n) the longest such run while sound
+    qd_slow: Array  # (n,) [rad/s] filtered
+    gear: Array  # (n,) [N m] sensor less motor, filtered, without rotor inertia
+    excess: Array  # (n,) [N m] sensor less motor, filtered
+    usual: Array  # (n,) [N m] its average
+    beyond: Array  # (n,) [s] for which it has exceeded its bound
+    slip: Array  # (n,) [rad] angle less integral of speed
+
+    @classmethod
+    def start(cls, q: Array, qd: Array, tau: Array) -> "JointResiduals":
+        """Residuals at the first readings (n,) [rad], [rad/s], [N m]: none."""
+        n = len(q)
+        counts, zeros = [np.zeros((2, n), dtype=np.int64) for _ in range(2)], [np.zeros(n) for _ in range(6)]
+        return cls(
+            q=np.array(q),
+            qd=np.array(qd),
+            tau=np.array(tau),
+            tau_motor=zeros[0],
+            same=counts[0],
+            longest=counts[1],
+            qd_slow=np.array(qd),
+            gear=zeros[1],
+            excess=zeros[2],
+            usual=zeros[3],
+            beyond=zeros[4],
+            slip=zeros[5],
+        )
+
+
+class JointResidualModel(NamedTuple):
+    """Gears, bounds and time constants of the residuals."""
+
+    armature: Array  # (n,) [kg m^2]
+    damping: Array  # (n,) [N m s/rad]
+    floor: Array  # (n,) [N m] constant part of the torque bound
+    share: float  # [-] part of the torque bound by the reading
+    period: float  # [s] of the steps
+    torque_time: float  # [s]
+    encoder_time: float  # [s]
+    learning_time: float  # [s]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def update_residuals(model, seen, age, warm, residuals):
+    """Update the residuals of torque sensors and encoders by one sample; True if any needs evaluation.
+
+    Records come as plain tuples of their fields, which numba types faster.
+
+    Args:
+        model: `JointResidualModel`.
+        seen: joint angles, speeds and torques, (n,) each.
+        age: [s] since the first sample.
+        warm: True once the initial learning is over.
+        residuals: `JointResiduals`; updated.
+    """
+    model, r = JointResidualModel(*model), JointResiduals(*residuals)
+    q, qd, tau = seen
+    dt, torque_time, encoder_time = model.period, model.torque_time, model.encoder_time
+    learning_time = model.learning_time
+    q_last, qd_last, tau_last, same, longest, slip = r.q, r.qd, r.tau, r.same, r.longest, r.slip
+    gear, excess, usual, qd_slow = r.gear, r.excess, r.usual, r.qd_slow
+    lag, leak, learn = min(1.0, dt / torque_time), dt / encoder_time, dt / min(learning_time, max(age, dt))
+    look = False
+    for j in range(q.shape[0]):
+        for k in range(2):
+            equal = tau[j] == tau_last[j] if k == 0 else (q[j] == q_last[j] and qd[j] == qd_last[j])
+            if equal:
+                same[k, j] += 1
+                look |= same[k, j] > longest[k, j]
+            else:
+                longest[k, j] = max(longest[k, j], same[k, j])
+                same[k, j] = 0
+        slip[j] += q[j] - q_last[j] - 0.5 * dt * (qd[j] + qd_last[j]) - leak * slip[j]
+        if not warm:
+            slip[j] = 0.0
+        look |= abs(slip[j]) > 1e-3
+        gear[j] += lag * (tau[j] - r.tau_motor[j] + model.damping[j] * qd[j] - gear[j])
+        excess[j] = gear[j] + model.armature[j] * (qd[j] - qd_slow[j]) / torque_time
+        qd_slow[j] += lag * (qd[j] - qd_slow[j])
+        off = abs(excess[j] - usual[j]) / (model.floor[j] + model.share * abs(tau[j]))
+        if off < 0.5 or not warm:
+            usual[j] += learn * (excess[j] - usual[j])
+        r.beyond[j] = r.beyond[j] + dt if off > 1.0 else 0.0
+        look |= off > 1.0
+        q_last[j], qd_last[j], tau_last[j] = q[j], qd[j], tau[j]
+    return look

@@ -1,0 +1,141 @@
+"""A step of the plant in compiled code, which calls MuJoCo by address: no Python, and the GIL may be released.
+
+`advance` and `observe` do what `Plant.step` and `Plant.observe` do, with the same kernels on the same arrays, so both
+ways give the same bits and may take turns. `Plant.spans` names the plants that have parts in Python.
+
+MuJoCo's binding turns a fatal error of MuJoCo (no memory left on its stack) into an exception. Under compiled code
+nothing catches it: MuJoCo prints its message and ends the process. Its warnings go the same way in both.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.spatial import Array
+from sim.plant.readout import DATA, MODEL, STEP1, STEP2, TIME, Readout, gears_and_contacts
+from sim.plant.thrusters import advance_thrusters
+from sim.water.native_memory import call_physics, f64
+from sim.water.passive_callback import WET_MARK
+
+
+class Drive(NamedTuple):
+    """Thrusters of one plant, the motion that they depend on, and the controls that they write."""
+
+    curves: Array  # (m, ...) static curves
+    table: Array  # (9, m) constants of `sim.plant.thrusters.advance_thrusters`
+    state: Array  # (3, m) command after the slew limit, propeller speed, thrust [N]
+    R_WB: Array  # (3, 3)
+    v_WB_W: Array  # (3,) [m/s]
+    w_WB_B: Array  # (3,) [rad/s]
+    current_W: Array  # (3,) [m/s]
+    ctrl: Array  # (nu,) MuJoCo's controls
+    thrusters: np.ndarray  # (m,) indices into `ctrl`
+    saturated: np.ndarray  # (1,) bool: a thruster command was at its limit
+
+
+class Flow(NamedTuple):
+    """Current of the water: rows generated ahead (`sim.water.current.Current`), and where the next one is written."""
+
+    velocity: Array  # (N, 3) [m/s]
+    acceleration: Array  # (N, 3) [m/s^2]
+    row: np.ndarray  # (2,) next row, rows per step
+    wind: Array  # (3,) [m/s] of MuJoCo's options
+    current_acceleration: Array  # (3,) [m/s^2] of the hydrodynamics
+    current_W: Array  # (3,) [m/s] of the truth
+
+
+class Watch(NamedTuple):
+    """Time, and the marks by which a simulation that went wrong is noticed."""
+
+    time: Array  # (1,) [s] of the last `observe`
+    observed: np.ndarray  # (1,) bool: the next step may be taken
+    seen: Array  # (1,) kinds of warning of the hydrodynamics
+    told: Array  # (1,) those that were passed on
+    mark: Array  # (1,) WET_MARK: the last forward pass included the water
+    least_gain: float  # [s] a smaller advance of the time means that MuJoCo reset a diverged simulation
+
+
+class PlantRecord(NamedTuple):
+    """One plant for `observe` and `advance`; the arrays are those of the plant and of its `truth`."""
+
+    drive: Drive
+    readout: Readout
+    flow: Flow
+    watch: Watch
+    joints: np.ndarray  # (n,) indices of the joint motors into `drive.ctrl`
+    substeps: int
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def verdict(time, before, least_gain, warned, mark):
+    """True if `Plant.check` must be called: a reset, a new warning, or a step without the water."""
+    # On NaN MuJoCo resets the simulation, which shows in the time; in the first step it need not.
+    return time - before < least_gain or before == 0.0 or warned or mark != WET_MARK
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def observe(plant):
+    """Update the kinematics to the current time, as `Plant.observe`; True if `Plant.check` must be called now."""
+    places, watch = plant.readout.places, plant.watch
+    call_physics(places[STEP1], places[MODEL], places[DATA])
+    time = f64(places[DATA] + places[TIME], 0)
+    doubtful = verdict(time, watch.time[0], watch.least_gain, watch.seen[0] != watch.told[0], watch.mark[0])
+    watch.time[0], watch.observed[0] = time, True
+    return doubtful
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def advance(plant, joint_torque, thrusters):
+    """Advance by one step, as `Plant.step`; `observe` must precede each.
+
+    Args:
+        plant: `PlantRecord`.
+        joint_torque: (n,) [N m]
+        thrusters: (m,) normalised commands.
+
+    Returns:
+        False if a command is not finite: then nothing has changed.
+    """
+    if not (np.isfinite(joint_torque).all() and np.isfinite(thrusters).all()):
+        return False
+    places, ctrl, last = plant.readout.places, plant.drive.ctrl, plant.substeps - 1
+    drive(plant.drive, thrusters)
+    for i in range(plant.joints.shape[0]):
+        ctrl[plant.joints[i]] = joint_torque[i]
+    for substep in range(last):
+        call_physics(places[STEP2], places[MODEL], places[DATA])
+        gears_and_contacts(plant.readout, substep, last + 1)
+        call_physics(places[STEP1], places[MODEL], places[DATA])
+    call_physics(places[STEP2], places[MODEL], places[DATA])
+    plant.watch.observed[0] = False
+    end_step(plant.readout, plant.flow, last + 1)
+    return True
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def drive(of_drive, command):
+    """Advance the thrusters (`Drive`, or its fields as a tuple) by one step; True if a command was at its limit."""
+    curves, table, state, R_WB, v_WB_W, w_WB_B, current_W, ctrl, thrusters, saturated = of_drive
+    saturated[0] = advance_thrusters(curves, table, command, R_WB, v_WB_W, w_WB_B, current_W, state)
+    for i in range(thrusters.shape[0]):
+        ctrl[thrusters[i]] = state[2, i]
+    return saturated[0]
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def end_step(readout, flow, substeps):
+    """Read the last of `substeps`, and write the flow of the next step before `observe` computes its forces."""
+    gears_and_contacts(readout, substeps - 1, substeps)
+    velocity, acceleration, row, wind, current_acceleration, current_W = flow
+    at = row[0]
+    for k in range(3):
+        wind[k] = current_W[k] = velocity[at, k]
+        current_acceleration[k] = acceleration[at, k]
+    row[0] += row[1]

@@ -1,0 +1,171 @@
+"""Compiled stages of the plant against `Plant.observe` and `Plant.step`, bit by bit."""
+
+from dataclasses import replace
+
+import mujoco
+import numba
+import numpy as np
+import pytest
+
+import models
+from sim import hydrodynamics
+from sim.interfaces.errors import ConfigurationError, HydrodynamicsError
+from sim.interfaces.messages import Command
+from sim.interfaces.spatial import Array
+from sim.plant import compiled_step
+from sim.plant.plant import Plant, Truth
+from sim.plant.readout import DATA, MODEL, STEP1, STEP2
+from sim.water.current import _BLOCK, Current
+from sim.water.native_memory import call_physics
+
+STEPS = 200
+REST = Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False)
+NUMBERS = ("time", "contact_normal", "contact_least", "contact_most", "collision", "saturated")
+ARRAYS = (
+    *("xpos", "xmat", "v_WB_W", "w_WB_B", "acceleration", "q", "qd", "qdd", "tau_drive", "tau_friction"),
+    *("propeller_speed", "thrust", "current_W", "p_pad", "contact_force_W"),
+)
+
+
+@pytest.fixture(scope="module")
+def pressed() -> mujoco.MjModel:
+    """The pad just above a plate."""
+    spec = models.load("uuv_puma")
+    plain = spec.compile()
+    data = mujoco.MjData(plain)
+    mujoco.mj_resetDataKeyframe(plain, data, 0)
+    mujoco.mj_kinematics(plain, data)
+    below = data.geom_xpos[plain.geom("pad").id] - [0.0, 0.0, 0.1 + plain.geom("pad").rbound[0]]
+    spec.worldbody.add_geom(name="plate", type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.1, 0.1, 0.1], pos=below)
+    return hydrodynamics.compile(spec)
+
+
+def plant_of(model: mujoco.MjModel, substeps: int, gust: float) -> Plant:
+    step, rng = substeps * float(model.opt.timestep), np.random.default_rng(5)
+    return Plant(model, current=Current((0.1, -0.05, -0.2), gust=gust, timestep=step, rng=rng), substeps=substeps)
+
+
+def state_of(truth: Truth) -> dict[str, Array]:
+    return {name: np.array(getattr(truth, name)) for name in NUMBERS + ARRAYS}
+
+
+def commands() -> tuple[Array, Array]:
+    """Torques (STEPS, 6) and thruster commands (STEPS, 6) that also saturate."""
+    rng = np.random.default_rng(2)
+    return rng.uniform(-8.0, 8.0, (STEPS, 6)), np.clip(rng.uniform(-1.4, 1.4, (STEPS, 6)), -1.0, 1.0)
+
+
+@numba.njit(nogil=True)
+def several(plant, torques, thrusters, first, end):
+    """Ticks from `first` up to `end`; the tick at which Python must check, or `end`."""
+    for i in range(first, end):
+        if compiled_step.observe(plant):
+            return i
+        if not compiled_step.advance(plant, torques[i], thrusters[i]):
+            return -1
+    return end
+
+
+@pytest.mark.parametrize(("substeps", "gust"), [(1, 0.0), (1, 0.05), (4, 0.05)])
+def test_both_ways_give_the_same_bits(pressed, substeps, gust):
+    """Blocks of steps in turn with single ones of Python; over a refill of the gusts, and in contact."""
+    torques, thrusters = commands()
+    one, other = plant_of(pressed, substeps, gust), plant_of(pressed.__copy__(), substeps, gust)
+    skipped = _BLOCK - 120 if gust else 0  # rows of gusts
+    for plant in (one, other):
+        for _ in range(skipped):
+            plant._current.step()
+    states, touched = [], False
+    for i in range(STEPS):
+        one.observe()
+        states.append(state_of(one.truth))
+        one.step(replace(REST, joint_torque=torques[i], thrusters=thrusters[i]))
+        touched |= one.truth.contact_normal > 0.0
+    assert touched
+    assert other.spans() == ""
+    record, tick = other.record(), 0
+    while tick < STEPS:
+        other.observe()
+        for name, value in state_of(other.truth).items():
+            assert np.array_equal(value, states[tick][name], equal_nan=True), (tick, name)
+        other.step(replace(REST, joint_torque=torques[tick], thrusters=thrusters[tick]))
+        tick += 1
+        if tick > 2:  # the first two times are checked in Python
+            end = min(STEPS, tick + 9, tick + other.ready())
+            assert several(record, torques, thrusters, tick, end) == end
+            other.publish()
+            tick = end
+    for plant in (one, other):
+        plant.observe()
+    last = state_of(one.truth)
+    assert all(np.array_equal(value, last[name], equal_nan=True) for name, value in state_of(other.truth).items())
+
+
+def test_mujoco_called_by_address_is_mujoco(pressed):
+    plant, data = plant_of(pressed, 1, 0.0), mujoco.MjData(pressed)
+    plant.observe()
+    data.qpos[:], data.qvel[:] = plant.data.qpos, plant.data.qvel
+    mujoco.mj_step1(pressed, data)
+    places = plant.record().readout.places
+    for _ in range(50):
+        _both(places)
+        mujoco.mj_step2(pressed, data)
+        mujoco.mj_step1(pressed, data)
+    assert data.time == plant.data.time
+    for name in ("qpos", "qvel", "qacc", "qfrc_passive", "M", "efc_force"):
+        assert np.array_equal(getattr(data, name), getattr(plant.data, name)), name
+
+
+@numba.njit
+def _both(places):
+    call_physics(places[STEP2], places[MODEL], places[DATA])
+    call_physics(places[STEP1], places[MODEL], places[DATA])
+
+
+def test_a_command_that_is_not_finite_changes_nothing(pressed):
+    plant = plant_of(pressed, 1, 0.0)
+    plant.observe()
+    record, before = plant.record(), plant.data.qpos.copy()
+    assert not compiled_step.advance(record, np.zeros(6), np.array([0.0, np.nan, 0.0, 0.0, 0.0, 0.0]))
+    assert not compiled_step.advance(record, np.full(6, np.inf), np.zeros(6))
+    assert np.array_equal(plant.data.qpos, before)
+    assert not plant.truth.propeller_speed.any()
+
+
+def test_a_simulation_that_diverged_is_noticed(pressed):
+    plant = plant_of(pressed, 1, 0.0)
+    for _ in range(3):
+        plant.observe()
+        plant.step(REST)
+    plant.data.qvel[0] = 1e12
+    assert compiled_step.observe(plant.record())
+    with pytest.raises(HydrodynamicsError, match="unstable"):
+        plant.check()
+
+
+def test_a_step_without_the_water_is_noticed(pressed):
+    plant = plant_of(pressed, 1, 0.0)
+    for _ in range(3):
+        plant.observe()
+        plant.step(REST)
+    hydrodynamics.uninstall()
+    try:
+        assert compiled_step.observe(plant.record())
+        with pytest.raises(HydrodynamicsError, match="hydrodynamics"):
+            plant.check()
+    finally:
+        hydrodynamics.install()
+
+
+def test_the_compiled_step_ends_what_observe_began(pressed):
+    plant = plant_of(pressed, 1, 0.0)
+    plant.observe()
+    compiled_step.advance(plant.record(), np.zeros(6), np.zeros(6))
+    with pytest.raises(ConfigurationError, match="observe"):
+        plant.step(REST)
+
+
+def test_plants_with_parts_in_python_say_so(pressed):
+    still = Current(np.zeros(3))
+    assert "wrench" in Plant(pressed, current=still, reaction_ticks=5).spans()
+    assert "profile" in Plant(pressed, current=Current(np.zeros(3), profile=lambda t: (1.0, 0.0 * t))).spans()

@@ -1,6 +1,7 @@
 """Runs a scenario from its file, such as the scenario.toml that every run leaves in its folder.
 
 ./uvw run scripts/run_scenario.py runs/clean_barrel/latest/scenario.toml
+./uvw run scripts/run_scenario.py scenario.toml --set task.speed=0.03 "site.current=[0, 0.2, 0]"
 """
 
 from scenarios.start import parse, run_scenario  # isort: skip
@@ -12,7 +13,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from scenarios.command import command
-from scenarios.scenario_file import read_scenario
+from scenarios.scenario_file import read_scenario, with_values
 from sim.runs.command_line import RunOptions
 
 
@@ -24,13 +25,15 @@ class Options(RunOptions):
     """Scenario file (TOML)."""
     seed: int | None = None
     """Seed instead of that in the file."""
+    set: tuple[str, ...] = ()
+    """Values instead of those in the file, by its keys and in its units: KEY=VALUE, such as task.speed=0.03."""
 
 
 def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    scenario = read_scenario(options.file)
+    scenario = with_values(read_scenario(options.file), options.set)
     if options.seed is not None:
         scenario = replace(scenario, seed=options.seed)
     return command(scenario, options, started)

@@ -114,7 +114,7 @@ def open3d() -> Any:
     return open3d_loader.load()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def root() -> Path:
     """The repository."""
     return ROOT

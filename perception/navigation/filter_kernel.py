@@ -8,13 +8,15 @@ vision in W follow. With specific force f of the IMU and known attitude R,
     vision = p + w + noise,   DVL = R^T v + c + noise.
 
 All that the filter remembers is one record of the type FILTER. Kernels that are called from Python take it as the array
-(1,) `memory`, the others its element `f`.
+(1,) `memory`, the others its element `f`. Records of `sim.interfaces.records` may be given as plain tuples, which are
+faster to pass from Python.
 """
 
 import numba
 import numpy as np
 
 from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord
 from sim.interfaces.spatial import GRAVITY
 
 MOST_STATES = 15  # size of x with both optional states
@@ -356,7 +358,7 @@ def take_imu(memory, sample):
         memory: (1,) of FILTER.
         sample: ImuRecord.
     """
-    f = memory[0]
+    f, sample = memory[0], ImuRecord(*sample)
     dt = sample.time[0] - f.time
     if not dt > 1e-9:
         return
@@ -385,7 +387,7 @@ def take_sample(memory, sample):
         memory: (1,) of FILTER.
         sample: ImuRecord; its time is that of encoders and torque sensors too, -inf without a new sample.
     """
-    f = memory[0]
+    f, sample = memory[0], ImuRecord(*sample)
     if sample.time[0] > f.clock:
         f.clock = sample.time[0]
     take_imu(memory, sample)
@@ -408,7 +410,7 @@ def put_out(memory, joints, out):
         joints: JointRecord of the newest readings; one that is not finite leaves the joint's last value in `out`.
         out: EstimateRecord, the same one over a run.
     """
-    f = memory[0]
+    f, joints, out = memory[0], JointRecord(*joints), EstimateRecord(*out)
     dt, lag = f.clock - f.given, f.clock - f.time
     R, x, P, held, a_B, release = f.R_WB, f.x, f.P, f.held, f.a_B, f.release
     across = P[0, 3] + P[1, 4] + P[2, 5]

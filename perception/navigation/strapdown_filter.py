@@ -81,6 +81,10 @@ class NavigationState:
     joints: JointRecord  # newest readings of encoders and torque sensors, finite or not
     estimate: EstimateRecord  # the last one
     fixes: Fixes
+    packed: tuple[tuple[Array, ...], ...] = ()  # the three records as plain tuples, faster to pass to a kernel
+
+    def __post_init__(self) -> None:
+        self.packed = tuple(self.sample), tuple(self.joints), tuple(self.estimate)
 
     @property
     def x(self) -> Array:
@@ -190,6 +194,7 @@ class Navigation:
             measurements: All that have arrived since.
         """
         memory, sample, joints = state.memory, state.sample, state.joints
+        packed_sample, packed_joints, packed_estimate = state.packed
         fixes: list[VisionMeasurement | DvlMeasurement] = []
         newest, sampled = -math.inf, False
         for m in measurements:  # the frequent types first
@@ -199,7 +204,7 @@ class Navigation:
                 joints.tau[:] = m.tau
             elif isinstance(m, ImuMeasurement):
                 if sampled:  # a slow estimator gets several
-                    take_imu(memory, sample)
+                    take_imu(memory, packed_sample)
                 sample.time[0], sampled = m.time, True
                 sample.specific_force_B[:], sample.w_WB_B[:], sample.R_WB[:] = m.specific_force_B, m.w_WB_B, m.R_WB
             elif isinstance(m, (VisionMeasurement, DvlMeasurement)):
@@ -212,13 +217,13 @@ class Navigation:
             clock[0] = newest
         if not sampled:
             sample.time[0] = -math.inf
-        take_sample(memory, sample)
+        take_sample(memory, packed_sample)
         for m in fixes:  # after the IMU, so that their step exists
             if isinstance(m, VisionMeasurement):
                 state.fixes.take(VISION, m.time, m.p_WB, (m.noise or self.vision).white)
             else:
                 state.fixes.take(DVL, m.time, m.v_WB_B, (m.noise or self.dvl).white)
-        put_out(memory, joints, state.estimate)
+        put_out(memory, packed_joints, packed_estimate)
         return state, state_estimate(state.estimate)
 
 

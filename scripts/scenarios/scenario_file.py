@@ -25,7 +25,7 @@ import json
 import math
 import tomllib
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -84,6 +84,35 @@ def from_dict(nested: Mapping[str, Any]) -> Scenario:
         ConfigurationError: A key or value is none of those allowed.
     """
     return _made(Scenario, nested, "")
+
+
+def with_values(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
+    """The scenario with other values at some keys of its file.
+
+    Args:
+        scenario: The base.
+        assignments: Each `KEY=VALUE`: a dotted key such as task.speed, and a TOML value; what is none is text.
+
+    Raises:
+        ConfigurationError: A key or value is none of those allowed.
+    """
+    nested = as_dict(scenario)
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        *tables, last = key.strip().split(".")
+        table: Any = nested
+        for name in tables:
+            table = table.setdefault(name, {}) if isinstance(table, dict) else None
+        if not equals or not isinstance(table, dict):
+            raise ConfigurationError(f"--set: allowed KEY=VALUE with a key of a scenario file, got {shown(assignment)}")
+        try:
+            table[last] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            table[last] = text
+    try:
+        return from_dict(nested)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"--set: {str(error).removeprefix('--')}") from error
 
 
 def as_dict(scenario: Scenario) -> dict[str, Any]:

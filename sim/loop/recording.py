@@ -5,11 +5,10 @@ in s from the start of the run. All other quantities are in SI units and W unles
 """
 
 import hashlib
-from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numba
@@ -25,6 +24,7 @@ from sim.loop.rollout import Moment, ticks_per_period
 STATES = tuple(WorkState)  # the series "state" holds indices into it
 _INDEX = {state: i for i, state in enumerate(STATES)}
 _XYZ = ("x", "y", "z")
+_ROWS = 1 << 15  # room for steps at the start
 _NOWHERE = np.full(3, np.nan)  # no tool position is commanded
 
 # Columns of the blocks: series name -> (labels, unit), in the order in which the rows are written.
@@ -141,7 +141,7 @@ class Recording:
 
 
 class _Block:
-    """Table of fixed width that grows by doubling; its first column is the time unless stored elsewhere."""
+    """Table of fixed width that grows by doubling; its first column is the time."""
 
     def __init__(self, width: int, rows: int = 1024) -> None:
         self.width = width
@@ -151,7 +151,7 @@ class _Block:
     def row(self) -> Array:
         """Next row, to be filled by the caller."""
         if self.count == len(self._table):
-            self._table = np.concatenate([self._table, np.empty_like(self._table)])
+            self._table = _doubled(self._table)
         row = self._table[self.count]
         self.count += 1
         return row
@@ -159,6 +159,43 @@ class _Block:
     def table(self) -> Array:
         """Copy (N, width) of the rows so far."""
         return self._table[: self.count].copy()
+
+
+class RecorderRecord(NamedTuple):
+    """Rows of the loop's rate for `write_row`, and the arrays of the truth that it copies."""
+
+    rows: Array  # (N, 2 + scalars + vectors) time, row of the reference, _SCALARS, _VECTORS
+    written: np.ndarray  # (1,) rows so far
+    p_pad: Array  # (3,)
+    R_WG: Array  # (3, 3)
+    p_WB: Array  # (3,)
+    quat_WB_wxyz: Array  # (4,)
+    contact_force_W: Array  # (3,)
+
+
+@numba.njit(cache=True)
+def write_row(record, time, scalars, reference, felt_force, felt_normal):
+    """Write the next row of a recording; there must be room for it (`Recorder.ready`).
+
+    Args:
+        record: `RecorderRecord`, or its fields as a plain tuple.
+        time: [s]
+        scalars: True normal force of the contact, its least and most of a substep [N]; saturated; collision.
+        reference: From `Recorder.refer`.
+        felt_force: (3,) [N] estimated contact force, W.
+        felt_normal: [N] estimated normal force.
+    """
+    rows, written, p_pad, R_WG, p_WB, quat_WB_wxyz, contact_force_W = record
+    row = rows[written[0]]
+    normal, least, most, saturated, collision = scalars
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = time, reference, normal, least, most, saturated, collision
+    row[7] = felt_normal
+    for k in range(3):
+        row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
+        row[21 + k], row[24 + k] = contact_force_W[k], felt_force[k]
+    for k in range(4):
+        row[17 + k] = quat_WB_wxyz[k]
+    written[0] += 1
 
 
 class Recorder:
@@ -206,14 +243,13 @@ class Recorder:
             "p_WB_estimate": (_XYZ, "m"),
             "quat_WB_estimate_wxyz": (("w", "x", "y", "z"), ""),
         }
-        # The scalars of each step go into an `array`, which takes a tuple faster than numpy does.
-        self._scalars = array("d")
-        self._physics = _Block(_total_width(_VECTORS), rows=1 << 15)
+        self._rows = np.empty((_ROWS, 2 + _total_width(_SCALARS) + _total_width(_VECTORS)))
+        self._written = np.zeros(1, dtype=np.int64)
         self._references = _Block(1 + _total_width(_REFERENCE))
         self._slow = _Block(1 + _total_width(self._slow_columns))
         self._poses = _Block(1 + 7 * model.nbody)
         self._believed: dict[str, _Block] = {}
-        self._views: tuple[Array, ...] = ()
+        self._record: tuple[np.ndarray, ...] = ()  # RecorderRecord; a plain tuple goes to a kernel faster
         self._truth: Any = None
         self._reference: Reference | None = None
         self._target: Target | None = None
@@ -237,25 +273,13 @@ class Recorder:
         truth, contact = moment.truth, moment.command.contact
         if truth is not self._truth:
             self._bind(truth)
-        if moment.reference is not self._reference:
-            self._refer(moment.reference)
+        if self._written[0] == len(self._rows):
+            self.ready(1)
         if moment.target is not None and moment.target is not self._target:
             self._target = moment.target
             self._targets.append(moment.target)
-        self._scalars.extend(
-            (
-                truth.time,
-                self._references.count - 1,
-                truth.contact_normal,
-                truth.contact_least,
-                truth.contact_most,
-                truth.saturated,
-                truth.collision,
-                contact.normal,
-            )
-        )
-        p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force = self._views
-        _join(self._physics.row(), p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, contact.force_W)
+        scalars = truth.contact_normal, truth.contact_least, truth.contact_most, truth.saturated, truth.collision
+        write_row(self._record, truth.time, scalars, self.refer(moment.reference), contact.force_W, contact.normal)
         if not self._full:
             return
         if moment.tick % self._ticks == 0:
@@ -266,22 +290,44 @@ class Recorder:
             poses = row[1:].reshape(-1, 7)
             poses[:, :3], poses[:, 3:] = truth.xpos, truth.xquat
 
+    @property
+    def slow_ticks(self) -> tuple[int, ...]:
+        """Ticks of the loop between the slower rows; empty if none are kept."""
+        return (self._ticks, self._pose_ticks) if self._full else ()
+
+    def ready(self, rows: int) -> None:
+        """Make room for so many more rows of `write_row`, before `record` is taken."""
+        while self._written[0] + rows > len(self._rows):
+            self._rows = _doubled(self._rows)
+            self._record = (self._rows, *self._record[1:])
+
+    def record(self, truth: Any) -> RecorderRecord:
+        """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when `ready` grows them.
+
+        A step that is written so must have no new target and be none of the slower rows.
+        """
+        if truth is not self._truth:
+            self._bind(truth)
+        return RecorderRecord(*self._record)
+
+    def refer(self, reference: Reference) -> int:
+        """Record a reference if it is new, which it is at the planner's rate; its index for `write_row`."""
+        if reference is not self._reference:
+            self._refer(reference)
+        return self._references.count - 1
+
     def recording(self, interrupted: str = "") -> Recording:
         """Recording of the steps so far; `interrupted` is the cause of an early end.
 
         Raises:
             ConfigurationError: No step was recorded.
         """
-        if not self._physics.count:
+        if not self._written[0]:
             raise ConfigurationError("the recorder has seen no step yet")
-        scalars = np.array(self._scalars).reshape(-1, 2 + len(_SCALARS))
-        time = scalars[:, 0]
-        reference = self._references.table()[scalars[:, 1].astype(np.int64)]
-        series = {
-            **_split(time, scalars[:, 2:], _SCALARS),
-            **_split(time, self._physics.table(), _VECTORS),
-            **_split(time, reference[:, 1:], _REFERENCE),
-        }
+        rows = self._rows[: self._written[0]].copy()
+        time = rows[:, 0].copy()
+        reference = self._references.table()[rows[:, 1].astype(np.int64)]
+        series = {**_split(time, rows[:, 2:], {**_SCALARS, **_VECTORS}), **_split(time, reference[:, 1:], _REFERENCE)}
         series["p_command"].value[:] += (time - reference[:, 0])[:, None] * series["v_command"].value
         if self._full:
             slow, poses = self._slow.table(), self._poses.table()
@@ -310,10 +356,11 @@ class Recorder:
         """Cache the views of `truth`; they stay valid while the plant returns the same object."""
         self._truth = truth
         quat_WB_wxyz = truth.xquat[self._vehicle.hull]
-        self._views = (truth.p_pad, truth.R_WG[:, 2], truth.p_WB, quat_WB_wxyz, truth.contact_force_W)
+        views = truth.p_pad, truth.R_WG, truth.p_WB, quat_WB_wxyz, truth.contact_force_W
+        self._record = (self._rows, self._written, *views)
 
     def _refer(self, reference: Reference) -> None:
-        """Record a new reference; done at the planner's rate, which is several times lower than the loop's."""
+        """Record a new reference, and an event if the planner's state is new."""
         if self._reference is None or reference.state is not self._reference.state:
             event = Event(time=reference.time, state=reference.state, note=reference.note, abort=reference.abort)
             self._events.append(event)
@@ -361,11 +408,8 @@ def _estimates(command: Command) -> dict[str, Array]:
     return estimates
 
 
-@numba.njit(cache=True)
-def _join(row, p_pad, tool_axis, p_WB, quat_WB_wxyz, contact_force, felt_force):
-    """Write the columns of `_VECTORS` into their row; takes a third of the time of `np.concatenate`."""
-    row[0:3], row[3:6], row[6:9], row[9:13] = p_pad, tool_axis, p_WB, quat_WB_wxyz
-    row[13:16], row[16:19] = contact_force, felt_force
+def _doubled(table: Array) -> Array:
+    return np.concatenate([table, np.empty_like(table)])
 
 
 def _total_width(columns: _Columns) -> int:

@@ -13,6 +13,8 @@ Forces at joints (motors, springs, limits, `qfrc_applied`) act between the two b
 part of what it transmits. An external force belongs in `xfrc_applied`.
 """
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
 from numba import njit
@@ -58,7 +60,7 @@ class ReactionWrench:
         self._joints = model.body_parentid, model.body_dofadr, model.body_dofnum
         self._root = int(model.body_rootid[self._body])
         self._wet = [i for i in carried if water.carries(model.body_user[i])]
-        self._water = _Tables(model, self._wet)
+        self._water = _water_of(model, self._wet)
         sites = mujoco.mjtTrn.mjTRN_SITE
         self._thrusters = [
             i
@@ -108,23 +110,7 @@ class ReactionWrench:
         own = data.cfrc_int[body]
         total[:3], total[3:] = -own[3:], -own[:3]
         if self._wet:
-            tables = self._water
-            _add_water(
-                tables.bodies,
-                tables.matrices,
-                tables.vectors,
-                tables.stations,
-                tables.surge,
-                tables.shear,
-                tables.wind,
-                gravity,
-                com,
-                xpos,
-                xmat,
-                cvel,
-                data.cacc,
-                total,
-            )
+            _add_water(self._water, (xpos, xmat, cvel, data.cacc), com, gravity, total)
         for i in self._thrusters:
             site = model.actuator_trnid[i, 0]
             gear = data.actuator_force[i] * model.actuator_gear[i].reshape(2, 3) @ data.site_xmat[site].reshape(3, 3).T
@@ -154,31 +140,43 @@ def wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int | str, frame: i
     return ReactionWrench(model, body, frame).wrench(data)
 
 
-class _Tables:
-    """Coefficients of the wet bodies as arrays for the kernel."""
+class _Water(NamedTuple):
+    """Coefficients of the wet bodies, and live views of the flow, which the plant writes at every step."""
 
-    def __init__(self, model: mujoco.MjModel, wet: list[int]) -> None:
-        bodies = [water.unpack(model.body_user[i]) for i in wet]
-        self.bodies = np.array(wet, dtype=np.int64)
-        self.matrices = np.zeros((len(wet), 2, 6, 6))  # added mass, linear damping
-        self.vectors = np.zeros((len(wet), 10))  # quadratic damping (6), centre of buoyancy (3), displaced mass
-        stations = []
-        for k, body in enumerate(bodies):
-            self.matrices[k] = body.added_mass, body.linear_damping
-            displaced = water.water_density(model) * body.volume
-            self.vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
-            for strip in body.segments:
-                along = strip.end - strip.start
-                length = float(np.linalg.norm(along))
-                for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
-                    share = 0.5 * weight * length
-                    place = strip.start + 0.5 * (1.0 + node) * along
-                    stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
-        self.stations = np.array(stations).reshape(-1, 9)  # row of the body, place, axis, normal and tangential drag
-        # Live views: the plant writes the flow at every step.
-        self.surge = model.body_user[0, LAYOUT.current_acceleration :][:3]
-        self.shear = model.body_user[0, LAYOUT.current_shear :][:3]
-        self.wind = model.opt.wind
+    bodies: np.ndarray  # (k,) indices
+    matrices: Array  # (k, 2, 6, 6) added mass, linear damping
+    vectors: Array  # (k, 10) quadratic damping (6), centre of buoyancy (3), displaced mass
+    stations: Array  # (s, 9) row of the body, place, axis, normal and tangential drag
+    surge: Array  # (3,) [m/s^2] acceleration of the current
+    shear: Array  # (3,) [1/s]
+    wind: Array  # (3,) [m/s] current
+
+
+def _water_of(model: mujoco.MjModel, wet: list[int]) -> _Water:
+    bodies = [water.unpack(model.body_user[i]) for i in wet]
+    matrices, vectors = np.zeros((len(wet), 2, 6, 6)), np.zeros((len(wet), 10))
+    stations = []
+    for k, body in enumerate(bodies):
+        matrices[k] = body.added_mass, body.linear_damping
+        displaced = water.water_density(model) * body.volume
+        vectors[k] = [*body.quadratic_damping, *body.center_of_buoyancy, displaced]
+        for strip in body.segments:
+            along = strip.end - strip.start
+            length = float(np.linalg.norm(along))
+            for node, weight in zip(*np.polynomial.legendre.leggauss(strip.stations), strict=True):
+                share = 0.5 * weight * length
+                place = strip.start + 0.5 * (1.0 + node) * along
+                stations.append([k, *place, *(along / length), share * strip.normal, share * strip.tangential])
+    flow = model.body_user[0]
+    return _Water(
+        bodies=np.array(wet, dtype=np.int64),
+        matrices=matrices,
+        vectors=vectors,
+        stations=np.array(stations).reshape(-1, 9),
+        surge=flow[LAYOUT.current_acceleration :][:3],
+        shear=flow[LAYOUT.current_shear :][:3],
+        wind=model.opt.wind,
+    )
 
 
 def _body(model: mujoco.MjModel, body: int | str) -> int:
@@ -278,8 +276,18 @@ def _mismatch(first, end, parent, dofadr, dofnum, cdof, cvel, qvel):
 
 
 @njit(cache=True)
-def _add_water(bodies, matrices, vectors, stations, surge, shear, wind, gravity, com, xpos, xmat, cvel, cacc, total):
-    """Add the water's wrench on every wet body, about `com`, world axes (force; torque)."""
+def _add_water(of_water, motion, com, gravity, total):
+    """Add the water's wrench on every wet body to `total`, about `com`, world axes (force; torque).
+
+    Args:
+        of_water: `_Water`.
+        motion: MuJoCo's xpos, xmat, cvel and cacc of all bodies.
+        com: (3,) [m]
+        gravity: (3,) [m/s^2]
+        total: (6,), added to.
+    """
+    bodies, matrices, vectors, stations, surge, shear, wind = of_water
+    xpos, xmat, cvel, cacc = motion
     nudot, nu, momentum, f = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
     station = 0
     for k in range(len(bodies)):

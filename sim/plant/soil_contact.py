@@ -6,6 +6,8 @@ that of sideways motion. The three depend on the depth only, not on each other o
 leaves a hole: there is no force until it enters the soil elsewhere.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -17,41 +19,49 @@ _TABLE = 512  # number of depths at which the resistances are tabulated
 _DEEPEST = 0.5  # [m] largest tabulated depth
 
 
+class _Soil(NamedTuple):
+    """The ground for the kernel, and the state of the plastic flow."""
+
+    heights: Array  # (k, k) [m] over `corner`
+    corner: Array  # (3,) [m] least x and y of the grid, and height zero
+    cell: float  # [m]
+    bounds: Array  # (3, N) [N] resistance to pushing, pulling and sideways motion
+    step: float  # [m] of depth between columns of `bounds`
+    quake: float  # [m]
+    anchor: Array  # (3,) [m] force-free position of the tool
+    inside: np.ndarray  # (1,) bool: the tool is in the soil
+
+
 class SoilForce:
     """Force of the soil under `ground` on the tip of one tool; its state is the anchor of the plastic flow."""
 
     def __init__(self, ground: Seabed, soil: Soil, tool: SoilTool) -> None:
         d = np.linspace(0.0, _DEEPEST, _TABLE)
-        self._bounds = np.stack([resist(soil, tool, d) for resist in _RESISTANCES])
-        self._bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets resistance at depth zero
-        self._quake, self._step = soil.quake, float(d[1])
-        self._heights, self._corner = np.array(ground.heights), ground.center_W - [ground.half, ground.half, 0.0]
-        self._cell = ground.step
-        self._anchor, self._force = np.zeros(3), np.zeros(3)
-        self._inside = np.zeros(1, dtype=np.bool_)
+        bounds = np.stack([resist(soil, tool, d) for resist in _RESISTANCES])
+        bounds[0, 0] = soil.tip_factor * tool.edge * soil.cone  # the edge meets resistance at depth zero
+        self._soil = _Soil(
+            heights=np.array(ground.heights),
+            corner=ground.center_W - [ground.half, ground.half, 0.0],
+            cell=ground.step,
+            bounds=bounds,
+            step=float(d[1]),
+            quake=soil.quake,
+            anchor=np.zeros(3),
+            inside=np.zeros(1, dtype=np.bool_),
+        )
+        self._as_tuple = tuple(self._soil)  # goes to the kernel faster
+        self._force = np.zeros(3)
 
     def reset(self) -> None:
         """Set the tool to be outside the soil."""
-        self._inside[0] = False
+        self._soil.inside[0] = False
 
     def step(self, p_W: Array, axis_W: Array) -> Array:
         """Force (3,) [N] in W on the tip at `p_W` (3,) [m]; `axis_W` (3,) is the unit axis out of the tool.
 
         The returned array is overwritten by the next call.
         """
-        _press(
-            self._heights,
-            self._corner,
-            self._cell,
-            self._bounds,
-            self._step,
-            self._quake,
-            p_W,
-            axis_W,
-            self._anchor,
-            self._inside,
-            self._force,
-        )
+        _press(self._as_tuple, p_W, axis_W, self._force)
         return self._force
 
 
@@ -59,7 +69,8 @@ _RESISTANCES = (push_resistance, pull_resistance, side_resistance)
 
 
 @numba.njit(cache=True)
-def _press(heights, corner, cell, bounds, step, quake, p, axis, anchor, inside, force):
+def _press(soil, p, axis, force):
+    heights, corner, cell, bounds, step, quake, anchor, inside = soil
     force[:] = 0.0
     depth = _height(heights, corner, cell, p[0], p[1]) - p[2]
     if not depth > 0.0:  # also NaN, outside the grid

@@ -28,7 +28,7 @@ from scenarios.perturbations.loop import MisplacedSurface, SensorFailure, Thrust
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.perturbation import perturb
 from scenarios.perturbations.vehicle import Gears, Payload, ThrusterSpread, Water
-from scenarios.scenario_file import as_dict, from_dict, to_toml
+from scenarios.scenario_file import as_dict, from_dict, to_toml, with_values
 from scenarios.site import KnownObject, Site
 from scenarios.tasks import task
 from scenarios.tasks.surface_work import PlacedSurfaceWork, SurfaceWorkTask
@@ -124,6 +124,32 @@ def test_a_bad_file_is_one_line_that_says_what_is_allowed(text, said, tmp_path):
         read_scenario(file)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) <= LONGEST
+
+
+def test_values_are_set_by_the_keys_of_the_file():
+    scenario = with_values(
+        barrel(seed=3), ["seed=5", "task.speed = 0.03", "site.current=[0, 0.2, 0]", "belief.arm=a=b.yaml"]
+    )
+    assert isinstance(scenario.task, SurfaceWorkTask)
+    assert (scenario.seed, scenario.task.speed, scenario.site.current) == (5, 0.03, (0.0, 0.2, 0.0))
+    assert scenario.belief.arm == "a=b.yaml"  # absent in the file of the base
+    back = replace(scenario, seed=3, task=barrel().task, site=barrel().site, belief=barrel().belief)
+    assert back == barrel(seed=3)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "said"),
+    [
+        ("task.speed", "allowed KEY=VALUE .*got 'task.speed'"),
+        ("seed.x=1", "allowed KEY=VALUE .*got 'seed.x=1'"),
+        ("tsak.speed=1", "the file has no 'tsak'; it has name, task"),
+        ("task.sped=1", r"\[task\] has no 'sped'; it has"),
+        ("task.speed=fast", "task.speed: must be a number, got 'fast'"),
+    ],
+)
+def test_a_value_that_cannot_be_set_is_refused(assignment, said):
+    with pytest.raises(ConfigurationError, match=f"--set: {said}"):
+        with_values(barrel(), [assignment])
 
 
 def test_a_task_at_the_wrong_site_is_refused():

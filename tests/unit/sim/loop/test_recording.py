@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numba
 import numpy as np
 import pytest
 
@@ -10,7 +11,7 @@ import models
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, ContactEstimate, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import pose
-from sim.loop.recording import EVERY_STEP, Recorder, Recording
+from sim.loop.recording import EVERY_STEP, Recorder, Recording, write_row
 from sim.loop.rollout import Moment
 
 MODEL = models.load("uuv_puma").compile()
@@ -43,7 +44,14 @@ class Run:
             arm_wrench_B=np.zeros(6),
         )
         self.target: Target | None = None
+        self.held = False  # no new references
         self.reference: Reference | None = None
+
+    def hold(self, recorder: Recorder, steps: int) -> None:
+        """Show steps with the last reference."""
+        self.held = True
+        self.show(recorder, steps)
+        self.held = False
 
     def show(self, recorder: Recorder, steps: int, state: WorkState = WorkState.WORK, note: str = "") -> None:
         truth = self.truth
@@ -55,7 +63,7 @@ class Run:
             truth.contact_least, truth.contact_most = 0.25 * tick, 1.0 * tick
             truth.q[:] = tick
             truth.xpos[:] = tick
-            if tick % PLANNER_TICKS == 0 or self.reference is None:
+            if self.reference is None or (tick % PLANNER_TICKS == 0 and not self.held):
                 self.reference = Reference(
                     time=truth.time,
                     state=state,
@@ -180,3 +188,39 @@ def test_what_cannot_be_kept_is_refused():
         Recorder(MODEL, timestep=0.0025)
     with pytest.raises(ConfigurationError, match=r"expected shape \(N, 3\)"):
         Recorder(MODEL).add_cloud("scan", np.zeros((4, 2)))
+
+
+@numba.njit(nogil=True)
+def rows_of_a_span(record, first, end, reference):
+    """What `Run.show` makes of the truth at each tick, without Python."""
+    for tick in range(first, end):
+        record.p_pad[:] = tick
+        scalars = 0.5 * tick, 0.25 * tick, 1.0 * tick, False, False
+        write_row(record, tick * DT, scalars, reference, np.full(3, float(tick)), float(tick))
+
+
+def test_rows_of_compiled_code_are_those_of_the_observer(monkeypatch):
+    """In turn with observed steps, and past the end of the first block."""
+    monkeypatch.setattr("sim.loop.recording._ROWS", 128)
+    steps, span = 200, 15
+    run, recorder = Run(), Recorder(MODEL, full=False)
+    assert recorder.slow_ticks == ()
+    replaced, tick = 0, 0
+    while tick < steps:
+        run.show(recorder, PLANNER_TICKS)
+        tick += PLANNER_TICKS
+        assert run.reference is not None
+        before = recorder.record(run.truth).rows
+        recorder.ready(span)
+        record = recorder.record(run.truth)
+        replaced += record.rows is not before
+        rows_of_a_span(record, tick, tick + span, recorder.refer(run.reference))
+        tick += span
+        run.truth.time = tick * DT
+    assert replaced == 1
+    seen = recorder.recording()
+    same, other = Run(), Recorder(MODEL, full=False)
+    for _ in range(0, tick, PLANNER_TICKS + span):
+        same.show(other, PLANNER_TICKS)
+        same.hold(other, span)
+    assert seen.digest() == other.recording().digest()

@@ -1,0 +1,1 @@
+"""Commands on point clouds: options, reports and pictures of identification, deformation map and seabed path."""

@@ -5,7 +5,7 @@
 Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; `table` lists them for a report.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -31,6 +31,25 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
             about = each.metadata.get("about")
             if about:
                 yield tuning.title, each.name, str(getattr(tuning, each.name)), about
+
+
+def check(tuning: Any, title: str, *, positive: Sequence[str], not_negative: Sequence[str] = ()) -> None:
+    """Check that fields of a tuning are finite, and > 0 or >= 0; a field may hold several numbers.
+
+    Args:
+        tuning: The tuning.
+        title: Its name in an error.
+        positive: Names of the fields that must be > 0.
+        not_negative: Names of the fields that must be >= 0.
+
+    Raises:
+        ConfigurationError: A value is out of range.
+    """
+    for names, sign in ((positive, ">"), (not_negative, ">=")):
+        for name in names:
+            values = np.asarray(getattr(tuning, name), dtype=np.float64)
+            if not (np.all(np.isfinite(values)) and np.all(values > 0.0 if sign == ">" else values >= 0.0)):
+                raise ConfigurationError(f"{title} {name}: must be {sign} 0, got {getattr(tuning, name)}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,12 +116,9 @@ class ForceLoopTuning:
     prior: float = tuned(4.0, "[N] spread of the force at which the slope counts by half")
 
     def __post_init__(self) -> None:
-        for name in ("proportional_time", "derivative_time"):
-            if not getattr(self, name) >= 0.0:
-                raise ConfigurationError(f"displacement {name}: must be >= 0, got {getattr(self, name)}")
-        for name in ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"displacement {name}: must be > 0, got {getattr(self, name)}")
+        positive = ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior")
+        not_negative = ("proportional_time", "derivative_time", "response")
+        check(self, "displacement", positive=positive, not_negative=not_negative)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,11 +133,8 @@ class ComplianceTuning:
     release_speed: float = tuned(0.01, "[m/s] at which the offset returns to zero")
 
     def __post_init__(self) -> None:
-        for name in ("admittance", "limit", "speed", "release_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigurationError(f"compliance {name}: must be > 0, got {getattr(self, name)}")
-        if not self.dead_band >= 0.0:
-            raise ConfigurationError(f"compliance dead_band: must be >= 0 N, got {self.dead_band}")
+        positive = ("admittance", "limit", "speed", "release_speed")
+        check(self, "compliance", positive=positive, not_negative=("dead_band",))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,9 +214,7 @@ class FaultLimits:
     )
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            if not np.all(np.asarray(getattr(self, name)) > 0.0):
-                raise ConfigurationError(f"health {name}: must be > 0, got {getattr(self, name)}")
+        check(self, "health", positive=tuple(self.__slots__))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,14 @@ from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_isolated_echoes
 from perception.registration.fine_fit import ModelSurface
-from perception.registration.identification import APPROACH_ERROR, Identification, identify
+from perception.registration.identification import Identification, identify
 from perception.registration.multi_frame import Frame, with_fused_frames
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly, transform_points
+
+PATH_SPACING = 0.0015  # [m] between the samples of the tool path
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,8 +54,6 @@ class KnownObjectFinder:
         orientation_W: ArrayLike | None = None,
         *,
         sensor: SensorModel | None = None,
-        approach_error: float = APPROACH_ERROR,
-        path_spacing: float = 0.0015,
         tool_radius: float = 0.0,
         looks: int = 1,
         seed: int = 0,
@@ -63,11 +63,9 @@ class KnownObjectFinder:
         Args:
             target: Model of the object.
             path: Name of one of the target's paths, a path in T, or None: no path is planned.
-            approach_W: (3,) [m] coarse position of the target's centre in W.
+            approach_W: (3,) [m] coarse position of the target's centre in W, at most `APPROACH_ERROR` off.
             orientation_W: (3, 3) coarse rotation of T in W, wrong by up to about 30 deg; None: unknown.
             sensor: Accuracy of the depth sensor; None: `SensorModel()`.
-            approach_error: [m] largest error of `approach_W`.
-            path_spacing: [m] between the samples of the tool path.
             tool_radius: [m] of the ball at the end of the tool; 0: a point.
             looks: Number of consecutive frames or pings whose median depth the path is planned on.
             seed: Of all random samples.
@@ -81,14 +79,10 @@ class KnownObjectFinder:
         self._R_WT = None if orientation_W is None else checked(orientation_W, (3, 3), "orientation_W")
         if isinstance(looks, bool) or looks < 1:
             raise ConfigurationError(f"looks: must be at least 1, got {looks}")
-        if not path_spacing > 0.0:
-            raise ConfigurationError(f"path_spacing: must be positive [m], got {path_spacing}")
         if not 0.0 <= tool_radius < np.inf:
             raise ConfigurationError(f"tool_radius: must be >= 0 m, got {tool_radius}")
         self._sensor = sensor or SensorModel()
-        self._approach_error = approach_error
-        self._spacing, self._tool_radius = path_spacing, tool_radius
-        self._count, self._seed = looks, seed
+        self._tool_radius, self._count, self._seed = tool_radius, looks, seed
         self._surface = ModelSurface.of(target, seed)
 
     def init(self) -> FinderState:
@@ -134,14 +128,13 @@ class KnownObjectFinder:
             transform_points(X_CW, self._approach_W),
             None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
             sensor=sensor,
-            approach_error=self._approach_error,
             seed=self._seed,
         )
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
             try:
                 whole = with_fused_frames(found, looks)
-                path = plan_path(whole, self._path, spacing=self._spacing, tool_radius=self._tool_radius)
+                path = plan_path(whole, self._path, spacing=PATH_SPACING, tool_radius=self._tool_radius)
                 path = _in_world(X_WC, path)
             except PerceptionError as error:  # accepted, but the scan lacks the surface on the path
                 reason = str(error)

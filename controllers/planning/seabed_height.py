@@ -10,15 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controllers.mkps import Chain, solve
+from controllers.mkps import Chain, IkOptions, solve
 from controllers.planning.hull_placement import Placement, joint_centres, reach, tool_poses, try_poses
-from models.vehicle import Vehicle
+from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, checked, inverse, readonly
 
 # Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H [Beltaos 1974]:
 # 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter d cancels.
+_FEW_STEPS = IkOptions(max_iterations=60)
 _SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
@@ -73,12 +74,10 @@ class WorkHeight:
 
 
 def choose_height(
-    vehicle: Vehicle,
-    chain: Chain,
+    own: WorkVehicle,
     path: ToolPath,
     *,
     ground: Array,
-    hull_box: Array,
     X_WB: Array,
     force: float,
     standoff: float,
@@ -87,11 +86,9 @@ def choose_height(
     """Highest feasible hull pose above `path` with a roomy margin, or the one with the largest margin.
 
     Args:
-        vehicle: the vehicle.
-        chain: kinematics of its arm, from base to tip.
+        own: the vehicle.
         path: tool path in W; from the surface into the ground for a core sampler, along it for a box.
         ground: (V, 3) [m] points of the seabed in W, dense enough to show obstacles on it.
-        hull_box: (2, 3) [m] corners of the hull's box in B.
         X_WB: (4, 4) level hull pose above the work site: its position and heading are kept.
         force: [N] largest push.
         standoff: [m] from which the tool approaches.
@@ -104,7 +101,7 @@ def choose_height(
         ReachError: no pose is feasible; the message gives the reason.
         ConfigurationError: `ground` or `X_WB` is invalid.
     """
-    search = search or HeightSearch()
+    search, vehicle, chain = search or HeightSearch(), own.vehicle, own.chain
     start = np.array(checked(X_WB, (4, 4), "X_WB"))
     points = np.asarray(ground, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.all(np.isfinite(points)):
@@ -127,7 +124,7 @@ def choose_height(
             X = start.copy()
             X[:3, 3] += aside * (start[:3, :3] @ [np.cos(bearing), np.sin(bearing), 0.0])
             X[2, 3] = highest
-            gap, over = _hull_gaps(X, hull_box, points, search.clearance)
+            gap, over = _hull_gaps(X, own.hull_box, points, search.clearance)
             if gap == np.inf:
                 continue  # no ground points below: the descent would be blind
             known = True
@@ -219,7 +216,7 @@ def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, groun
     """
     q, gap = q_start, np.inf
     for X_WG in tools:
-        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60).q
+        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
         joints = joint_centres(chain, q)[: chain.n - 2]
         places = np.vstack([joints[1:], 0.5 * (joints[1:] + joints[:-1])])
         if len(places):

@@ -5,21 +5,19 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
 from controllers.planning.hull_placement import Placement
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
 from controllers.tasks.monitors import Reaction
 from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
 from controllers.tasks.pose_fusion import fuse_poses
 from controllers.tasks.task import TaskRow, at_once
 from models.objects.targets import TargetModel
-from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, checked, exp_so3, transform_points
+from sim.interfaces.spatial import Array, exp_so3, transform_points
 
 # Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
@@ -137,33 +135,16 @@ class ArrivalLimits:
 class WorkSite:
     """What is known before the work: the vehicle, where it scans from, and how it chooses its place."""
 
-    vehicle: Vehicle
+    own: WorkVehicle
     X_WB_scan: Array  # (4, 4) hull pose in W from which the target is scanned
     stand: Standing
     around: Callable[[Target], HullPath] | None = None  # collision check of the hull's way; None: the way is clear
-    view_B: ArrayLike = (1.0, 0.0, 0.0)  # (3,) direction of the camera's axis in B
     come_near: ComingNear | None = None  # chooses a nearer hull pose to scan from, once the hull is at rest
 
-    @property
-    def level_view_B(self) -> Array:
-        """Horizontal direction (3,) of the view; ahead for a camera that looks straight down."""
-        ahead = checked(self.view_B, (3,), "view_B") * [1.0, 1.0, 0.0]
-        return ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
 
-
-def around(vehicle: Vehicle, chain: Chain, hull_box: Array, model: TargetModel) -> Callable[[Target], HullPath]:
-    """Collision check of hull moves around a known object.
-
-    Args:
-        vehicle: the vehicle.
-        chain: its arm, base to tool.
-        hull_box: (2, 3) [m] corners of the hull in B.
-        model: of the object.
-
-    Returns:
-        The check, given the identified object.
-    """
-    return lambda target: HullPath(vehicle, chain, hull_box, transform_points(target.X_WT, model.vertices))
+def around(own: WorkVehicle, model: TargetModel) -> Callable[[Target], HullPath]:
+    """Collision check of hull moves around a known object, given the identified object."""
+    return lambda target: HullPath(own.vehicle, own.chain, own.hull_box, transform_points(target.X_WT, model.vertices))
 
 
 def arrival(
@@ -193,7 +174,7 @@ def arrival(
     def other_view(held: Held) -> Array:
         side = 0.3 * (1.0 if held.views % 2 else -1.0)
         X = np.array(held.X_WB_scan)
-        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.level_view_B)
+        X[:3, 3] += X[:3, :3] @ np.cross([0.0, 0.0, side], site.own.level_view_B)
         X[:3, :3] = X[:3, :3] @ exp_so3([0.0, 0.0, -0.6 * side])
         return X
 
@@ -209,7 +190,7 @@ def arrival(
             held.note = "the thrusters may not hold the hull against friction at the set force"
         held.line, held.depth = ToolLine(path, placement, offset), depth
         before = np.array(placement.X_WB)
-        away = -(placement.X_WB @ site.vehicle.X_BA)[:3, 2]  # against the arm base's axis, which points to the work
+        away = -(placement.X_WB @ site.own.vehicle.X_BA)[:3, 2]  # against the arm base's axis, which points to the work
         before[:3, 3] += away * max(limits.lift, float(away @ (held.X_WB - before)[:3, 3]))
         held.way = [before] if site.around is None else site.around(target).way(held.X_WB, before)
 

@@ -15,9 +15,9 @@ from functools import partial
 
 import numpy as np
 
-from controllers.mkps import Chain
 from controllers.planning.hull_placement import PlacementSearch
 from controllers.planning.path_standing import PathStanding, StandingLimits
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.axial_phases import (
     PARK,
@@ -36,7 +36,6 @@ from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent
 from controllers.tasks.task import TaskPlanner, TaskRow, TaskState, at_once
 from models.objects.manifold import Hole
 from models.objects.targets import TargetModel
-from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, Command, Reference, StateEstimate, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
@@ -237,27 +236,23 @@ class HoleInsertion(TaskPlanner):
 
     def __init__(
         self,
-        vehicle: Vehicle,
-        chain: Chain,
+        own: WorkVehicle,
         target: TargetModel,
         hole: Hole,
         job: InsertionJob,
         *,
         X_WB_scan: Array,
-        hull_box: Array,
         period: float = 0.01,
         search: PlacementSearch | None = None,
     ) -> None:
         """Set up the planner; arguments as `controllers.tasks.surface_work`, with a hole instead of a path.
 
         Args:
-            vehicle: the vehicle.
-            chain: its arm, base to tool.
+            own: the vehicle.
             target: model of the object.
             hole: hole of that object.
             job: depths, speeds, forces and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
-            hull_box: (2, 3) [m] corners of the hull in B.
             period: [s] of the planner.
             search: hull placements that are tried.
 
@@ -269,17 +264,15 @@ class HoleInsertion(TaskPlanner):
         self._hole, self._depth = hole, job.depth
         standing = StandingLimits(force=job.force, standoff=job.axial.standoff)
         stand = PathStanding(
-            vehicle=vehicle, chain=chain, model=target, hull_box=hull_box, limits=standing, search=search
+            vehicle=own.vehicle, chain=own.chain, model=target, hull_box=own.hull_box, limits=standing, search=search
         )
-        site = WorkSite(
-            vehicle=vehicle, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(vehicle, chain, hull_box, target)
-        )
+        site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
         limits = ArrivalLimits()
         monitors = axial_monitors(
             job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long="the depth was not reached"
         )
         rows = insertion_rows(site, limits, job)
-        super().__init__(rows, monitors, X_WB=X_WB_scan, q=vehicle.q_home, period=period)
+        super().__init__(rows, monitors, X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
 
     def step(
         self, state: TaskState, estimate: StateEstimate, target: Target | None, last: Command | None

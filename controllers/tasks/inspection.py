@@ -20,16 +20,15 @@ import numpy as np
 from scipy.interpolate import BSpline, splprep
 from scipy.spatial import ConvexHull
 
-from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
 from controllers.planning.trajectories import PoseMove, Progress
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ScanLimits, ScanTarget
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle
 from controllers.tasks.monitors import Monitor, Reaction, adrift
 from controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
 from controllers.tasks.task import TaskPlanner, TaskRow, at_once
 from models.objects.targets import TargetModel
-from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import AbortCode, WorkState
 from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
@@ -212,27 +211,21 @@ class Inspection(TaskPlanner):
 
     def __init__(
         self,
-        vehicle: Vehicle,
-        chain: Chain,
+        own: WorkVehicle,
         target: TargetModel,
         job: InspectionJob,
         *,
         X_WB_scan: Array,
-        hull_box: Array,
-        X_BC: Array,
         floor: float = -np.inf,
         period: float = 0.01,
     ) -> None:
         """Set up the planner.
 
         Args:
-            vehicle: the vehicle.
-            chain: its arm, base to tool.
+            own: the vehicle.
             target: model of the object.
             job: distances, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
-            hull_box: (2, 3) [m] corners of the hull in B.
-            X_BC: (4, 4) pose of the camera in the hull.
             floor: [m] height of the seabed in W.
             period: [s] of the planner.
         """
@@ -241,16 +234,16 @@ class Inspection(TaskPlanner):
         def plan(held: Held, now: Context) -> None:
             assert held.target is not None
             X_WT = held.target.X_WT
-            near_W = transform_points(held.X_WB, X_BC[None, :3, 3])[0]
-            found = orbit(target, X_WT, job, X_BC=X_BC, near_W=near_W)
+            near_W = transform_points(held.X_WB, own.X_BC[None, :3, 3])[0]
+            found = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
             X_WB = found.at(0.0)[0]
-            passing = HullPath(vehicle, chain, hull_box, transform_points(X_WT, target.vertices))
+            passing = HullPath(own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices))
             check_clear(found, motion.to(X_WB, held, now), passing, floor=floor, clearance=job.clearance)
             held.plan, held.way = found, [X_WB]
 
         monitor = Monitor(condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT)
         rows = inspection_rows(job, motion, Decide(plan, AbortCode.NO_CLEAR_WAY))
-        super().__init__(rows, [monitor], X_WB=X_WB_scan, q=vehicle.q_home, period=period)
+        super().__init__(rows, [monitor], X_WB=X_WB_scan, q=own.vehicle.q_home, period=period)
 
 
 def inspection_rows(job: InspectionJob, motion: HullMotion, plan: Decide) -> Iterable[tuple[str, TaskRow]]:

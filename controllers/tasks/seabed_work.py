@@ -18,11 +18,11 @@ from functools import partial
 
 import numpy as np
 
-from controllers.mkps import Chain
 from controllers.planning.ground_approach import GroundApproach
 from controllers.planning.hull_placement import Placement
 from controllers.planning.seabed_height import HeightSearch, choose_height
 from controllers.planning.trajectories import Progress
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, ScanLimits, WorkSite, arrival
 from controllers.tasks.axial_phases import (
     PARK,
@@ -40,7 +40,6 @@ from controllers.tasks.axial_phases import (
 from controllers.tasks.contact_phases import FollowState, Press, PressLimits
 from controllers.tasks.phase import Abort, Context, Held, Outcome, PhaseEvent, Setpoint
 from controllers.tasks.task import TaskPlanner, TaskRow, at_once
-from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import AbortCode, Target, ToolPath, WorkState
 from sim.interfaces.spatial import Array, readonly
@@ -139,12 +138,10 @@ class SeabedWork(TaskPlanner):
 
     def __init__(
         self,
-        vehicle: Vehicle,
-        chain: Chain,
+        own: WorkVehicle,
         job: SeabedJob,
         *,
         X_WB_scan: Array,
-        hull_box: Array,
         search: HeightSearch | None = None,
         coarse: GroundApproach | None = None,
         period: float = 0.01,
@@ -152,11 +149,9 @@ class SeabedWork(TaskPlanner):
         """Set up the planner.
 
         Args:
-            vehicle: the vehicle.
-            chain: its arm, base to tool.
+            own: the vehicle.
             job: depths, push, speeds and limits.
             X_WB_scan: (4, 4) level hull pose in W over the site, from which it is scanned.
-            hull_box: (2, 3) [m] corners of the hull in B.
             search: heights that are tried, and clearances and margins to keep there.
             coarse: if given, the vehicle first descends over the plane that the Doppler log sees, and scans from there.
             period: [s] of the planner.
@@ -169,11 +164,9 @@ class SeabedWork(TaskPlanner):
                 raise ReachError("no place to stand: nothing is known of the ground around the target")
             sunk = replace(path, p=readonly(path.p + job.depth * path.z)) if job.drag else path
             found = choose_height(
-                vehicle,
-                chain,
+                own,
                 sunk,
                 ground=target.ground,
-                hull_box=hull_box,
                 X_WB=X_WB,
                 force=job.push,
                 standoff=job.axial.standoff + (job.depth if job.drag else 0.0),
@@ -182,12 +175,12 @@ class SeabedWork(TaskPlanner):
             return found.placement, path, 1.0
 
         limits = ArrivalLimits(scan=ScanLimits(views=job.scans, finds=1))
-        site = WorkSite(vehicle=vehicle, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
+        site = WorkSite(own=own, X_WB_scan=X_WB, stand=stand, come_near=None if coarse is None else coarse.pose)
         monitors = axial_monitors(
             job.axial, lost_place=limits.lost_place, blind_time=limits.blind_time, too_long="it was not in the soil"
         )
         rows = seabed_rows(site, limits, job, period)
-        super().__init__(rows, monitors, X_WB=X_WB, q=vehicle.q_home, period=period)
+        super().__init__(rows, monitors, X_WB=X_WB, q=own.vehicle.q_home, period=period)
 
 
 def seabed_rows(site: WorkSite, limits: ArrivalLimits, job: SeabedJob, period: float) -> Iterable[tuple[str, TaskRow]]:

@@ -10,12 +10,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain
 from controllers.planning.hull_placement import PlacementSearch
 from controllers.planning.path_standing import PathStanding, StandingLimits
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.contact_phases import (
     ApproachLimits,
@@ -41,7 +40,6 @@ from controllers.tasks.monitors import (
 from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
 from controllers.tasks.task import TaskPlanner, TaskRow
 from models.objects.targets import TargetModel
-from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, WorkState
 from sim.interfaces.spatial import Array
@@ -106,14 +104,11 @@ class SurfaceWork(TaskPlanner):
 
     def __init__(
         self,
-        vehicle: Vehicle,
-        chain: Chain,
+        own: WorkVehicle,
         target: TargetModel,
         job: SurfaceTaskConfig,
         *,
         X_WB_scan: Array,
-        hull_box: Array,
-        view_B: ArrayLike = (1.0, 0.0, 0.0),
         floor: float = -np.inf,
         period: float = 0.01,
         search: PlacementSearch | None = None,
@@ -122,38 +117,29 @@ class SurfaceWork(TaskPlanner):
         """Set up the planner.
 
         Args:
-            vehicle: the vehicle.
-            chain: its arm, base to tool.
+            own: the vehicle.
             target: model of the object.
             job: set forces, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
-            hull_box: (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed.
-            view_B: (3,) direction of the camera's axis in B.
             floor: [m] height of the seabed in W.
             period: [s] of the planner.
             search: hull placements that are tried.
             holding: thrust margin of the hull beside the object; without it placements are not tested for it.
         """
         stand = PathStanding(
-            vehicle=vehicle,
-            chain=chain,
+            vehicle=own.vehicle,
+            chain=own.chain,
             model=target,
-            hull_box=hull_box,
+            hull_box=own.hull_box,
             limits=StandingLimits(force=max(job.forces), standoff=job.approach.standoff, least_share=job.least_share),
             floor=floor,
             search=search,
             holding=holding if job.contactless is None else None,
         )
-        site = WorkSite(
-            vehicle=vehicle,
-            X_WB_scan=np.array(X_WB_scan),
-            stand=stand,
-            around=around(vehicle, chain, hull_box, target),
-            view_B=view_B,
-        )
+        site = WorkSite(own=own, X_WB_scan=np.array(X_WB_scan), stand=stand, around=around(own, target))
         self.job = job
         super().__init__(
-            surface_rows(site, job), surface_monitors(job), X_WB=X_WB_scan, q=vehicle.q_home, period=period
+            surface_rows(site, job), surface_monitors(job), X_WB=X_WB_scan, q=own.vehicle.q_home, period=period
         )
 
 

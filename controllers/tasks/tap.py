@@ -54,4 +54,4 @@ def tap(
         yield "next", TaskRow(move, states.CLOSE_IN, {ends.MORE: "approach", ends.DONE: "parked"}, BREAK_OFF)
         yield from retreat_rows(job)
 
-    return TaskPlanner(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.vehicle.q_home)
+    return TaskPlanner(rows(), surface_monitors(job), X_WB=site.X_WB_scan, q=site.own.vehicle.q_home)

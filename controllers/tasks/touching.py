@@ -45,7 +45,6 @@ def draw_touches(
     q_start: Array,
     *,
     cone: float = np.deg2rad(65.0),
-    lift: float = TOUCH.lift,
     tries: int = 4000,
 ) -> list[Touch]:
     """Draw random, reachable tool directions for each nest.
@@ -61,7 +60,6 @@ def draw_touches(
         rng: random generator.
         q_start: (n,) [rad] start of the inverse kinematics.
         cone: [rad] largest angle from the nest's axis.
-        lift: [m] height above the nest.
         tries: largest number of directions drawn per nest.
 
     Returns:
@@ -77,7 +75,7 @@ def draw_touches(
             if len(found) == count:
                 break
             R_WG = _direction(nest.z_WN, cone, rng)
-            above = pose(R_WG, nest.p_WN + lift * nest.z_WN)
+            above = pose(R_WG, nest.p_WN + TOUCH.lift * nest.z_WN)
             over, seated = (solve(chain, X_AW @ X, q_start, 1e-4, 1e-3) for X in (above, pose(R_WG, nest.p_WN)))
             if over.converged and seated.converged:
                 found.append((over.q, Touch(nest=k, R_WG=R_WG)))

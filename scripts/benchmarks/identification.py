@@ -31,7 +31,6 @@ from scenarios.start import parse, run_scenario
 from scenarios.study import Row, Study, StudyOptions, Summary, Table
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
-FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 FIT_POINTS = 10_000  # scan points of a fit that is timed alone
 FIT_START = (0.01, np.deg2rad(2.0))  # [m], [rad] offset from the truth, where a fit alone starts
 Method = Callable[["SceneInput"], Array]
@@ -252,7 +251,7 @@ def run(case: RaceCase) -> Row:
                 "object": case.object,
                 "seed": case.seed,
                 "method": method,
-                "found": bool(position < FOUND[0] * scene.range_m and degrees < FOUND[1]),
+                "found": scene.is_found(X),
                 "position_m": position,
                 "angle_deg": degrees,
                 "process_s": spent,

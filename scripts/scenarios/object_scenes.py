@@ -27,7 +27,7 @@ from sim.interfaces.spatial import (
     rotation_from_z,
     transform_points,
 )
-from sim.sensors.depth_camera import DepthCamera, StereoNoise
+from sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise
 from sim.sensors.sonar import BEAMS, NOISE, Sonar, SonarBeams, SonarNoise
 
 FOCAL = 554.0  # [px] focal length of an image of 640 x 480
@@ -38,6 +38,8 @@ _CLIMB = (np.deg2rad(15.0), np.deg2rad(70.0))
 _ROLL = np.deg2rad(10.0)  # [rad] largest roll of the camera, either way
 _STEREO = SensorModel(focal=FOCAL)
 _SONAR = sonar_model(BEAMS.pitch)
+_STONES = 3  # on the seabed
+_FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 _CLEAR = 0.08  # [m] least distance of a stone from the sphere around the object
 
 
@@ -57,7 +59,7 @@ class Camera:
             data: Its state, kinematics computed.
             rng: Draws the noise.
         """
-        camera = DepthCamera(model, "world", np.eye(4), focal=FOCAL, noise=self.stereo)
+        camera = DepthCamera(model, "world", np.eye(4), optics=Optics(focal=FOCAL), noise=self.stereo)
         _, image = camera.step(camera.init(rng), _Poses(time=0.0, xpos=data.xpos, xmat=data.xmat))
         if self.white > 0.0:
             u, v = (np.arange(n) - c for n, c in zip(image.depth.shape[::-1], image.K[:2, 2], strict=True))
@@ -120,6 +122,11 @@ class ObjectScene:
         off = float(np.linalg.norm(transform_points(X, center) - transform_points(self.X_CT, center)))
         return off, self.target.symmetry.error(X, self.X_CT)[1]
 
+    def is_found(self, X_CT: Array) -> bool:
+        """Whether an estimated pose (4, 4) in C counts as found: within 1 % of the range and 5 deg."""
+        off, angle = self.error(X_CT)
+        return bool(off < _FOUND[0] * self.range_m and np.rad2deg(angle) < _FOUND[1])
+
 
 @cache
 def target_of(name: str) -> TargetModel:
@@ -139,11 +146,8 @@ def object_scene(
     ranges: tuple[float, float] = (1.0, 2.0),
     start_error: tuple[float, float] = (0.3, np.deg2rad(45.0)),
     gap: tuple[float, float] | None = (0.05, 0.4),
-    stones: int = 3,
     there: TargetModel | None = None,
     absent: bool = False,
-    azimuth: tuple[float, float] = (-np.pi, np.pi),
-    climb: tuple[float, float] | None = None,
 ) -> ObjectScene:
     """The scene of `seed`, seen from a range within `ranges`.
 
@@ -155,11 +159,8 @@ def object_scene(
         start_error: [m], [rad] bounds of the coarse start's error, uniform.
         gap: [m] bounds of the distance from the lowest part of object and stand down to the seabed. 0 means that they
             lie on it, None neither seabed nor stones.
-        stones: Number of stones on the seabed.
         there: The true object; None: `target`.
         absent: Leave the object out of the scene.
-        azimuth: [rad] bounds of the camera's azimuth about z_T from x_T.
-        climb: [rad] bounds of the camera's elevation above the horizon of T; None: the default of the object.
 
     Returns:
         The scene with its scan.
@@ -177,7 +178,7 @@ def object_scene(
     view, ground, noise, start = (np.random.default_rng([seed, part]) for part in range(4))
     aim, heights = _AIM.get(target.name, (target.center, _CLIMB))
     range_m = float(view.uniform(*ranges))
-    X_CT = _view(view, np.asarray(aim), range_m, azimuth, climb or heights)
+    X_CT = _view(view, np.asarray(aim), range_m, heights)
     shown = there or target
 
     spec = mujoco.MjSpec()
@@ -186,7 +187,7 @@ def object_scene(
     if gap is not None:
         floor = _lowest(shown) - float(ground.uniform(*gap))
         _add_seabed(spec, X_CT, floor)
-        for _ in range(stones):
+        for _ in range(_STONES):
             _add_stone(spec, ground, X_CT, shown, floor)
     model = spec.compile()
     data = mujoco.MjData(model)
@@ -207,12 +208,10 @@ def object_scene(
     )
 
 
-def _view(
-    rng: np.random.Generator, aim: Array, range_m: float, azimuth: tuple[float, float], climb: tuple[float, float]
-) -> Array:
+def _view(rng: np.random.Generator, aim: Array, range_m: float, climb: tuple[float, float]) -> Array:
     """X_CT of a nearly level camera at `range_m` [m] from `aim` (3,) [m] in T, pointed slightly beside it."""
     low, high = np.sin(climb)
-    heading, up, roll = rng.uniform([azimuth[0], low, -_ROLL], [azimuth[1], high, _ROLL])
+    heading, up, roll = rng.uniform([-np.pi, low, -_ROLL], [np.pi, high, _ROLL])
     flat = np.sqrt(1.0 - up**2)
     p_TC = aim + range_m * np.array([flat * np.cos(heading), flat * np.sin(heading), up])
     at = aim + rng.normal(0.0, 0.03, 3)

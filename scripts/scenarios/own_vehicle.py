@@ -1,13 +1,14 @@
 """The vehicle's model of itself: compiled without the scene and checked once, with all that parts are made of."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import mujoco
 import numpy as np
 
 from controllers.mkps import Chain
+from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM, check_parts, find
 from models.site import scenes
 from models.vehicle import Vehicle, pose_in_body
@@ -49,6 +50,12 @@ class OwnVehicle:
     def X_BC(self) -> Array:
         """Pose (4, 4) of the camera on the hull."""
         return pose_in_body(self.model, find(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE), self.vehicle.hull)
+
+    def at_work(self) -> WorkVehicle:
+        """The vehicle as the planners of its work know it; without a camera one that looks ahead is taken."""
+        known = WorkVehicle(vehicle=self.vehicle, chain=self.chain(), hull_box=self.hull_box)
+        has_camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, CAMERA_SITE) >= 0
+        return replace(known, X_BC=self.X_BC) if has_camera else known
 
     @property
     def tool_radius(self) -> float:

@@ -3,7 +3,6 @@
 Frame C has OpenCV axes: x right, y down, z along the optical axis.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,12 +12,45 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array, checked_pose, pose, readonly, rotation_from_quat_wxyz
-from sim.sensors.refraction import FlatPort, PortCalibration, in_water, read_depth
+from sim.sensors.refraction import FlatPort, PortCalibration, StereoReader, in_water
 from sim.sensors.stereo_noise import StereoNoise, add_noise
-from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, names, site_on_body
+from sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, names, site_on_body
 
 NEAR = 0.02  # [m] no surface closer than this to the camera's plane is seen
 NOISE = StereoNoise()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optics:
+    """Image, lens, and the flat port before it (`sim.sensors.refraction`).
+
+    Without `port` the camera is an exactly known pinhole. Behind a port, frames are rectified by `calibration`. Their
+    `K` and camera pose are then those of the calibration, right or wrong.
+    """
+
+    width: int = 640  # [px]
+    height: int = 480  # [px]
+    focal: float = 554.0  # [px] of the lens; the principal point is the centre of the image
+    port: FlatPort | None = None  # flat port before the lens
+    calibration: PortCalibration | None = None  # for rectification; None with a port: the best in water
+
+    def __post_init__(self) -> None:
+        width, height, focal = self.width, self.height, self.focal
+        whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
+        if not (whole and 0.0 < focal < np.inf):
+            raise ConfigurationError(f"depth camera: {width} x {height} px with focal {focal} px is no camera")
+        if self.calibration is not None and self.port is None:
+            raise ConfigurationError("depth camera: a calibration corrects for a port; there is none")
+
+    @property
+    def rectified(self) -> PortCalibration:
+        """Calibration of the frames; that of the bare lens without a port."""
+        if self.port is None:
+            return PortCalibration(focal=self.focal)
+        return self.calibration or in_water(self.port, self.focal, 0.5 * float(np.hypot(self.width, self.height)))
+
+
+OPTICS = Optics()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,46 +72,28 @@ class DepthCamera:
         hull: str,
         X_BC: Array,
         *,
-        width: int = 640,
-        height: int = 480,
-        focal: float = 554.0,
+        optics: Optics = OPTICS,
         range_limits: tuple[float, float] = (0.3, 10.0),
         noise: StereoNoise | None = NOISE,
         delay: float = 0.0,
-        exclude: Collection[str] = (),
-        groups: Collection[int] = VISIBLE_GROUPS,
-        port: FlatPort | None = None,
-        calibration: PortCalibration | None = None,
+        visible: Visible = ALL,
     ) -> None:
         """Mount the camera on a body.
-
-        Transparent geoms (alpha 0), flexes and skins are invisible.
-
-        Without `port` the camera is an exactly known pinhole. Behind a `port` (`sim.sensors.refraction`), frames are
-        rectified by `calibration`. Their `K` and camera pose are then those of the calibration, right or wrong.
 
         Args:
             model: Compiled model.
             hull: Name of the body.
             X_BC: Pose of the camera in the body (4, 4), OpenCV axes.
-            width: [px]
-            height: [px]
-            focal: [px] of the lens; the principal point is the centre of the image.
+            optics: Image, lens and port.
             range_limits: Closest and farthest depth [m].
             noise: Error model; None: exact depth.
             delay: [s]
-            exclude: Names of invisible bodies.
-            groups: Visible geom groups.
-            port: Flat port before the lens.
-            calibration: Camera model for rectification; default with a port: the best in water.
+            visible: What it sees.
 
         Raises:
             ConfigurationError: A body is unknown, or a number is invalid.
             MissingLibraryError: There is no ray caster.
         """
-        whole = all(isinstance(pixels, int | np.integer) and pixels > 0 for pixels in (width, height))
-        if not (whole and 0.0 < focal < np.inf):
-            raise ConfigurationError(f"depth camera: {width} x {height} px with focal {focal} px is no camera")
         if not (len(range_limits) == 2 and 0.0 < range_limits[0] < range_limits[1]):
             raise ConfigurationError(f"depth camera: range_limits must be 0 < near < far, got {range_limits}")
         if not delay >= 0.0:
@@ -89,26 +103,22 @@ class DepthCamera:
         self._X_BC = checked_pose(X_BC, "X_BC")
         self._range = range_limits
         self._noise = noise
-        if calibration is not None and port is None:
-            raise ConfigurationError("depth camera: a calibration corrects for a port; there is none")
-        if port is not None and calibration is None:
-            calibration = in_water(port, focal, 0.5 * float(np.hypot(width, height)))
-        self._port, self._calibration, self._focal = port, calibration, focal
-        self._baseline = (noise or NOISE).baseline
-        f = calibration.focal if calibration is not None else focal
+        calibration, port, width, height = optics.rectified, optics.port, optics.width, optics.height
+        f = calibration.focal
         self._K = readonly([[f, 0, 0.5 * (width - 1)], [0, f, 0.5 * (height - 1)], [0, 0, 1]])
         self._X_BC_said = self._X_BC
         v, u = np.indices((height, width))
         tangents = np.stack([(u - self._K[0, 2]) / f, (v - self._K[1, 2]) / f], axis=-1)
-        self._tangent_x = np.ascontiguousarray(tangents[0, :, 0])
         # With unit z component the ray parameter is the depth along the optical axis.
         start, way = None, np.concatenate([tangents, np.ones((height, width, 1))], axis=-1)
-        if port is not None and calibration is not None:
+        self._reader: StereoReader | None = None
+        if port is not None:
             self._X_BC_said = readonly(self._X_BC @ pose(None, [0.0, 0.0, calibration.center]))
-            start, way = port.rays(calibration.raw(tangents, focal))
+            start, way = port.rays(calibration.raw(tangents, optics.focal))
+            tangent_x = np.ascontiguousarray(tangents[0, :, 0])
+            self._reader = StereoReader.of(port, calibration, optics.focal, (noise or NOISE).baseline, tangent_x)
         self._rays = Rays.of(way, NEAR, start)
-        unseen = {body_id(model, name, "depth camera") for name in exclude}
-        self._world = VisibleWorld(model, exclude=unseen, groups=groups)
+        self._world = visible.world(model, "depth camera")
 
     @classmethod
     def at_site(cls, model: mujoco.MjModel, site: str, **options: Any) -> "DepthCamera":
@@ -183,8 +193,8 @@ class DepthCamera:
         R_W = np.asarray(xmat, dtype=np.float64).reshape(-1, 3, 3)
         X_WC = pose(R_W[self._hull], xpos[self._hull]) @ self._X_BC
         depth, cosine = self._world.cast(X_WC, self._rays, xpos, R_W)
-        if self._port is not None and self._calibration is not None:
+        if self._reader is not None:
             with np.errstate(invalid="ignore"):  # 0 times inf where nothing is hit
                 points = self._rays.origins + depth[..., None] * self._rays.directions
-            depth = read_depth(points, self._tangent_x, self._port, self._calibration, self._focal, self._baseline)
+            depth = self._reader.depth(points)
         return depth, cosine

@@ -8,6 +8,7 @@ only a fit [Treibitz 2012] [Shortis 2015].
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -18,6 +19,15 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
 _STEPS = 20  # largest number of Newton steps; 3 to 5 are needed
+
+
+class _Port(NamedTuple):
+    """Numbers of a `FlatPort`, for compiled functions."""
+
+    distance: float
+    thickness: float
+    n_glass: float
+    n_water: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,11 +82,13 @@ class FlatPort:
         rho, depth = np.broadcast_arrays(np.asarray(radius, dtype=np.float64), np.asarray(z, dtype=np.float64))
         if not np.all(depth > self.distance + self.thickness):
             raise ConfigurationError("flat port: points must lie in the water, beyond the port")
-        flat = _tangents(np.ascontiguousarray(rho).ravel(), np.ascontiguousarray(depth).ravel(), *self._numbers())
+        flat = _tangents(np.ascontiguousarray(rho).ravel(), np.ascontiguousarray(depth).ravel(), self.numbers)
         return flat.reshape(rho.shape)
 
-    def _numbers(self) -> tuple[float, float, float, float]:
-        return self.distance, self.thickness, self.n_glass, self.n_water
+    @property
+    def numbers(self) -> _Port:
+        """For compiled functions."""
+        return _Port(float(self.distance), float(self.thickness), float(self.n_glass), float(self.n_water))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,39 +162,47 @@ def in_water(
     return PortCalibration(focal=float(f), k1=float(f_k1 / f), k2=float(f_k2 / f), center=center)
 
 
-def read_depth(
-    points: np.ndarray, tangent_x: Array, port: FlatPort, calibration: PortCalibration, focal: float, baseline: float
-) -> np.ndarray:
-    """Depth (H, W) [m] that stereo reads for the points seen by the left camera; inf where the points are at infinity.
+class StereoReader(NamedTuple):
+    """Depth that stereo reads through a flat port; both cameras look through it, and `baseline` is between them.
 
-    The right camera, `baseline` to the right, also sees each point through the port. Both images are rectified by
-    `calibration`, and depth is baseline / (difference of the rectified x tangents).
-
-    Args:
-        points: Points (H, W, 3) [m] in the left camera's frame.
-        tangent_x: Rectified x tangents (W,) of the columns.
-        port: The flat port.
-        calibration: Camera model of both cameras.
-        focal: Of the lenses [px].
-        baseline: [m]
-
-    Returns:
-        Depth (H, W) [m], float32.
+    Both images are rectified by one calibration. Depth is baseline / (difference of the rectified x tangents).
     """
-    return _read(
-        np.ascontiguousarray(points, dtype=np.float64),
-        tangent_x,
-        *port._numbers(),
-        calibration.focal / focal,
-        calibration.k1,
-        calibration.k2,
-        baseline,
-    )
+
+    tangent_x: Array  # (W,) rectified x tangents of the columns
+    port: _Port
+    scale: float  # focal length of the calibration over that of the lenses
+    k1: float
+    k2: float
+    baseline: float  # [m]
+
+    @classmethod
+    def of(
+        cls, port: FlatPort, calibration: PortCalibration, focal: float, baseline: float, tangent_x: Array
+    ) -> "StereoReader":
+        """Set up the reader.
+
+        Args:
+            port: The flat port.
+            calibration: Camera model of both cameras.
+            focal: Of the lenses [px].
+            baseline: [m]
+            tangent_x: Rectified x tangents (W,) of the columns.
+
+        Returns:
+            The reader.
+        """
+        scale = float(calibration.focal / focal)
+        return cls(tangent_x, port.numbers, scale, float(calibration.k1), float(calibration.k2), float(baseline))
+
+    def depth(self, points: np.ndarray) -> np.ndarray:
+        """Depth (H, W) [m], float32, of points (H, W, 3) [m] in the left camera's frame; inf for points at infinity."""
+        return _read(np.ascontiguousarray(points, dtype=np.float64), self)
 
 
 @numba.njit(cache=True)
-def _tangent(rho: float, z: float, distance: float, thickness: float, n_glass: float, n_water: float) -> float:
+def _tangent(rho: float, z: float, port: _Port) -> float:
     """Root s of rho = distance s + thickness s_g(s) + (z - distance - thickness) s_w(s), which grows with s."""
+    distance, thickness, n_glass, n_water = port
     if rho == 0.0:
         return 0.0
     depth = z - distance - thickness
@@ -208,28 +228,17 @@ def _tangent(rho: float, z: float, distance: float, thickness: float, n_glass: f
 
 
 @numba.njit(cache=True)
-def _tangents(
-    rho: np.ndarray, z: np.ndarray, distance: float, thickness: float, n_glass: float, n_water: float
-) -> np.ndarray:
+def _tangents(rho: np.ndarray, z: np.ndarray, port: _Port) -> np.ndarray:
     result = np.empty(len(rho))
     for i in range(len(rho)):
-        result[i] = _tangent(rho[i], z[i], distance, thickness, n_glass, n_water)
+        result[i] = _tangent(rho[i], z[i], port)
     return result
 
 
 @numba.njit(cache=True)
-def _read(
-    points: np.ndarray,
-    tangent_x: np.ndarray,
-    distance: float,
-    thickness: float,
-    n_glass: float,
-    n_water: float,
-    scale: float,
-    k1: float,
-    k2: float,
-    baseline: float,
-) -> np.ndarray:
+def _read(points: np.ndarray, reader: StereoReader) -> np.ndarray:
+    """Depth (H, W) [m] of points (H, W, 3) [m]; see `StereoReader`."""
+    scale, k1, k2, baseline = reader.scale, reader.k1, reader.k2, reader.baseline
     rows, columns = points.shape[:2]
     result = np.full((rows, columns), np.inf, dtype=np.float32)
     for i in range(rows):
@@ -238,7 +247,7 @@ def _read(
             if not np.isfinite(z):
                 continue
             rho = np.sqrt(x * x + y * y)
-            s = _tangent(rho, z, distance, thickness, n_glass, n_water)
+            s = _tangent(rho, z, reader.port)
             t = s / scale
             for _ in range(_STEPS):
                 square = t * t
@@ -247,7 +256,7 @@ def _read(
                 t -= step
                 if abs(step) < 1e-12:
                     break
-            difference = tangent_x[j] - (t * x / rho if rho > 0.0 else 0.0)
+            difference = reader.tangent_x[j] - (t * x / rho if rho > 0.0 else 0.0)
             if difference > 0.0:
                 result[i, j] = baseline / difference
     return result

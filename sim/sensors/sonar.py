@@ -9,7 +9,6 @@ It can be mounted on any body of any compiled model (primitives, meshes, height 
 It is also a `sim.interfaces.protocols.Sensor` for the step loop, with messages `SonarScan`.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -20,7 +19,7 @@ import numpy as np
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import SonarScan
 from sim.interfaces.spatial import Array, checked_pose, pose, readonly
-from sim.sensors.visible_world import VISIBLE_GROUPS, BodyPoses, Rays, VisibleWorld, body_id, site_on_body
+from sim.sensors.visible_world import ALL, BodyPoses, Rays, Visible, body_id, site_on_body
 
 NEAR = 0.02  # [m] no surface closer than this to the sonar is seen
 
@@ -31,13 +30,18 @@ _ON_RING = 6  # number of rays on the ring
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SonarBeams:
-    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows)."""
+    """Grid of beams, evenly spaced in azimuth (columns, about y) and elevation (rows), and the echo that each reports.
+
+    The range of the "first" echo is that of the nearest surface in the beam. That of the "strongest" is that of the
+    largest area across the beam within one range cell.
+    """
 
     rows: int = 72
     columns: int = 96
     elevation: float = np.deg2rad(45.0)  # [rad] between the first and the last row
     azimuth: float = np.deg2rad(60.0)  # [rad] between the first and the last column
     width: float = np.deg2rad(1.2)  # [rad] of a beam at half power; footprint 21 mm at 1 m
+    echo: Literal["first", "strongest"] = "strongest"
 
     def __post_init__(self) -> None:
         if not all(isinstance(count, int | np.integer) and count >= 1 for count in (self.rows, self.columns)):
@@ -47,6 +51,8 @@ class SonarBeams:
                 raise ConfigurationError(f"sonar: {name} must lie in [0, 175) deg, got {getattr(self, name)} rad")
         if not 0.0 <= self.width <= np.deg2rad(30.0):
             raise ConfigurationError(f"sonar: beam width must lie in [0, 30] deg, got {self.width} rad")
+        if self.echo not in ("first", "strongest"):
+            raise ConfigurationError(f"sonar: echo must be 'first' or 'strongest', got {self.echo!r}")
 
     @property
     def pitch(self) -> float:
@@ -97,8 +103,7 @@ class SonarState:
 class Sonar:
     """3D sonar fixed to a body of a compiled model; delivers one ping per request (`period` 0).
 
-    An echo is placed on the axis of its beam. With `echo` "first" its range is that of the nearest surface in the beam.
-    With "strongest" it is that of the largest area across the beam within one range cell.
+    An echo is placed on the axis of its beam.
     """
 
     period = 0.0  # [s], on request
@@ -111,27 +116,23 @@ class Sonar:
         *,
         beams: SonarBeams = BEAMS,
         noise: SonarNoise | None = NOISE,
-        echo: Literal["first", "strongest"] = "strongest",
         range_limits: tuple[float, float] = (0.3, 10.0),
         delay: float = 0.0,
-        exclude: Collection[str] = (),
-        groups: Collection[int] = VISIBLE_GROUPS,
+        visible: Visible = ALL,
     ) -> None:
         """Mount the sonar on a body.
 
-        Transparent geoms (alpha 0), flexes and skins are invisible. Height fields are read now only.
+        Height fields are read now only.
 
         Args:
             model: Compiled model.
             body: Name of the body; "world": fixed in W.
             X_BS: Pose of the sonar in the body (4, 4), OpenCV axes.
-            beams: Grid of beams.
+            beams: Grid of beams, and which echo of a beam counts.
             noise: Error model; None: the effect of the beam width alone.
-            echo: "first" or "strongest".
             range_limits: Closest and farthest range [m].
             delay: [s]
-            exclude: Names of invisible bodies.
-            groups: Visible geom groups.
+            visible: What it sees.
 
         Raises:
             ConfigurationError: A body is unknown, or a number is invalid.
@@ -141,13 +142,11 @@ class Sonar:
             raise ConfigurationError(f"sonar: range_limits must be 0 < near < far, got {range_limits}")
         if not delay >= 0.0:
             raise ConfigurationError(f"sonar: delay must not be negative, got {delay}")
-        if echo not in ("first", "strongest"):
-            raise ConfigurationError(f"sonar: echo must be 'first' or 'strongest', got {echo!r}")
         self.delay = delay
         self._body = body_id(model, body, "sonar")
         self._X_BS = checked_pose(X_BS, "X_BS")
-        self._beams, self._noise, self._echo, self._range = beams, noise, echo, range_limits
-        self._world = VisibleWorld(model, exclude={body_id(model, name, "sonar") for name in exclude}, groups=groups)
+        self._beams, self._noise, self._range = beams, noise, range_limits
+        self._world = visible.world(model, "sonar")
         self._axes = beams.axes()
         # Two axes across each beam, for the rays on the ring.
         right = np.stack([self._axes[..., 2], np.zeros(self._axes.shape[:2]), -self._axes[..., 0]], axis=-1)
@@ -212,7 +211,7 @@ class Sonar:
         least = np.cos(self._noise.max_incidence) if self._noise is not None else 0.0
         distance[cosine < least] = np.inf
         cell = self._noise.range_cell if self._noise is not None else 0.0
-        if self._echo == "first" or distance.shape[2] == 1:
+        if self._beams.echo == "first" or distance.shape[2] == 1:
             r = distance.min(axis=2).astype(np.float64)
         else:
             r = _strongest(distance, cosine, self._weight, max(cell, 1e-3))

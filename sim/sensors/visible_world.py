@@ -76,6 +76,26 @@ class Rays:
         return cls(way, start, near, tile, _cones(way.reshape(-1, 3), start.reshape(-1, 3), tile, int(tile[-1]) + 1))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Visible:
+    """What a sensor can see of a model; transparent geoms (alpha 0), flexes and skins are invisible to all."""
+
+    exclude: Collection[str] = ()  # names of invisible bodies
+    groups: Collection[int] = VISIBLE_GROUPS  # visible geom groups
+
+    def world(self, model: mujoco.MjModel, sensor: str) -> "VisibleWorld":
+        """The visible surfaces of a model; `sensor` names the sensor in an error.
+
+        Raises:
+            ConfigurationError: A body to exclude is unknown.
+            MissingLibraryError: There is no ray caster.
+        """
+        return VisibleWorld(model, exclude={body_id(model, name, sensor) for name in self.exclude}, groups=self.groups)
+
+
+ALL = Visible()
+
+
 class VisibleWorld:
     """Visible surfaces of a model for ray casting: static ones in one scene, each moving body in a scene of its own."""
 

@@ -7,12 +7,11 @@ import mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controllers.mkps import Chain
 from controllers.planning.hull_placement import tool_poses
 from controllers.planning.seabed_height import WorkHeight, arm_gap, choose_height
+from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.site.seabed import KINDS, Seabed, seabed
-from models.vehicle import Vehicle
 from perception.seabed.seabed_finder import points_in_world
 from perception.seabed.terrain_path import SeabedPlan, plan_seabed_work
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
@@ -69,15 +68,15 @@ class TerrainCase:
 
 
 @cache
-def searched_with(vehicle: str) -> tuple[Vehicle, Chain, Array]:
-    """A vehicle, the kinematics of its arm, and the corners (2, 3) [m] of the hull's box in B."""
-    own = OwnVehicle.of(vehicle_spec(vehicle), (CAMERA_SITE, TOOL_GEOM))
-    return own.vehicle, own.chain(), own.hull_box
+def searched_with(vehicle: str) -> WorkVehicle:
+    """The vehicle as its planner knows it."""
+    return OwnVehicle.of(vehicle_spec(vehicle), (CAMERA_SITE, TOOL_GEOM)).at_work()
 
 
 def run(case: TerrainCase) -> Row:
     """Errors of targets and profile in units of 1 cm + 0.5 % of the range, and the height or the refusal."""
-    vehicle, chain, box = searched_with(case.vehicle)
+    own = searched_with(case.vehicle)
+    vehicle, chain, box = own.vehicle, own.chain, own.hull_box
     rng = np.random.default_rng(case.seed)
     kind = KINDS[case.seed % len(KINDS)]
     ground = seabed(kind, rng, center_W=(*rng.uniform(-5.0, 5.0, 2), -20.0), half=3.0)
@@ -86,7 +85,7 @@ def run(case: TerrainCase) -> Row:
     B = X_WB[:3, 3] + np.array([[AHEAD, -0.5 * APART, 0.0], [AHEAD, 0.5 * APART, 0.0]]) @ R_WB.T
     cloud = seen(ground, X_WB, box, rng, beam=np.radians(case.beam), noise=0.01 * case.noise)
     true = ground.mesh()[0]
-    work = partial(_work, vehicle=vehicle, chain=chain, box=box, X_WB=X_WB, B=B)
+    work = partial(_work, own=own, X_WB=X_WB, B=B)
     result: Row = {"seed": case.seed, "kind": kind, "points": len(cloud), "refused": "", "margin": None}
     plan, found, result["refused"] = work(cloud)
     result["truly_refused"] = work(true)[2]
@@ -107,9 +106,7 @@ def run(case: TerrainCase) -> Row:
     }
 
 
-def _work(
-    cloud: Array, *, vehicle: Vehicle, chain: Chain, box: Array, X_WB: Array, B: Array
-) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
+def _work(cloud: Array, *, own: WorkVehicle, X_WB: Array, B: Array) -> tuple[SeabedPlan | None, WorkHeight | None, str]:
     """Plan and working height on a cloud (N, 3) [m], None from a failed stage on; and the reason of the failure."""
     try:
         plan = plan_seabed_work(cloud, B)
@@ -118,15 +115,13 @@ def _work(
     assert plan.path is not None
     try:
         found = choose_height(
-            vehicle,
-            chain,
+            own,
             plan.path,
             ground=plan.terrain.vertices,
-            hull_box=box,
             X_WB=X_WB,
             force=60.0,
             standoff=STANDOFF,
-            search=height_search(box, drag=True),
+            search=height_search(own.hull_box, drag=True),
         )
     except ReachError as error:
         return plan, None, str(error)

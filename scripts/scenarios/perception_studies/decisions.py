@@ -17,7 +17,6 @@ from scenarios.study import Row, Summary, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
 _COLOURS = {Decision.ACCEPT: "C2", Decision.RESCAN: "C1", Decision.REFUSE: "C3"}
 
 
@@ -51,7 +50,7 @@ def run(task: DecisionCase) -> Row:
             "sensor": task.sensor,
             "seed": task.seed,
             "decision": str(found.decision),
-            "right": bool(there and position < FOUND[0] * scene.range_m and np.rad2deg(angle) < FOUND[1]),
+            "right": there and scene.is_found(found.X_sensor_target),
             "position_m": position,
             "angle_deg": float(np.rad2deg(angle)),
             "hidden": drawn.hidden,

@@ -16,8 +16,6 @@ from scenarios.study import Row, Summary, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOUND = (0.01, 5.0)  # share of the range, [deg]: bounds of a found pose
-
 
 @dataclass(frozen=True)
 class Start:
@@ -76,7 +74,7 @@ def run(task: SceneCase) -> dict[str, Any]:
         "range_m": scene.range_m,
         "position_m": position,
         "angle_deg": float(np.rad2deg(angle)),
-        "found": bool(position < FOUND[0] * scene.range_m and np.rad2deg(angle) < FOUND[1]),
+        "found": scene.is_found(found.X_sensor_target),
         "accepted": bool(found.accepted),
         "reason": found.reason,
         "margin": float(min(found.margin, 9.0)),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ from perception.registration.identification import identify
 from scenarios.study import Row, Summary, Table
 from sim.interfaces.messages import DepthImage, SonarScan
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, quat_wxyz_from_rotation, rotation_from_z
-from sim.sensors.depth_camera import DepthCamera
+from sim.sensors.depth_camera import DepthCamera, Optics
 from sim.sensors.refraction import FlatPort, in_air, in_water
 from sim.sensors.sonar import BEAMS, Sonar
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 FOCAL, CORNER = 554.0, 400.0  # [px] focal length; distance from the image's middle to its corner
 PORT = FlatPort()
-CAMERAS: Mapping[str, dict[str, Any]] = {
-    "no port": {},
-    "port, calibrated in air": {"port": PORT, "calibration": in_air(FOCAL)},
-    "port, in water, lens for centre": {"port": PORT, "calibration": in_water(PORT, FOCAL, CORNER, move_center=False)},
-    "port, in water": {"port": PORT},
+CAMERAS: Mapping[str, Optics] = {
+    "no port": Optics(),
+    "port, calibrated in air": Optics(port=PORT, calibration=in_air(FOCAL)),
+    "port, in water, lens for centre": Optics(port=PORT, calibration=in_water(PORT, FOCAL, CORNER, move_center=False)),
+    "port, in water": Optics(port=PORT),
 }
 SONAR = "sonar"
 OF_SONAR = sonar_model(BEAMS.pitch)
@@ -81,7 +81,7 @@ def look(name: str, model: mujoco.MjModel, seed: int) -> DepthImage | SonarScan:
     if name == SONAR:
         sonar = Sonar(model, "world", np.eye(4))
         return sonar.step(sonar.init(np.random.default_rng(seed)), data)[1]
-    camera = DepthCamera(model, "world", np.eye(4), **CAMERAS[name])
+    camera = DepthCamera(model, "world", np.eye(4), optics=CAMERAS[name])
     return camera.step(camera.init(np.random.default_rng(seed)), data)[1]
 
 
@@ -91,10 +91,11 @@ def depth_error(seen: DepthImage | SonarScan, model: mujoco.MjModel) -> Array:
     mujoco.mj_kinematics(model, data)
     height, width = (seen.depth if isinstance(seen, DepthImage) else seen.points[..., 0]).shape
     if isinstance(seen, SonarScan):
-        exact = Sonar(model, "world", np.eye(4), noise=None, echo="strongest")
+        exact = Sonar(model, "world", np.eye(4), noise=None)
         true = exact.ping(data, np.random.default_rng(0))
         return np.linalg.norm(seen.points, axis=-1) - np.linalg.norm(true, axis=-1)
-    ideal = DepthCamera(model, "world", seen.X_BC, noise=None, width=width, height=height, focal=float(seen.K[0, 0]))
+    optics = Optics(width=width, height=height, focal=float(seen.K[0, 0]))
+    ideal = DepthCamera(model, "world", seen.X_BC, noise=None, optics=optics)
     true = ideal.step(ideal.init(np.random.default_rng(0)), data)[1].depth
     return seen.depth - true
 

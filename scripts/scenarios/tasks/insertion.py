@@ -113,15 +113,13 @@ class PlacedInsertion(PlacedTask):
         own, task, bore = self.own, self.task, self.bore
         aimed_at = replace(bore, p_T=bore.p_T + bore.pose(np.eye(4))[:3, :3] @ [*task.error, 0.0])
         return insertion.HoleInsertion(
-            own.vehicle,
-            own.chain(),
+            own.at_work(),
             self.target,
             aimed_at,
             insertion.InsertionJob(
                 depth=task.depth, compliance=task.compliance, inside=insertion.EntryLimits(nose=self.truth.tool_radius)
             ),
             X_WB_scan=self.X_WB,
-            hull_box=own.hull_box,
         )
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:

@@ -115,13 +115,10 @@ class PlacedInspection(PlacedTask):
         """Planner of the orbit."""
         own = self.own
         return inspection.Inspection(
-            own.vehicle,
-            own.chain(),
+            own.at_work(),
             self.target,
             self.config,
             X_WB_scan=self.X_WB,
-            hull_box=own.hull_box,
-            X_BC=own.X_BC,
             floor=scenes.seabed_height(self.target, self.X_WT),
         )
 

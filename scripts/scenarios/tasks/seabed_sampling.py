@@ -159,11 +159,9 @@ class PlacedSampling(PlacedTask):
         """Planner of the work in the soil."""
         own, hull = self.own, self.own.hull_box
         return SeabedWork(
-            own.vehicle,
-            own.chain(),
+            own.at_work(),
             self.job,
             X_WB_scan=self.start,
-            hull_box=hull,
             search=height_search(hull, drag=self.job.drag),
             coarse=GroundApproach(height=ALTITUDE, hull_box=hull) if self.cloud_W is None else None,
         )

@@ -108,8 +108,7 @@ class PlacedSurfaceWork(PlacedTask):
         """Planner of the work."""
         own, task = self.own, self.task
         return surface_work.SurfaceWork(
-            own.vehicle,
-            own.chain(),
+            own.at_work(),
             self.target,
             surface_work.SurfaceTaskConfig(
                 forces=task.forces,
@@ -120,8 +119,6 @@ class PlacedSurfaceWork(PlacedTask):
                 contactless=task.contactless,
             ),
             X_WB_scan=self.X_WB,
-            hull_box=own.hull_box,
-            view_B=own.X_BC[:3, 2],
             floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there
             holding=ThrustMargin.of(own.model),
         )

@@ -8,7 +8,7 @@ import pytest
 
 import models
 from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
-from controllers.tuning import ArmTuning
+from controllers.tuning import ArmTuning, ForceLoopTuning
 from controllers.work_controller import WorkController
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
@@ -197,3 +197,10 @@ def test_the_servo_hardens_slowly_once_the_force_loop_opens(within):
         softness.append(state.servo.softness)
     share = DT * np.arange(len(softness)) / tuning.hardening_time
     within("softness", softness - tuning.normal_softness * np.clip(1.0 - share, 0.0, 1.0), 1e-12)
+
+
+@pytest.mark.parametrize("name", ["bandwidth", "limit", "response", "derivative_time", "prior"])
+@pytest.mark.parametrize("value", [np.inf, np.nan, -1.0])
+def test_numbers_that_cannot_be_are_named(name, value):
+    with pytest.raises(ConfigurationError, match=f"displacement {name}: must be"):
+        ForceLoopTuning(**{name: value})

@@ -7,6 +7,7 @@ import models
 from controllers.mkps import Chain, solve
 from controllers.planning.hull_placement import tool_pose
 from controllers.planning.seabed_height import HeightSearch, choose_height, jet_shear, silt_height
+from controllers.planning.work_vehicle import WorkVehicle
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.site.seabed import seabed
 from models.vehicle import Vehicle
@@ -45,9 +46,8 @@ def core(A, depth):
 
 def choose(own, path, ground, X_WB, search=SEARCH, force=60.0):
     vehicle, chain = own
-    return choose_height(
-        vehicle, chain, path, ground=ground, hull_box=HULL_BOX, X_WB=X_WB, force=force, standoff=0.1, search=search
-    )
+    known = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=HULL_BOX)
+    return choose_height(known, path, ground=ground, X_WB=X_WB, force=force, standoff=0.1, search=search)
 
 
 def grid(half=2.0, step=0.05):

@@ -11,6 +11,7 @@ import pytest
 from controllers.mkps import Chain
 from controllers.planning import path_standing
 from controllers.planning.hull_placement import Placement
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
 from controllers.tasks.phase import Context
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -76,9 +77,8 @@ class Script(Told):
 
     def run(self, seconds: float = 200.0) -> "Script":
         vehicle = Vehicle.of(OWN)
-        planner = HoleInsertion(
-            vehicle, CHAIN, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD
-        )
+        own = WorkVehicle(vehicle=vehicle, chain=CHAIN, hull_box=np.zeros((2, 3)))
+        planner = HoleInsertion(own, BLOCK.target, HOLE, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
         X_WB, state, command, seen, scanning, zero = SCAN_POSE, None, None, None, False, np.zeros(3)
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD

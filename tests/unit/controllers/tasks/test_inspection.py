@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, offset_outline, orbit
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects import targets
@@ -126,17 +127,8 @@ class Script(Told):
         target = targets.named("barrel")
         found = orbit(target, X_WT, self.job, X_BC=X_BC, near_W=np.array([2.0, 0.0, -2.0]))
         X_WB_scan = found.at(0.0)[0] @ pose(p=[-0.1, 0.0, 0.1])
-        planner = Inspection(
-            VEHICLE,
-            CHAIN,
-            target,
-            self.job,
-            X_WB_scan=X_WB_scan,
-            hull_box=BOX,
-            X_BC=X_BC,
-            floor=self.floor,
-            period=0.05,
-        )
+        own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=BOX, X_BC=X_BC)
+        planner = Inspection(own, target, self.job, X_WB_scan=X_WB_scan, floor=self.floor, period=0.05)
         X_WB, state, seen = X_WB_scan, None, None
         for tick in range(8000):
             estimate = StateEstimate(

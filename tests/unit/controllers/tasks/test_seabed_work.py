@@ -8,6 +8,7 @@ import pytest
 from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
 from controllers.planning.seabed_height import WorkHeight
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks import seabed_work
 from controllers.tasks.seabed_work import SeabedJob, SeabedWork
 from models.naming import ARM_BASE_BODY, TIP_SITE
@@ -55,7 +56,8 @@ class Script(Told):
     forces: list[float] = field(default_factory=list)
 
     def run(self, seconds: float = 150.0) -> "Script":
-        planner = SeabedWork(VEHICLE, CHAIN, self.job, X_WB_scan=SCAN_POSE, hull_box=np.zeros((2, 3)), period=PERIOD)
+        own = WorkVehicle(vehicle=VEHICLE, chain=CHAIN, hull_box=np.zeros((2, 3)))
+        planner = SeabedWork(own, self.job, X_WB_scan=SCAN_POSE, period=PERIOD)
         X_WB, state, command, seen, scanning, zero, k = SCAN_POSE, None, None, None, False, np.zeros(3), 0.0
         for tick in range(round(seconds / PERIOD)):
             time = tick * PERIOD
@@ -115,11 +117,10 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
     """The choice of the height has its own tests: here every path is within reach from WORK_POSE."""
     asked = []
 
-    def choose(vehicle: Vehicle, chain: Chain, path: ToolPath, **_: object) -> WorkHeight:
-        del chain
+    def choose(own: WorkVehicle, path: ToolPath, **_: object) -> WorkHeight:
         asked.append(path)
         place = Placement(
-            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.4, q_start=vehicle.q_ready, margin=1.0, reached=1.0
+            X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.4, q_start=own.vehicle.q_ready, margin=1.0, reached=1.0
         )
         return WorkHeight(placement=place, aside=0.0, hull_gap=1.0, jet_height=1.0, shear=0.0)
 

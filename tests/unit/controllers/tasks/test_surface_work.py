@@ -12,6 +12,7 @@ from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
 from controllers.planning import path_standing
 from controllers.planning.hull_placement import Placement
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ScanLimits
 from controllers.tasks.contact_phases import ApproachLimits
 from controllers.tasks.hull_phases import Settle, ascent_direction
@@ -108,12 +109,10 @@ class Script(Told):
         chain = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
         vehicle = Vehicle.of(own)
         planner = SurfaceWork(
-            vehicle,
-            chain,
+            WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3))),
             barrel(),
             self.job,
             X_WB_scan=SCAN_POSE,
-            hull_box=np.zeros((2, 3)),
             period=PERIOD,
             holding=self.holding,
         )

@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 
 import models
+from controllers.mkps import Chain
 from controllers.planning.hull_placement import Placement
+from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import WorkSite
 from controllers.tasks.surface_work import SurfaceTaskConfig
 from controllers.tasks.tap import tap
 from controllers.tasks.task import TaskState
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Command, ContactEstimate, StateEstimate, Target, ToolPath, WorkState
@@ -38,11 +41,14 @@ class World(Told):
     tip: Array
 
     def run(self, fails_at: float = np.inf) -> "World":
-        vehicle = Vehicle.of(models.load("uuv_puma").compile())
+        model = models.load("uuv_puma").compile()
+        vehicle = Vehicle.of(model)
+        chain = Chain.from_mjcf(model, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+        own = WorkVehicle(vehicle=vehicle, chain=chain, hull_box=np.zeros((2, 3)))
         place = Placement(
             X_WB=pose(p=[-0.6, 0.0, 0.3]), travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1, reached=1
         )
-        site = WorkSite(vehicle=vehicle, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path: (place, path, 1.0))
+        site = WorkSite(own=own, X_WB_scan=pose(p=[-1.0, 0.2, 0.5]), stand=lambda _, path: (place, path, 1.0))
         planner = tap(site, JOB, tuple(HEIGHTS), lambda _: self.tip, hold=2.0)
         X_WB, seen, command, state, zero, joints = site.X_WB_scan, None, None, None, np.zeros(3), np.zeros(6)
         for tick in range(20_000):

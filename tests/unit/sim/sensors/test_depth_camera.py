@@ -10,7 +10,8 @@ from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, exp_so3, pose
-from sim.sensors.depth_camera import DepthCamera, StereoNoise, add_noise
+from sim.sensors.depth_camera import DepthCamera, Optics, StereoNoise, add_noise
+from sim.sensors.visible_world import Visible
 from untyped import untyped
 
 SCENE = """
@@ -134,8 +135,8 @@ def test_a_look_is_the_same_anywhere_in_the_world(p: tuple[float, ...], within):
         spec.worldbody.add_geom(
             type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.4, 0, 0], pos=p_W + np.array([0.0, 0.1, 1.5])
         )
-        model = spec.compile()
-        camera = DepthCamera(model, "world", pose(exp_so3([0.05, 0.03, 0.0]), p_W), width=64, height=48, focal=60.0)
+        model, small = spec.compile(), Optics(width=64, height=48, focal=60.0)
+        camera = DepthCamera(model, "world", pose(exp_so3([0.05, 0.03, 0.0]), p_W), optics=small)
         poses = Poses.of(model)
         return camera.render(poses.xpos, poses.xmat)[0]
 
@@ -159,7 +160,7 @@ def test_camera_moves_with_its_hull_and_sees_the_arm_move(scene: mujoco.MjModel)
     with_bent_arm = camera.step(state, Poses.of(scene, bent))[1].depth
     assert np.nanmedian(higher) > np.nanmedian(before) + 0.4
     assert np.mean(np.nan_to_num(before) != np.nan_to_num(with_bent_arm)) > 0.02
-    blind = DepthCamera.at_site(scene, "mount", noise=None, exclude=["arm"])
+    blind = DepthCamera.at_site(scene, "mount", noise=None, visible=Visible(exclude=["arm"]))
     clear = blind.step(state, Poses.of(scene, qpos))[1].depth
     assert np.all(np.nan_to_num(clear, nan=11.0) >= np.nan_to_num(before, nan=0.0) - 1e-5)
     assert np.nanmean(clear - before > 0.1) > 0.01
@@ -269,12 +270,12 @@ def test_impossible_cameras_are_refused(scene: mujoco.MjModel):
         (lambda: DepthCamera(scene, "ship", np.eye(4)), "hull"),
         (lambda: DepthCamera.at_site(scene, "nose"), "mount"),
         (lambda: DepthCamera.at_camera(scene, "nose"), "eye"),
-        (lambda: DepthCamera(scene, "hull", np.eye(4), exclude=["leg"]), "arm"),
+        (lambda: DepthCamera(scene, "hull", np.eye(4), visible=Visible(exclude=["leg"])), "arm"),
         (lambda: DepthCamera(scene, "hull", np.eye(3)), "X_BC"),
         (lambda: DepthCamera(scene, "hull", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BC: expected a pose"),
-        (lambda: DepthCamera(scene, "hull", np.eye(4), focal=-1.0), "focal"),
-        (lambda: DepthCamera(scene, "hull", np.eye(4), focal=np.inf), "focal"),
-        (lambda: DepthCamera(scene, "hull", np.eye(4), width=untyped(64.5)), "64.5"),
+        (lambda: Optics(focal=-1.0), "focal"),
+        (lambda: Optics(focal=np.inf), "focal"),
+        (lambda: Optics(width=untyped(64.5)), "64.5"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: DepthCamera(scene, "hull", np.eye(4), delay=-1.0), "delay"),
         (lambda: StereoNoise(baseline=0.0), "baseline"),

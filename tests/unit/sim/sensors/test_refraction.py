@@ -9,7 +9,7 @@ from depth_scenes import Poses
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import DepthImage
 from sim.interfaces.spatial import Array
-from sim.sensors.depth_camera import DepthCamera
+from sim.sensors.depth_camera import DepthCamera, Optics
 from sim.sensors.refraction import FlatPort, PortCalibration, in_air, in_water
 from untyped import untyped
 
@@ -23,7 +23,7 @@ def wall(z: float, **options: object) -> DepthImage:
     spec = mujoco.MjSpec()
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, z], quat=[0, 1, 0, 0])
     model = spec.compile()
-    camera = DepthCamera(model, "world", np.eye(4), noise=None, **untyped(options))
+    camera = DepthCamera(model, "world", np.eye(4), noise=None, optics=Optics(**untyped(options)))
     return camera.step(camera.init(np.random.default_rng(0)), Poses.of(model))[1]
 
 
@@ -117,12 +117,11 @@ def test_better_calibrations_read_better():
 def test_behind_a_port_nothing_is_seen_where_nothing_is():
     """Of an odd number of pixels the middle one looks straight ahead, where 0 times inf is no number."""
     model = mujoco.MjSpec().compile()
-    camera = DepthCamera(model, "world", np.eye(4), width=65, height=49, focal=FOCAL, port=FlatPort())
+    camera = DepthCamera(model, "world", np.eye(4), optics=Optics(width=65, height=49, port=FlatPort()))
     assert np.isinf(camera.render(*(getattr(Poses.of(model), name) for name in ("xpos", "xmat")))[0]).all()
 
 
 def test_impossible_ports_are_refused():
-    spec = mujoco.MjSpec()
     for make, words in (
         (lambda: FlatPort(distance=-0.1), "distance"),
         (lambda: FlatPort(thickness=np.nan), "thickness"),
@@ -132,7 +131,7 @@ def test_impossible_ports_are_refused():
         (lambda: PortCalibration(focal=1.0, k1=np.nan), "finite"),
         (lambda: in_water(FlatPort(), FOCAL, 400.0, ranges=()), "ranges"),
         (lambda: in_water(FlatPort(), FOCAL, 400.0, ranges=(0.01,)), "in the water"),
-        (lambda: DepthCamera(spec.compile(), "world", np.eye(4), calibration=in_air(FOCAL)), "port"),
+        (lambda: Optics(calibration=in_air(FOCAL)), "port"),
     ):
         with pytest.raises(ConfigurationError, match=words):
             make()

@@ -19,7 +19,7 @@ from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, inverse, pose, rotation_from_z, transform_points
 from sim.sensors.sonar import Sonar, SonarBeams, SonarNoise, SonarState
 from sim.sensors.tessellation import tessellate
-from sim.sensors.visible_world import Rays, VisibleWorld
+from sim.sensors.visible_world import Rays, Visible, VisibleWorld
 from untyped import untyped
 
 DOWN = np.diag([1.0, -1.0, -1.0])  # S looking down in W
@@ -130,11 +130,11 @@ def test_first_echo_of_a_leaning_wall(lean: float, within):
     model, data = wall(np.array([np.sin(lean), 0.0, -np.cos(lean)]), 2.0)
     width = np.deg2rad(1.2)
     one = SonarBeams(rows=1, columns=1, width=width)
-    sonar = Sonar(model, "world", np.eye(4), beams=one, noise=None, echo="first")
+    sonar = Sonar(model, "world", np.eye(4), beams=replace(one, echo="first"), noise=None)
     r = sonar.ping(data, np.random.default_rng(0))[0, 0, 2]
     off = min(lean, 0.8 * 0.5 * width)
     within("first echo [m]", r - 2.0 * np.cos(lean) / np.cos(lean - off), 2e-5)
-    strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None, echo="strongest")
+    strongest = Sonar(model, "world", np.eye(4), beams=one, noise=None)
     within("strongest echo [m]", strongest.ping(data, np.random.default_rng(0))[0, 0, 2] - 2.0, 1e-3)
 
 
@@ -148,7 +148,7 @@ def test_footprint_widens_an_edge(within):
     beams = SonarBeams(rows=1, columns=2001, elevation=0.0, azimuth=fan, width=width)
     kinds: tuple[tuple[Literal["first", "strongest"], float], ...] = (("first", 0.8 * width), ("strongest", 0.0))
     for echo, wider in kinds:
-        sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=None, echo=echo)
+        sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo=echo), noise=None)
         z = sonar.ping(data, np.random.default_rng(0))[0, :, 2]
         seen = fan / 2000 * np.count_nonzero(z < 2.5)
         within(f"{echo}: angle of the plate [rad]", seen - (2.0 * np.arctan(0.1 / 2.0) + wider), 0.15 * width)
@@ -174,7 +174,7 @@ def test_pointing_error_shows_on_a_leaning_wall(within):
     width = np.deg2rad(1.2)
     beams = SonarBeams(rows=40, columns=40, elevation=1e-3, azimuth=1e-3, width=width)
     noise = SonarNoise(outliers=0.0, range_share=0.0, range_cell=0.0)
-    sonar = Sonar(model, "world", np.eye(4), beams=beams, noise=noise, echo="first")
+    sonar = Sonar(model, "world", np.eye(4), beams=replace(beams, echo="first"), noise=noise)
     r = np.linalg.norm(sonar.ping(data, np.random.default_rng(0)), axis=-1)
     within("sigma, relative", r.std() / (2.0 * np.tan(0.8) * 0.25 * width) - 1.0, 0.1)
 
@@ -267,8 +267,8 @@ def test_impossible_sonars_are_refused():
         (lambda: Sonar(model, "world", np.eye(4)).step(SonarState(seed=0, ping=0), mujoco.MjData(model)), "kinematics"),
         (lambda: Sonar(model, "world", np.eye(4), range_limits=(2.0, 1.0)), "range_limits"),
         (lambda: Sonar(model, "world", np.eye(4), delay=-1.0), "delay"),
-        (lambda: Sonar(model, "world", np.eye(4), echo=untyped("last")), "echo"),
-        (lambda: Sonar(model, "world", np.eye(4), exclude=["leg"]), "leg"),
+        (lambda: SonarBeams(echo=untyped("last")), "echo"),
+        (lambda: Sonar(model, "world", np.eye(4), visible=Visible(exclude=["leg"])), "leg"),
         (lambda: Sonar(model, "world", np.diag([1.0, 1.0, -1.0, 1.0])), "X_BS: expected a pose"),
         (lambda: SonarBeams(rows=0), "beam"),
         (lambda: SonarBeams(columns=untyped(1.5)), "1.5"),

@@ -1,0 +1,27 @@
+"""The vehicle as the planners of its work know it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.mkps import Chain
+from models.vehicle import Vehicle
+from sim.interfaces.spatial import Array, readonly
+
+_AHEAD = readonly([[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorkVehicle:
+    """Vehicle, kinematics of its arm, extent of its hull, and place of its camera."""
+
+    vehicle: Vehicle
+    chain: Chain  # its arm, base to tool
+    hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of objects and seabed
+    X_BC: Array = field(default_factory=lambda: _AHEAD)  # (4, 4) pose of the camera on the hull, z its axis
+
+    @property
+    def level_view_B(self) -> Array:
+        """Horizontal direction (3,) of the camera's view; ahead for one that looks straight down."""
+        ahead = self.X_BC[:3, 2] * [1.0, 1.0, 0.0]
+        return ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])

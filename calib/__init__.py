@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import sim.interfaces  # noqa: F401  sets where numba keeps its compiled kernels
 
 if TYPE_CHECKING:
-    from calib.identification import Calibration, identify
+    from calib.identification import Calibration, MapFit, identify
     from calib.loads import Loads
     from models.arms.serial_arm import SerialArm as Arm
 
@@ -17,9 +17,10 @@ _HOME = {  # of each name: the module, and the name there
     "Arm": ("models.arms.serial_arm", "SerialArm"),
     "Calibration": ("calib.identification", "Calibration"),
     "Loads": ("calib.loads", "Loads"),
+    "MapFit": ("calib.identification", "MapFit"),
     "identify": ("calib.identification", "identify"),
 }
-__all__ = ["Arm", "Calibration", "Loads", "identify"]
+__all__ = ["Arm", "Calibration", "Loads", "MapFit", "identify"]
 
 
 def __getattr__(name: str) -> Any:

@@ -72,38 +72,14 @@ class Combination:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Calibration:
-    """Result of an identification: arm, tool point, uncertainty and rank.
+class Estimate:
+    """The free parameters as identified; arrays are ordered as `names`."""
 
-    Arrays are read-only; parameters are ordered as `names`.
-    """
-
-    dh: Array  # (n, 4) theta0 [rad], d [m], a [m], alpha [rad]: standard DH, exactly the identified arm
-    beta: Array  # (n,) [rad] Hayati's angles; they belong to `arm.table`, not to `dh`
-    tcp: Array  # (3,) [m] tool point in the flange
-    compliance: Array  # (n,) [rad/(N m)] zero where not identified
-    arm: SerialArm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
-    nominal: SerialArm
-    nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
-    cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
-    cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
-    noise: float  # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
-    points: Array  # (S, 3) [m] the touched points in the base
-    residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
-    outliers: tuple[Outlier, ...]
     parameters: Parameters
     values: Array  # (P,) identified
     changes: Array  # (P,) against nominal
     covariance: Array  # (P, P) posterior, in the units of `parameters`
     prior: Array  # (P,) standard deviations of the prior in use, stated or chosen by the data
-    degrees_of_freedom: float  # of the noise: 3 (touches - series) minus the effective number of parameters
-    identifiable: np.ndarray  # (4 n + 3,) bool: a largest identifiable set of DH and tool numbers, the rest fixed
-    rank: RankReport  # of the 4 n + 3 DH and tool numbers
-    rank_free: RankReport  # of `parameters`: with betas and compliances, without fixed ones
-    history: tuple[float, ...]  # [m^2] pair criterion at the start and after each step
-    converged: bool
-    warnings: tuple[str, ...]
-    loads: BoundLoads | None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -115,10 +91,89 @@ class Calibration:
         """Posterior standard deviation (P,) of each parameter, in its unit."""
         return np.sqrt(np.diag(self.covariance))
 
+
+@dataclass(frozen=True, kw_only=True)
+class MapFit:
+    """Maximum a posteriori fit, how it treats noise and outliers, and when it ends.
+
+    Raises:
+        ConfigurationError: a number out of its range.
+    """
+
+    noise: float | None = None  # [m] standard deviation of a touch along each axis; None estimates it
+    robust: bool = True  # exclude outlying touches, see `Calibration.outliers`
+    max_iterations: int = 200  # largest number of Levenberg-Marquardt steps
+
+    def __post_init__(self) -> None:
+        if self.noise is not None:
+            noise = finite_number(self.noise, "noise [m]", least=_LEAST_NOISE, most=_MOST_NOISE)
+            object.__setattr__(self, "noise", noise)
+        whole_number(self.max_iterations, "max_iterations", least=1)
+        if not isinstance(self.robust, bool | np.bool_):
+            raise ConfigurationError(f"robust: must be True or False, got {shown(self.robust)}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibration:
+    """Result of an identification: arm, tool point, uncertainty and rank.
+
+    Arrays are read-only; parameters are ordered as `names`.
+    """
+
+    tcp: Array  # (3,) [m] tool point in the flange
+    compliance: Array  # (n,) [rad/(N m)] zero where not identified
+    arm: SerialArm  # the identified arm; its table (n, 5) has beta as a column, so all changes are small
+    nominal: SerialArm
+    nominal_tcp: Array  # (3,) [m] initial tool point, by [Yukhimets 2023, eq. 16] or as given
+    cost: float  # [m^2] pair criterion (eq. 7) over the touches in use
+    cost_nominal: float  # [m^2] the same for the nominal arm with `nominal_tcp`
+    noise: float  # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
+    points: Array  # (S, 3) [m] the touched points in the base
+    residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
+    outliers: tuple[Outlier, ...]
+    estimate: Estimate
+    degrees_of_freedom: float  # of the noise: 3 (touches - series) minus the effective number of parameters
+    rank: RankReport  # of the 4 n + 3 DH and tool numbers
+    rank_free: RankReport  # of `parameters`: with betas and compliances, without fixed ones
+    history: tuple[float, ...]  # [m^2] pair criterion at the start and after each step
+    converged: bool
+    warnings: tuple[str, ...]
+    loads: BoundLoads | None
+
+    @property
+    def dh(self) -> Array:
+        """Standard DH (n, 4) of exactly the identified arm: theta0 [rad], d [m], a [m], alpha [rad]."""
+        return self.arm.dh
+
+    @property
+    def beta(self) -> Array:
+        """Hayati's angles (n,) [rad]; they belong to `arm.table`, not to `dh`."""
+        return self.arm.table[:, -1]
+
+    @property
+    def identifiable(self) -> np.ndarray:
+        """A largest identifiable set of the DH and tool numbers (4 n + 3,) bool, the rest fixed."""
+        return self.rank.identifiable
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters (P,)."""
+        return self.estimate.names
+
+    @property
+    def sigma(self) -> Array:
+        """Posterior standard deviation (P,) of each parameter, in its unit."""
+        return self.estimate.sigma
+
+    @property
+    def covariance(self) -> Array:
+        """Posterior covariance (P, P) of the parameters, in their units."""
+        return self.estimate.covariance
+
     def interval(self, confidence: float = 0.95) -> Array:
         """Confidence interval (P, 2) of each parameter by Student's t."""
         half = self.quantile(confidence) * self.sigma
-        return np.column_stack([self.values - half, self.values + half])
+        return np.column_stack([self.estimate.values - half, self.estimate.values + half])
 
     def quantile(self, confidence: float = 0.95) -> float:
         """Half-width of a two-sided confidence interval, in standard deviations."""
@@ -132,7 +187,7 @@ class Calibration:
         out = []
         for i, weights in enumerate(report.directions):
             scaled = weights / report.scales
-            value, sigma = float(scaled @ self.changes), float(np.sqrt(scaled @ self.covariance @ scaled))
+            value, sigma = float(scaled @ self.estimate.changes), float(np.sqrt(scaled @ self.covariance @ scaled))
             bounds = (value - quantile * sigma, value + quantile * sigma)
             text = report.combination(i)
             out.append(Combination(text=text, weights=weights, value=value, sigma=sigma, interval=bounds))
@@ -152,7 +207,7 @@ class Calibration:
         about = about - about.mean(axis=0)
         p, J = self.arm.tips_and_jacobian(np.ascontiguousarray(values), origin)
         J[:, ROW * n :] = 0.0
-        full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[:, self.parameters.index]
+        full = np.concatenate([J, np.zeros((len(p), n, 3))], axis=1)[:, self.estimate.parameters.index]
         total = float(np.sum(about**2))
         # A rotation moves every point at right angles to `about`, so this is the scale to first order.
         gradient = np.einsum("mi,mpi->p", about, full) / total
@@ -179,14 +234,10 @@ def identify(
     *,
     free: Iterable[str] | str | None = None,
     prior: Mapping[str, float] | None = None,
-    noise: float | None = None,
     distances: Iterable[Distance] = (),
     tcp: ArrayLike | None = None,
     loads: Loads | None = None,
-    joint_types: str | None = None,
-    robust: bool = True,
-    method: Method = "map",
-    max_iterations: int = 200,
+    method: Method | MapFit = "map",
 ) -> Calibration:
     """Identify an arm from touches of unknown points: `series` holds one (m_i, n) array of joint values per point.
 
@@ -194,23 +245,19 @@ def identify(
 
     Args:
         series: joint values (m_i, n) [rad], slides [m], one array per touched point.
-        nominal: standard DH (n, 4) as theta0 [rad], d [m], a [m], alpha [rad], or a `SerialArm` (from axes, with
-            slides).
+        nominal: standard DH (n, 4) of hinges as theta0 [rad], d [m], a [m], alpha [rad], or a `SerialArm` (from axes,
+            with slides).
         free: parameters that may change, as groups (theta, d, a, alpha, beta, tcp, compliance) or single names ("a2").
             By default all but compliance, which joins where `loads` are given. Beta applies between near-parallel axes
             only; unless named, it is dropped again where it is not significant.
         prior: standard deviations about nominal by group or name, in rad, m, rad/(N m). Without it the evidence of the
             data chooses the deviation of each group, starting from `calib.parameters.DEFAULT_PRIOR`.
-        noise: [m] standard deviation of a touch along each axis; None estimates it.
         distances: (i, j, length [m]) or (i, j, length, deviation [m]) between the points of series i and j, counted
             from 0. Nothing else here makes scale observable.
         tcp: initial tool point (3,) [m] in the flange; by default from [Yukhimets 2023, eq. 13-16].
         loads: weights and buoyancy on the arm; they make joint compliances observable.
-        joint_types: one letter per joint of a DH table: r hinge, p slide.
-        robust: exclude outlying touches (see `outliers`).
-        method: "map", or "paper" for the run of [Yukhimets 2023], three steps on all 4 n + 3 parameters, for
-            comparison.
-        max_iterations: largest number of Levenberg-Marquardt steps.
+        method: "map", the fit by `MapFit()`; a `MapFit` with other settings; or "paper" for the run of [Yukhimets
+            2023], three steps on all 4 n + 3 parameters, for comparison.
 
     Returns:
         The identified arm with uncertainty, rank and outliers.
@@ -219,16 +266,11 @@ def identify(
         ConfigurationError: wrong joint count, no touches, numbers that are not finite, degrees, millimetres, unknown
             words.
     """
-    one_of(method, get_args(Method), "method")
-    if noise is not None:
-        noise = finite_number(noise, "noise [m]", least=_LEAST_NOISE, most=_MOST_NOISE)
-
-    max_iterations = whole_number(max_iterations, "max_iterations", least=1)
-    if not isinstance(robust, bool | np.bool_):
-        raise ConfigurationError(f"robust: must be True or False, got {shown(robust)}")
+    if not isinstance(method, MapFit):
+        one_of(method, get_args(Method), "method")
     if loads is not None and not isinstance(loads, Loads):
         raise ConfigurationError(f"loads: expected Loads, got {shown(loads)}")
-    arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, joint_types, name="nominal")
+    arm = nominal if isinstance(nominal, SerialArm) else SerialArm.from_dh(nominal, name="nominal")
     if not max(float(np.abs(arm.X_base_0[:3, 3]).max()), arm.reach) < _MOST_LENGTH:
         raise ConfigurationError(f"nominal: an arm within {_MOST_LENGTH:g} m of its base is needed")
     touches = checked_series(series, arm)
@@ -253,27 +295,34 @@ def identify(
         weights=np.ones(len(q)),
     )
     mean = np.concatenate([arm.table.ravel(), guess, np.zeros(arm.n)])
+    observed = _Observed(arm=arm, mean=mean, touches=touches, kept=kept, live=live, loads=bound)
     if method == "paper":
         parameters = select(arm, ("theta", "d", "a", "alpha", "tcp"))
         fit = paper_run(Problem(arm, data, parameters, mean))
         warnings.append(WARNING)
     else:
-        fit, data, parameters = _map_fit(arm, data, mean, free, prior, noise, robust, max_iterations, loads is not None)
-    return _assemble(arm, touches, kept, live, data, parameters, mean, fit, bound, warnings)
+        how = method if isinstance(method, MapFit) else MapFit()
+        fit, data, parameters = _map_fit(observed, data, free, prior, how)
+    return _assemble(observed, data, parameters, fit, warnings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Observed:
+    """What was touched, and the arm that is assumed to have touched it."""
+
+    arm: SerialArm  # nominal
+    mean: Array  # (5 n + 3 + n,) its table, initial tool point, no compliance
+    touches: list[Array]  # (m_i, n) per series
+    kept: list[np.ndarray]  # rows of each series that are no repeats
+    live: list[int]  # series in use
+    loads: BoundLoads | None
 
 
 def _map_fit(
-    arm: SerialArm,
-    data: Data,
-    mean: Array,
-    free: Iterable[str] | str | None,
-    prior: Mapping[str, float] | None,
-    noise: float | None,
-    robust: bool,
-    iterations: int,
-    elastic: bool,
+    observed: _Observed, data: Data, free: Iterable[str] | str | None, prior: Mapping[str, float] | None, how: MapFit
 ) -> tuple[Fit, Data, Parameters]:
     """Maximum a posteriori estimate: the fit, its data with outliers at weight 0, and the parameters left free."""
+    arm, mean, elastic = observed.arm, observed.mean, observed.loads is not None
     default = (*DEFAULT_FREE, "compliance") if elastic else DEFAULT_FREE
     try:
         words: list[str] = [free] if isinstance(free, str) else list(default if free is None else free)
@@ -284,12 +333,12 @@ def _map_fit(
     parameters = select(arm, words)
     if not elastic and "compliance" in parameters.groups:
         raise ConfigurationError("free: compliance needs `loads`, else nothing bends the joints")
-    solver = solve_robustly if robust else lambda *given, **options: (solve(*given, **options), given[0].data)
+    solver = solve_robustly if how.robust else lambda *given, **options: (solve(*given, **options), given[0].data)
 
     def run(chosen: Parameters, on: Data) -> tuple[Fit, Data]:
         problem = Problem(arm, on, chosen, mean)
         deviations = prior_deviations(chosen, {k: v for k, v in (prior or {}).items() if k in _words(chosen)})
-        return solver(problem, deviations, noise=noise, adapt=prior is None, iterations=iterations)
+        return solver(problem, deviations, noise=how.noise, adapt=prior is None, iterations=how.max_iterations)
 
     prior_deviations(parameters, prior)  # refuses unknown words before the first estimate
     fit, used = run(parameters, data)
@@ -332,18 +381,9 @@ def _checked_distances(
     return tuple(out)
 
 
-def _assemble(
-    arm: SerialArm,
-    touches: list[Array],
-    kept: list[np.ndarray],
-    live: list[int],
-    data: Data,
-    parameters: Parameters,
-    mean: Array,
-    fit: Fit,
-    bound: BoundLoads | None,
-    warnings: list[str],
-) -> Calibration:
+def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit, warnings: list[str]) -> Calibration:
+    arm, mean, touches, bound = observed.arm, observed.mean, observed.touches, observed.loads
+    kept, live = observed.kept, observed.live
     n, size = arm.n, ROW * arm.n
     identified = arm.with_table(fit.full[:size].reshape(n, ROW))
     tcp, compliance = fit.full[size : size + 3], fit.full[size + 3 :]
@@ -388,8 +428,6 @@ def _assemble(
         )
     tips_nominal = tips_of(arm, mean, data)[0]
     return Calibration(
-        dh=identified.dh,
-        beta=readonly(identified.table[:, -1]),
         tcp=readonly(tcp),
         compliance=readonly(compliance),
         arm=identified,
@@ -401,13 +439,14 @@ def _assemble(
         points=readonly(points),
         residuals=tuple(residuals),
         outliers=tuple(outliers),
-        parameters=parameters,
-        values=readonly(fit.full[parameters.index]),
-        changes=readonly((fit.full - mean)[parameters.index]),
-        covariance=readonly(fit.covariance),
-        prior=readonly(fit.deviations),
+        estimate=Estimate(
+            parameters=parameters,
+            values=readonly(fit.full[parameters.index]),
+            changes=readonly((fit.full - mean)[parameters.index]),
+            covariance=readonly(fit.covariance),
+            prior=readonly(fit.deviations),
+        ),
         degrees_of_freedom=max(data.degrees - fit.effective, 1.0),
-        identifiable=rank.identifiable,
         rank=rank,
         rank_free=rank_free,
         history=fit.history,

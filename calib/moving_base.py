@@ -80,9 +80,10 @@ def in_own_names(found: Calibration, alike: Calibration) -> Calibration:
     """
     names = tuple(
         name if name.startswith("tcp") else f"{name.rstrip('0123456789')}{int(name.lstrip(_LETTERS)) - BASE_JOINTS}"
-        for name in found.parameters.names
+        for name in found.names
     )
-    return replace(found, parameters=replace(found.parameters, names=names), rank=alike.rank)
+    parameters = replace(found.estimate.parameters, names=names)
+    return replace(found, estimate=replace(found.estimate, parameters=parameters), rank=alike.rank)
 
 
 def own_arm(longer: SerialArm, X_BA: Array) -> SerialArm:

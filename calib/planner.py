@@ -1,13 +1,12 @@
 """Optimal choice of touches out of candidates: greedy selection, then exchanges, by the information they add.
 
 A touch of point i at pose q measures J dTheta - dc_i. The three coordinates of each point are unknown too and are
-estimated along. Criterion "D" maximises the determinant of the information of all parameters under the prior [Fedorov
-1972], for arms [Borm 1991]. "V" minimises the mean variance of relative flange positions between given poses.
+estimated along. Criterion D maximises the determinant of the information of all parameters under the prior [Fedorov
+1972], for arms [Borm 1991]. Criterion V minimises the mean variance of relative flange positions between given poses.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +20,6 @@ from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked
 
-Criterion = Literal["D", "V"]
 _ANYWHERE = 1.0  # [m] prior standard deviation of a point, each axis
 _SWEEPS = 3  # maximal sweeps of exchanges over all chosen touches
 
@@ -39,52 +37,25 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Design:
-    """Candidates as rows of information, and what is known before."""
+class Design:
+    """Candidate touches as rows of information, and what is known before; made by `design`."""
 
     poses: list[Array]  # (K_i, n) per point
     pairs: list[tuple[int, int]]  # (series, row) of each candidate
     rows: Array  # (K, 3, P + 3 S) derivatives of each candidate over the noise, in units of the priors
     C: Array  # (P + 3 S, P + 3 S) covariance by the prior and the touches already made, in units of the prior
-    W: Array | None  # weight of `_aim` for criterion "V"
+    W: Array | None  # weight of `_aim` for criterion V; None for D
     deviations: Array  # (P,) prior standard deviations
     names: tuple[str, ...]
 
 
-def plan(
-    arm: Calibration | SerialArm | ArrayLike,
-    candidates: Sequence[ArrayLike],
-    count: int,
-    *,
-    tcp: ArrayLike | None = None,
-    done: Sequence[ArrayLike] | None = None,
-    targets: ArrayLike | None = None,
-    criterion: Criterion = "D",
-    free: Iterable[str] | str = DEFAULT_FREE,
-    prior: Mapping[str, float] | None = None,
-    noise: float | None = None,
-) -> Plan:
-    """Choose `count` touches out of `candidates`, maximising information or minimising flange variance.
-
-    Args:
-        arm: a calibration so far (its tool point and noise are used), a `SerialArm`, or a DH table.
-        candidates: (K_i, n) joint values [rad] per point.
-        count: number of touches to choose.
-        tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
-        done: touches already made, of the same points in the same order.
-        targets: (N, n) poses whose relative flange positions criterion "V" is about.
-        criterion: "D" (determinant of the information) or "V" (variance at `targets`).
-        free: parameters to be identified, as in `identify`.
-        prior: standard deviations by group or name, as in `identify`.
-        noise: [m] standard deviation of a touch; by default the calibration's, else `HAND_NOISE`.
-
-    Returns:
-        The chosen touches and the expected accuracy.
+def plan(design: Design, count: int) -> Plan:
+    """Choose `count` of the candidates, maximising information or minimising the variance at the targets.
 
     Raises:
-        ConfigurationError: too few candidates, an unknown criterion, or "V" without `targets`.
+        ConfigurationError: fewer candidates than `count`.
     """
-    design = _design(arm, candidates, count, tcp, done, targets, criterion, free, prior, noise)
+    _check_count(design, count)
     rows, C, W = design.rows, design.C, design.W
     before = _merit(C, W)
     chosen, merit = [], []
@@ -120,44 +91,22 @@ def plan(
     )
 
 
-def random_merits(
-    arm: Calibration | SerialArm | ArrayLike,
-    candidates: Sequence[ArrayLike],
-    count: int,
-    rng: np.random.Generator,
-    trials: int,
-    *,
-    tcp: ArrayLike | None = None,
-    done: Sequence[ArrayLike] | None = None,
-    targets: ArrayLike | None = None,
-    criterion: Criterion = "D",
-    free: Iterable[str] | str = DEFAULT_FREE,
-    prior: Mapping[str, float] | None = None,
-    noise: float | None = None,
-) -> Array:
+def random_merits(design: Design, count: int, rng: np.random.Generator, trials: int) -> Array:
     """Merits (trials,) of random choices of `count` candidates, to compare a plan with.
 
     Args:
-        arm: as in `plan`, and so all others.
-        candidates: as in `plan`.
+        design: candidates.
         count: number of touches of each choice.
         rng: draws the choices.
         trials: number of choices.
-        tcp: as in `plan`.
-        done: as in `plan`.
-        targets: as in `plan`.
-        criterion: as in `plan`.
-        free: as in `plan`.
-        prior: as in `plan`.
-        noise: as in `plan`.
 
     Returns:
-        Log determinant of the information ("D"), or expected RMS [m] ("V"), of each choice.
+        Log determinant of the information (D), or expected RMS [m] (V), of each choice.
 
     Raises:
-        ConfigurationError: as in `plan`.
+        ConfigurationError: fewer candidates than `count`.
     """
-    design = _design(arm, candidates, count, tcp, done, targets, criterion, free, prior, noise)
+    _check_count(design, count)
     out = []
     for _ in range(trials):
         C = design.C
@@ -167,21 +116,41 @@ def random_merits(
     return np.array(out)
 
 
-def _design(
+def _check_count(design: Design, count: int) -> None:
+    total = len(design.rows)
+    if not 0 < count <= total:
+        raise ConfigurationError(f"count: between 1 and the {total} candidates, got {count}")
+
+
+def design(
     arm: Calibration | SerialArm | ArrayLike,
     candidates: Sequence[ArrayLike],
-    count: int,
-    tcp: ArrayLike | None,
-    done: Sequence[ArrayLike] | None,
-    targets: ArrayLike | None,
-    criterion: Criterion,
-    free: Iterable[str] | str,
-    prior: Mapping[str, float] | None,
-    noise: float | None,
-) -> _Design:
-    """The arguments of `plan`, checked and linearised."""
-    if criterion not in get_args(Criterion):
-        raise ConfigurationError(f"criterion: allowed {', '.join(get_args(Criterion))}, got {criterion!r}")
+    *,
+    tcp: ArrayLike | None = None,
+    done: Sequence[ArrayLike] | None = None,
+    targets: ArrayLike | None = None,
+    free: Iterable[str] | str = DEFAULT_FREE,
+    prior: Mapping[str, float] | None = None,
+    noise: float | None = None,
+) -> Design:
+    """Candidate touches to choose from, linearised.
+
+    Args:
+        arm: a calibration so far (its tool point and noise are used), a `SerialArm`, or a DH table.
+        candidates: (K_i, n) joint values [rad] per point.
+        tcp: (3,) [m] tool point in the flange; by default the calibration's, else the flange.
+        done: touches already made, of the same points in the same order.
+        targets: (N, n) poses whose relative flange positions criterion V is about; without them the criterion is D.
+        free: parameters to be identified, as in `identify`.
+        prior: standard deviations by group or name, as in `identify`.
+        noise: [m] standard deviation of a touch; by default the calibration's, else `HAND_NOISE`.
+
+    Returns:
+        The candidates, for `plan` and `random_merits`.
+
+    Raises:
+        ConfigurationError: candidates, targets or touches that are not joint values of the arm, or unknown parameters.
+    """
     if isinstance(arm, Calibration):
         model, tool, hand = arm.arm, arm.tcp, arm.noise
     else:
@@ -190,9 +159,6 @@ def _design(
     tool = tool if tcp is None else checked(tcp, (3,), "tcp")
     sigma = hand if noise is None else noise
     poses = checked_series(candidates, model)
-    total = sum(len(q) for q in poses)
-    if not 0 < count <= total:
-        raise ConfigurationError(f"count: between 1 and the {total} candidates, got {count}")
     parameters = select(model, free)
     deviations = prior_deviations(parameters, prior)
     rows = _rows(model, tool, poses, parameters.index, deviations, sigma)
@@ -201,12 +167,12 @@ def _design(
     for i, q in enumerate(checked_series(done, model) if done is not None else []):
         for row in _rows(model, tool, [q], parameters.index, deviations, sigma, len(poses), i):
             C = _updated(C, row, 1.0)
-    return _Design(
+    return Design(
         poses=poses,
         pairs=[(s, row) for s, q in enumerate(poses) for row in range(len(q))],
         rows=rows,
         C=C,
-        W=_aim(model, targets, parameters.index, deviations, size) if criterion == "V" else None,
+        W=_aim(model, targets, parameters.index, deviations, size) if targets is not None else None,
         deviations=deviations,
         names=parameters.names,
     )
@@ -236,10 +202,8 @@ def _rows(
     return np.concatenate(blocks)
 
 
-def _aim(arm: SerialArm, targets: ArrayLike | None, index: np.ndarray, deviations: Array, size: int) -> Array:
+def _aim(arm: SerialArm, targets: ArrayLike, index: np.ndarray, deviations: Array, size: int) -> Array:
     """Weight W (P + 3 S, P + 3 S) [m^2]: trace(W C) is the mean squared error of aligned flange positions."""
-    if targets is None:
-        raise ConfigurationError('targets: criterion "V" needs the poses whose accuracy counts')
     q = checked_series([targets], arm)[0]
     p, J = arm.tips_and_jacobian(q, np.zeros(3))
     J[:, ROW * arm.n :, :] = 0.0  # the flange does not depend on the tool point

@@ -5,6 +5,7 @@ import html
 import io
 import platform
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -31,32 +32,35 @@ def shown(unit: str) -> tuple[float, str]:
     return _SHOWN[unit]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statement:
+    """What the report says of a calibration, beside the result itself."""
+
+    title: str
+    accepted: bool  # verdict, shown next to the title
+    figures_of_merit: Sequence[tuple[str, str]]  # name and value, in order of reading
+    notes: Iterable[str] = ()  # shown before the calibration's own warnings
+    options: Mapping[str, Any] | None = None  # settings of the run, shown with the versions of the packages
+
+
 def write_report(
     file: str | Path,
     calibration: Calibration,
+    said: Statement,
     *,
-    title: str,
-    figures_of_merit: Sequence[tuple[str, str]],
-    accepted: bool,
     series: Sequence[Array],
     point_names: Sequence[str],
     clouds: Mapping[str, Cloud] | None = None,
-    notes: Iterable[str] = (),
-    options: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the report page to `file`.
 
     Args:
         file: path of the HTML page, in an existing folder.
         calibration: result to report.
-        title: heading.
-        figures_of_merit: name and value, in order of reading.
-        accepted: verdict shown next to the title.
+        said: title, verdict, figures and settings.
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
         clouds: point clouds of `calib.verification.compare`, by name.
-        notes: lines shown before the calibration's own warnings.
-        options: settings of the run, shown with the versions of the packages.
 
     Raises:
         ConfigurationError: the folder does not exist.
@@ -64,10 +68,10 @@ def write_report(
     path = Path(file)
     if not path.parent.is_dir():
         raise ConfigurationError(f"report: there is no folder {str(path.parent)!r}")
-    verdict = "accepted" if accepted else "not accepted"
-    said = [*notes, *calibration.warnings]
+    verdict = "accepted" if said.accepted else "not accepted"
+    notes = [*said.notes, *calibration.warnings]
     merit = "".join(
-        f"<tr><td>{_text(name)}</td><td class=n>{_text(value)}</td></tr>" for name, value in figures_of_merit
+        f"<tr><td>{_text(name)}</td><td class=n>{_text(value)}</td></tr>" for name, value in said.figures_of_merit
     )
     pictures = "\n".join(
         f"<section><h2>{_text(name)}</h2>{_picture(figure, name)}<p class=caption>{_text(caption)}</p></section>"
@@ -75,17 +79,17 @@ def write_report(
     )
     body = "\n".join(
         (
-            f"<header><h1>{_text(title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
-            "".join(f"<p class=note>{_text(line)}</p>" for line in said) + "</header>",
+            f"<header><h1>{_text(said.title)} <span class='{verdict.replace(' ', '-')}'>{verdict}</span></h1>",
+            "".join(f"<p class=note>{_text(line)}</p>" for line in notes) + "</header>",
             f"<section><h2>Figures</h2><table>{merit}</table></section>",
             f"<section><h2>What touching told, and what it cannot</h2>{_rank(calibration)}</section>",
             pictures,
             f"<section><h2>Parameters</h2>{_parameters(calibration)}</section>",
-            f"<section><h2>How it was made</h2>{_provenance(options or {})}</section>",
+            f"<section><h2>How it was made</h2>{_provenance(said.options or {})}</section>",
         )
     )
     path.write_text(
-        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{_text(title)}</title>"
+        f"<!doctype html>\n<html lang=en><head><meta charset=utf-8><title>{_text(said.title)}</title>"
         f'<meta name=viewport content="width=device-width"><style>{_STYLE}</style></head>'
         f"<body><main>{body}</main></body></html>\n",
         encoding="utf-8",
@@ -116,8 +120,9 @@ def _parameters(calibration: Calibration) -> str:
     half = calibration.quantile() * calibration.sigma
     status = dict(zip(calibration.rank.parameters.names, calibration.rank.status, strict=True))
     rows = []
+    found = calibration.estimate
     for name, unit, value, change, width in zip(
-        calibration.names, calibration.parameters.units, calibration.values, calibration.changes, half, strict=True
+        found.names, found.parameters.units, found.values, found.changes, half, strict=True
     ):
         factor, word = shown(unit)
         rows.append(

@@ -159,13 +159,13 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
 
 
 def _changes(calibration: Calibration) -> Figure:
-    own = np.array([i for i, group in enumerate(calibration.parameters.groups) if group != "tcp"], dtype=int)
+    own = np.array([i for i, group in enumerate(calibration.estimate.parameters.groups) if group != "tcp"], dtype=int)
     figure = Figure(figsize=(_WIDTH, 0.6 + 0.19 * len(own)), layout="constrained")
     axes = figure.subplots()
-    places, scale = np.arange(len(own)), calibration.prior[own]
+    places, scale = np.arange(len(own)), calibration.estimate.prior[own]
     axes.axvspan(-1.96, 1.96, color="#eeeeee")
     axes.errorbar(
-        calibration.changes[own] / scale,
+        calibration.estimate.changes[own] / scale,
         places,
         fmt="o",
         markersize=3,

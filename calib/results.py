@@ -115,10 +115,10 @@ def _write_yaml(
             }
             for name, value, change, width, unit in zip(
                 calibration.names,
-                calibration.values,
-                calibration.changes,
+                calibration.estimate.values,
+                calibration.estimate.changes,
                 half,
-                calibration.parameters.units,
+                calibration.estimate.parameters.units,
                 strict=True,
             )
         },

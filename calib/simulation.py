@@ -1,6 +1,7 @@
 """Simulated touches: an arm with parameter errors, an operator with noise, points touched in many orientations."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,6 +43,26 @@ def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Ge
     return arm.with_table(table)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Postures:
+    """Postures in which an operator touches: every touch tilts the flange's z within `cone` of `approach`.
+
+    Tilts are uniform over the cap, spins over a turn.
+    """
+
+    cone: float = np.deg2rad(60.0)  # [rad] half-angle
+    approach: ArrayLike = (0.0, 0.0, -1.0)  # (3,) mean direction of the flange's z, in the base
+    limits: ArrayLike | None = None  # (n, 2) of the joints; by default -pi to pi [rad] for hinges, 0 to 1 m for slides
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sag:
+    """Joints that bend under the weights and buoyancy on the arm, evaluated at the true joint positions."""
+
+    compliance: ArrayLike  # (n,) [rad/(N m)]
+    loads: Loads
+
+
 def touch(
     arm: SerialArm,
     tcp: ArrayLike,
@@ -50,16 +71,12 @@ def touch(
     points: int | ArrayLike = 3,
     touches: int | Sequence[int] = 21,
     noise: float = HAND_NOISE,
-    cone: float = np.deg2rad(60.0),
-    approach: ArrayLike = (0.0, 0.0, -1.0),
-    limits: ArrayLike | None = None,
-    compliance: ArrayLike | None = None,
-    loads: Loads | None = None,
+    postures: Postures | None = None,
+    sag: Sag | None = None,
 ) -> list[Array]:
     """Simulate touches: joint values (m_i, n) [rad] per point, with the true `arm`, as `identify` takes them.
 
-    Every touch tilts the flange's z within `cone` of `approach` (uniform over the cap), with uniform spin. The tip
-    meets its goal exactly.
+    The tip meets its goal exactly.
 
     Args:
         arm: true arm.
@@ -68,11 +85,8 @@ def touch(
         points: number of points, drawn in the arm's reach, or (P, 3) [m] in the base.
         touches: number per point.
         noise: [m] standard deviation of the operator's error along each axis.
-        cone: [rad] half-angle of orientations.
-        approach: (3,) mean direction of the flange's z, in the base.
-        limits: (n, 2) joint limits; by default -pi to pi [rad] for hinges, 0 to 1 m for slides.
-        compliance: (n,) [rad/(N m)] bends the joints under `loads`, evaluated at the true joint positions.
-        loads: weights and buoyancy; by default those of `Loads()`.
+        postures: directions and joint limits; by default those of `Postures()`.
+        sag: elastic joints; None: stiff ones.
 
     Returns:
         Joint values as the encoders read them, one array per point.
@@ -81,11 +95,9 @@ def touch(
         ReachError: no pose within the limits reaches a point.
         ConfigurationError: wrong shapes or counts.
     """
-    tool = checked(tcp, (3,), "tcp")
-    bounds = _bounds(arm, limits)
-    axis = checked(approach, (3,), "approach")
+    hand = _Hand(arm, checked(tcp, (3,), "tcp"), postures or Postures())
     given = np.asarray(points, dtype=np.float64)
-    goals = _points(arm, tool, bounds, axis, cone, rng, int(given)) if given.ndim == 0 else given
+    goals = hand.points(int(given), rng) if given.ndim == 0 else given
     counts = [touches] * len(goals) if isinstance(touches, (int, np.integer)) else list(touches)
     if len(counts) != len(goals) or goals.ndim != 2 or goals.shape[1] != 3:
         raise ConfigurationError(f"points, touches: {len(counts)} counts for points of shape {goals.shape}")
@@ -93,41 +105,84 @@ def touch(
     for goal, count in zip(goals, counts, strict=True):
         poses = []
         for _ in range(count):
-            hand = goal + noise * rng.standard_normal(3)
-            q = _pose(arm, tool, hand, axis, cone, bounds, rng)
+            q = hand.touching(goal + noise * rng.standard_normal(3), rng)
             if q is None:
                 raise ReachError(f"no pose touches {np.round(goal, 3).tolist()} m within the joint limits")
             poses.append(q)
         series.append(np.array(poses))
-    if compliance is None:
+    if sag is None:
         return series
-    c = checked(compliance, (arm.n,), "compliance")
+    c = checked(sag.compliance, (arm.n,), "compliance")
     stands = np.ascontiguousarray(np.vstack(series))
-    read = stands - c * (loads or Loads()).bind(arm, counts).at(stands)(arm.table)
+    read = stands - c * sag.loads.bind(arm, counts).at(stands)(arm.table)
     return np.split(read, np.cumsum(counts)[:-1])
 
 
-def _bounds(arm: SerialArm, limits: ArrayLike | None) -> Array:
-    if limits is not None:
-        return checked(limits, (arm.n, 2), "limits")
-    return np.where(arm.slides[:, None], [[0.0, 1.0]], [[-np.pi, np.pi]])
+def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int = _STEPS) -> bool:
+    """Move `q` in place until the tool point is at `p`, of arms of six joints and more with the flange turned as `R`.
+
+    Args:
+        arm: kinematics.
+        tcp: (3,) [m] tool point in the flange.
+        p: (3,) [m] goal in the base.
+        R: (3, 3) orientation of the flange in the base.
+        q: (n,) start, overwritten by the solution.
+        steps: largest number of iterations.
+
+    Returns:
+        True where the goal was reached.
+    """
+    rows = (arm.table, arm.slides, arm.X_base_0, arm.X_n_flange)
+    return bool(kernels.reach_pose(*rows, tcp, p, R, q, arm.n >= 6, steps))
 
 
-def _pose(arm: SerialArm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator):
-    """Joint values (n,) that put the tip at `goal` with the flange's z in the cone, or None."""
-    six = arm.n >= 6
-    for _ in range(_TRIES):
-        q = rng.uniform(bounds[:, 0], bounds[:, 1])
-        R = _orientation(axis, cone, rng)
-        if not kernels.reach_pose(arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, six, _STEPS):
-            continue
-        hinges = ~arm.slides
-        q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
-        inside = np.all((q >= bounds[:, 0]) & (q <= bounds[:, 1]))
-        # With fewer than six joints the position alone was solved, so the orientation is tested here.
-        if inside and (six or arm.flange(q[None])[0, :3, 2] @ axis >= np.cos(cone) * np.linalg.norm(axis)):
-            return q
-    return None
+class _Hand:
+    """An operator who leads an arm to points, in given postures."""
+
+    def __init__(self, arm: SerialArm, tcp: Array, postures: Postures) -> None:
+        self.arm, self.tcp, self.cone = arm, tcp, postures.cone
+        self.axis = checked(postures.approach, (3,), "approach")
+        given = postures.limits
+        self.bounds = (
+            np.where(arm.slides[:, None], [[0.0, 1.0]], [[-np.pi, np.pi]])
+            if given is None
+            else checked(given, (arm.n, 2), "limits")
+        )
+
+    def touching(self, p: Array, rng: np.random.Generator) -> Array | None:
+        """Joint values (n,) that put the tip at `p` with the flange's z in the cone, or None."""
+        lower, upper = self.bounds.T
+        for _ in range(_TRIES):
+            q, reached = self._try(p, rng)
+            if not reached:
+                continue
+            hinges = ~self.arm.slides
+            q[hinges] = (q[hinges] + np.pi) % (2.0 * np.pi) - np.pi
+            # With fewer than six joints the position alone was solved, so the orientation is tested here.
+            if np.all((q >= lower) & (q <= upper)) and (self.arm.n >= 6 or self._in_cone(q)):
+                return q
+        return None
+
+    def points(self, wanted: int, rng: np.random.Generator) -> Array:
+        """Random points that the arm reaches in varied orientations, well apart."""
+        length = self.arm.reach + float(np.linalg.norm(self.tcp))
+        found: list[Array] = []
+        for _ in range(_TRIES):
+            goal = self.arm.X_base_0[:3, 3] + length * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.4])
+            near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
+            tries = [self._try(goal, rng)[1] for _ in range(8)]
+            if not near and sum(tries) >= 2:
+                found.append(goal)
+            if len(found) == wanted:
+                return np.array(found)
+        raise ReachError(f"no {wanted} points found that the arm can touch in varied orientations")
+
+    def _try(self, p: Array, rng: np.random.Generator) -> tuple[Array, bool]:
+        q = rng.uniform(self.bounds[:, 0], self.bounds[:, 1])
+        return q, reach(self.arm, self.tcp, p, _orientation(self.axis, self.cone, rng), q)
+
+    def _in_cone(self, q: Array) -> bool:
+        return bool(self.arm.flange(q[None])[0, :3, 2] @ self.axis >= np.cos(self.cone) * np.linalg.norm(self.axis))
 
 
 def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
@@ -140,30 +195,3 @@ def _orientation(axis: Array, cone: float, rng: np.random.Generator) -> Array:
     R = rotation_from_z(z, middle @ [np.cos(spin), np.sin(spin), 0.01])
     c, s = np.cos(spin), np.sin(spin)
     return R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _points(
-    arm: SerialArm, tool: Array, bounds: Array, axis: Array, cone: float, rng: np.random.Generator, wanted: int
-) -> Array:
-    """Random points that the arm reaches in varied orientations, well apart."""
-    length = arm.reach + float(np.linalg.norm(tool))
-    found: list[Array] = []
-    for _ in range(_TRIES):
-        goal = arm.X_base_0[:3, 3] + length * rng.uniform([-0.6, -0.6, 0.0], [0.6, 0.6, 0.4])
-        near = any(np.linalg.norm(goal - other) < 0.15 * length for other in found)
-        tries = [_pose_quickly(arm, tool, goal, axis, cone, bounds, rng) for _ in range(8)]
-        if not near and sum(tries) >= 2:
-            found.append(goal)
-        if len(found) == wanted:
-            return np.array(found)
-    raise ReachError(f"no {wanted} points found that the arm can touch in varied orientations")
-
-
-def _pose_quickly(
-    arm: SerialArm, tool: Array, goal: Array, axis: Array, cone: float, bounds: Array, rng: np.random.Generator
-) -> bool:
-    q = rng.uniform(bounds[:, 0], bounds[:, 1])
-    R = _orientation(axis, cone, rng)
-    return bool(
-        kernels.reach_pose(arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, arm.n >= 6, _STEPS)
-    )

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from calib import kernels
+from calib.simulation import reach
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, exp_so3, readonly, transform_points
@@ -87,10 +87,7 @@ def flange_poses(
 
 def _reach(arm: SerialArm, goal: Array, R: Array, q: Array, bounds: Array) -> bool:
     """Move `q` in place to the flange pose; True if reached within the bounds."""
-    tool = np.zeros(3)
-    reached = kernels.reach_pose(
-        arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, tool, goal, R, q, arm.n >= 6, _STEPS
-    )
+    reached = reach(arm, np.zeros(3), goal, R, q, _STEPS)
     q[:] = np.where(arm.slides, q, (q + np.pi) % (2.0 * np.pi) - np.pi)
     return bool(reached and np.all((q >= bounds[:, 0]) & (q <= bounds[:, 1])))
 

@@ -10,7 +10,7 @@ This module is the public interface. Chains are built in `controllers.ik.chain`,
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, NoReturn, get_args
 
 import numpy as np
@@ -39,6 +39,7 @@ __all__ = [
     "Branch",
     "Chain",
     "IkBatch",
+    "IkOptions",
     "IkResult",
     "Method",
     "Precision",
@@ -94,6 +95,53 @@ _NO_OUTCOME = (kernels.BAD_OPTION, 0, 0, 0.0, 0.0)
 _quick: dict[str, Any] = {}  # compiled entries for the usual options, by branch
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IkOptions:
+    """Options of `solve` and `solve_many` that few calls need.
+
+    Raises:
+        ConfigurationError: for an unknown word, or a number out of its range.
+    """
+
+    max_iterations: int | None = None  # default 4000, 12000 for "jacobian_free"
+    max_restarts: int = 200  # "plain" makes none, nor does branch="keep"
+    # Of `solve`: "single" iterates in four-byte numbers and tests the solution in double precision.
+    precision: Precision = "double"
+    # Of `solve`: also return the joint values after every iteration and their three goals [Danilov 2021, fig. 9].
+    history: bool = False
+    threads: int | None = None  # of `solve_many`; default the cores that this process may use
+    # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is then within
+    # `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
+    axis_tolerances: tuple[float, float] | None = None
+    # Axes that the stages of "plain" align. "joint": the last joint's axis and one perpendicular to it. "tip": the
+    # tip's own z and x, as in [Danilov 2021]; the two stages then mostly undo each other.
+    stage_axes: StageAxes = "joint"
+    usual: bool = field(init=False, repr=False)  # only the iterations and restarts are limited
+
+    def __post_init__(self) -> None:
+        one_of(self.precision, get_args(Precision), "precision")
+        one_of(self.stage_axes, get_args(StageAxes), "stage_axes")
+        if not isinstance(self.history, bool | np.bool_):
+            raise ConfigurationError(f"history: must be True or False, got {shown(self.history)}")
+        most, name = (_MOST_KEPT, "max_iterations with history") if self.history else (_MOST_COUNTED, "max_iterations")
+        if self.max_iterations is not None:
+            whole_number(self.max_iterations, name, least=1, most=most)
+        whole_number(self.max_restarts, "max_restarts", most=_MOST_COUNTED)
+        if self.threads is not None:
+            whole_number(self.threads, "threads", least=1, most=_MOST_THREADS)
+        if self.axis_tolerances is not None:
+            both = real_array(self.axis_tolerances, "axis_tolerances [rad]", "two numbers")
+            if both.shape != (2,):
+                raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
+            for value in both.tolist():
+                _tolerance(value, "axis_tolerances [rad]")
+        usual = self.precision == "double" and not self.history and self.axis_tolerances is None
+        object.__setattr__(self, "usual", usual and self.stage_axes == "joint")
+
+
+_USUAL = IkOptions()
+
+
 def solve(
     chain: Chain,
     X_base_tip: ArrayLike,
@@ -102,12 +150,7 @@ def solve(
     orientation_tolerance: float = 1e-3,
     method: Method = "hybrid",
     branch: Branch = "free",
-    max_iterations: int | None = None,
-    max_restarts: int = 200,
-    history: bool = False,
-    precision: Precision = "double",
-    axis_tolerances: tuple[float, float] | None = None,
-    stage_axes: StageAxes = "joint",
+    options: IkOptions = _USUAL,
 ) -> IkResult:
     """Solve the inverse kinematics of a chain for one tip pose, starting at `q0`, within the joint limits.
 
@@ -128,14 +171,7 @@ def solve(
             tracking: it moves from `q0` by short steps only, without restarts or jumps by a whole turn. A solution to
             which some joint moved by more than half a radian (or half the chain's length) is then tested further. It is
             refused if the straight line in joint space from `q0` to it crosses a singular configuration.
-        max_iterations: limit of the iterations; default 4000, 12000 for "jacobian_free".
-        max_restarts: limit of the restarts; "plain" makes none, nor does branch="keep".
-        history: also return the joint values after every iteration and their three goals ([Danilov 2021, fig. 9]).
-        precision: "single" iterates in four-byte numbers and tests the solution in double precision.
-        axis_tolerances: (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is
-            then within `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
-        stage_axes: axes that the stages of "plain" align. "joint": the last joint's axis and one perpendicular to it.
-            "tip": the tip's own z and x, as in [Danilov 2021]; the two stages then mostly undo each other.
+        options: limits of the iterations, precision, history, and what concerns "plain" alone.
 
     Returns:
         The joint values with errors, counts and the reason why the iteration ended.
@@ -144,10 +180,9 @@ def solve(
         ConfigurationError: for a target that is not a pose, a bad `q0`, a tolerance that is not positive, or an unknown
             option.
     """
-    plain_types = type(method) is str and type(precision) is str and type(stage_axes) is str
-    usual = plain_types and method == "hybrid" and precision == "double" and stage_axes == "joint"
-    if usual and history is False and axis_tolerances is None:
+    if type(method) is str and method == "hybrid" and type(options) is IkOptions and options.usual:
         q = np.empty(chain.n)
+        most = options.max_iterations
         try:
             outcome = _quick[branch](
                 chain._memory,
@@ -155,8 +190,8 @@ def solve(
                 q0,
                 position_tolerance,
                 orientation_tolerance,
-                _MOST[method] if max_iterations is None else max_iterations,
-                max_restarts,
+                _MOST[method] if most is None else most,
+                options.max_restarts,
                 q,
             )
         except (TypeError, KeyError, OverflowError, ValueError):
@@ -166,23 +201,9 @@ def solve(
             cause = _CAUSES[code] if code or not restarts else _RESTARTED
             done = code == kernels.CONVERGED
             return tuple.__new__(IkResult, (q, done, iterations, error_p, error_r, cause, restarts, None, None))
-    return _solve(
-        chain,
-        _as_array(X_base_tip, (4, 4), "X_base_tip"),
-        _as_array(q0, (chain.n,), "q0"),
-        _Options(
-            position_tolerance,
-            orientation_tolerance,
-            method,
-            branch,
-            max_iterations,
-            max_restarts,
-            precision,
-            axis_tolerances,
-            stage_axes,
-        ),
-        history,
-    )
+    settings = _settings(position_tolerance, orientation_tolerance, method, branch, options)
+    target, start = _as_array(X_base_tip, (4, 4), "X_base_tip"), _as_array(q0, (chain.n,), "q0")
+    return _solve(chain, target, start, settings, options)
 
 
 def _tolerance(value: Any, name: str) -> float:
@@ -193,89 +214,66 @@ def _tolerance(value: Any, name: str) -> float:
     return given
 
 
-class _Options:
-    """Validated options of `solve`, in the terms of the compiled loops."""
-
-    def __init__(
-        self,
-        position_tolerance: float,
-        orientation_tolerance: float,
-        method: str,
-        branch: str,
-        max_iterations: int | None,
-        max_restarts: int,
-        precision: str,
-        axis_tolerances: tuple[float, float] | None,
-        stage_axes: str,
-    ) -> None:
-        for name, value, kinds in (
-            ("method", method, Method),
-            ("branch", branch, Branch),
-            ("precision", precision, Precision),
-            ("stage_axes", stage_axes, StageAxes),
-        ):
-            one_of(value, get_args(kinds), name)
-        self.tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
-        self.tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
-        self.tol_1 = self.tol_2 = self.tol_r * 0.5**0.5
-        if axis_tolerances is not None:
-            both = real_array(axis_tolerances, "axis_tolerances [rad]", "two numbers")
-            if both.shape != (2,):
-                raise ConfigurationError(f"axis_tolerances [rad]: expected two numbers, got shape {both.shape}")
-            self.tol_1, self.tol_2 = (_tolerance(value, "axis_tolerances [rad]") for value in both.tolist())
-            self.tol_r = min(self.tol_1, self.tol_2)  # a rotation error within this keeps both axes within theirs
-        max_iterations = _MOST[method] if max_iterations is None else max_iterations
-        self.method, self.keep, self.single = method, branch == "keep", precision == "single"
-        self.max_iterations = whole_number(max_iterations, "max_iterations", least=1, most=_MOST_COUNTED)
-        self.max_restarts = whole_number(max_restarts, "max_restarts", most=_MOST_COUNTED)
-        self.tip_axes = stage_axes == "tip"
-        self.margin = _SINGLE_MARGIN if self.single else 1.0
-
-    def tolerances(self) -> tuple[float, float]:
-        """Position [m] and orientation [rad] tolerance, with the margin of single precision."""
-        return self.margin * self.tol_p, self.margin * self.tol_r
-
-    def axis_tolerances(self) -> tuple[float, float]:
-        """Tolerances [rad] of the two axis stages, with the margin of single precision."""
-        return self.margin * self.tol_1, self.margin * self.tol_2
+def _settings(
+    position_tolerance: float, orientation_tolerance: float, method: str, branch: str, options: IkOptions
+) -> kernels.Settings:
+    """Validated options in the terms of the compiled loops."""
+    one_of(method, _METHODS, "method")
+    one_of(branch, get_args(Branch), "branch")
+    if not isinstance(options, IkOptions):
+        raise ConfigurationError(f"options: expected IkOptions, got {shown(options)}")
+    tol_p = _tolerance(position_tolerance, "position_tolerance [m]")
+    tol_r = _tolerance(orientation_tolerance, "orientation_tolerance [rad]")
+    tol_1 = tol_2 = tol_r * 0.5**0.5
+    if options.axis_tolerances is not None:
+        tol_1, tol_2 = map(float, options.axis_tolerances)
+        tol_r = min(tol_1, tol_2)  # a rotation error within this keeps both axes within theirs
+    return kernels.Settings(
+        method=_METHODS.index(method),
+        tol_p=tol_p,
+        tol_r=tol_r,
+        tol_1=tol_1,
+        tol_2=tol_2,
+        limit=int(_MOST[method] if options.max_iterations is None else options.max_iterations),
+        restarts=int(options.max_restarts),
+        keep=branch == "keep",
+        tip_axes=options.stage_axes == "tip",
+    )
 
 
-def _solve(chain: Chain, target: Array, start: Array, options: _Options, history: bool) -> IkResult:
-    if not isinstance(history, bool | np.bool_):
-        raise ConfigurationError(f"history: must be True or False, got {shown(history)}")
-    if history:
-        whole_number(options.max_iterations, "max_iterations with history", most=_MOST_KEPT)
-    rows = options.max_iterations + SETTLE_STEPS + 1 if history else 0
-    trail, q = np.empty((rows, chain.n)), np.empty(chain.n)
-    count, keep = options.max_iterations, options.keep
-    rest: tuple[Any, ...]
-    if options.method == "plain":
-        name, rest = "plain", (*options.axis_tolerances(), count, keep, options.tip_axes)
-    elif options.method == "jacobian_free":
-        name, rest = "jacobian_free", (count, options.max_restarts, keep)
+def _solve(chain: Chain, target: Array, start: Array, settings: kernels.Settings, options: IkOptions) -> IkResult:
+    history, single = bool(options.history), options.precision == "single"
+    memory = chain.single() if single else chain._memory
+    q = np.empty(chain.n)
+    rows = settings.limit + SETTLE_STEPS + 1 if history else 0
+    trail = np.empty((rows, chain.n))
+    used = settings
+    if single:
+        p, r, one, two = (_SINGLE_MARGIN * tol for tol in settings[1:5])
+        used = settings._replace(tol_p=p, tol_r=r, tol_1=one, tol_2=two)
+    outcome: tuple[int, int, int, float, float]
+    if settings.method == kernels.HYBRID and not history:
+        name = "keep" if settings.keep else "hybrid"
+        solver = entry(name, memory.dtype)
+        _quick["keep" if settings.keep else "free"] = solver
+        outcome = solver(memory, target, start, used.tol_p, used.tol_r, used.limit, used.restarts, q)
     else:
-        name = ("traced_" if history else "") + ("keep" if keep else "hybrid")
-        rest = (count, options.max_restarts)
-    memory = chain.single() if options.single else chain._memory
-    solver = entry(name, memory.dtype)
-    if options.method == "hybrid" and not history:
-        _quick["keep" if keep else "free"] = solver
-    else:
-        rest = (*rest, trail)
-    outcome = solver(memory, target, start, *options.tolerances(), *rest, q)
+        traced = "traced_keep" if settings.keep else "traced_hybrid"
+        name = traced if settings.method == kernels.HYBRID else _METHODS[settings.method]
+        outcome = entry(name, memory.dtype)(memory, target, start, used, trail, q)
     code, iterations, restarts, error_p, error_r = outcome
     if code >= kernels.BAD_TARGET:
         _refuse(code, target, start, "")
     cause = _cause(code, restarts)
-    if options.single:
+    if single:
         error_p, error_r = _errors(chain, q, target)
-        if code == _CONVERGED and not (error_p <= options.tol_p and error_r <= options.tol_r):
+        if code == _CONVERGED and not (error_p <= settings.tol_p and error_r <= settings.tol_r):
             code, cause = kernels.STALLED, _COARSE
     path = goals = None
     if history:
         trail[iterations] = q  # without convergence the result is the best iterate, not the last
         trail, goals = trail[: iterations + 1], np.empty((iterations + 1, 3))
-        entry("goals")(chain._memory, target, options.tip_axes, trail, goals)
+        entry("goals")(chain._memory, target, settings.tip_axes, trail, goals)
         path, goals = readonly(trail), readonly(goals)
     return IkResult(q, code == _CONVERGED, iterations, error_p, error_r, cause, restarts, path, goals)
 
@@ -319,15 +317,11 @@ def solve_many(
     orientation_tolerance: float = 1e-3,
     method: Method = "hybrid",
     branch: Branch = "free",
-    max_iterations: int | None = None,
-    max_restarts: int = 200,
-    threads: int | None = None,
-    axis_tolerances: tuple[float, float] | None = None,
-    stage_axes: StageAxes = "joint",
+    options: IkOptions = _USUAL,
 ) -> IkBatch:
     """Solve the inverse kinematics for many tip poses in parallel, on all cores.
 
-    The solutions equal those of `solve` to the last bit, for any number of `threads`. The GIL is free during the call.
+    The solutions equal those of `solve` to the last bit, for any number of threads. The GIL is free during the call.
 
     Args:
         chain: the serial chain.
@@ -337,17 +331,14 @@ def solve_many(
         orientation_tolerance: [rad] as in `solve`.
         method: as in `solve`.
         branch: as in `solve`.
-        max_iterations: per target, as in `solve`.
-        max_restarts: per target, as in `solve`.
-        threads: number of threads; default the cores that this process may use.
-        axis_tolerances: (2,) [rad] as in `solve`.
-        stage_axes: as in `solve`.
+        options: as in `solve`, without history and in double precision; iterations and restarts are per target.
 
     Returns:
         One row per target.
 
     Raises:
-        ConfigurationError: as `solve`; it names the first bad row, and no other row is returned.
+        ConfigurationError: as `solve`, and for history or single precision; it names the first bad row, and no other
+            row is returned.
     """
     targets = _stack(X_base_tip, "X_base_tip")
     count = len(targets) if targets.ndim == 3 else 0
@@ -357,41 +348,18 @@ def solve_many(
     if starts.shape not in ((chain.n,), (count, chain.n)):
         raise ConfigurationError(f"q0: expected shape ({chain.n},) or ({count}, {chain.n}), got {starts.shape}")
     starts = np.ascontiguousarray(np.broadcast_to(starts, (count, chain.n)))
-    options = _Options(
-        position_tolerance,
-        orientation_tolerance,
-        method,
-        branch,
-        max_iterations,
-        max_restarts,
-        "double",
-        axis_tolerances,
-        stage_axes,
-    )
+    settings = _settings(position_tolerance, orientation_tolerance, method, branch, options)
+    if options.history or options.precision == "single":
+        raise ConfigurationError("options: `solve_many` is without history and in double precision")
+    threads = options.threads
     if threads is None:
         threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    threads = whole_number(threads, "threads", least=1, most=_MOST_THREADS)
     q, out = np.empty((count, chain.n)), np.empty((count, 5))
     many = entry("many")
 
     def work(first: int) -> None:
-        many(
-            chain._memory.copy(),
-            _METHODS.index(method),
-            targets,
-            starts,
-            *options.tolerances(),
-            *options.axis_tolerances(),
-            options.max_iterations,
-            options.max_restarts,
-            options.keep,
-            options.tip_axes,
-            first,
-            min(first + _CHUNK, count),
-            chain._no_trail,
-            q,
-            out,
-        )
+        last = min(first + _CHUNK, count)
+        many(chain._memory.copy(), targets, starts, settings, first, last, q, out)
 
     with ThreadPoolExecutor(threads) as pool:
         list(pool.map(work, range(0, count, _CHUNK)))

@@ -27,6 +27,7 @@ from calib.results import write_results
 from calib.touch_files import write_touches
 from scenarios.arm_identification import calibration_input as _calibration
 from scenarios.arm_identification import touch_plan
+from scenarios.arm_identification.touching import SessionSetting
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
 from sim.runs.provenance import provenance
@@ -124,17 +125,21 @@ def case_of(options: Options, folder: Path, rng: np.random.Generator) -> _calibr
         logs.append(RerunLog(folder / "run.rrd", model, title=f"Touching, {options.touching}", view=options.view))
         return logs[0]
 
+    hovering = options.touching == "hovering"
+    setting = SessionSetting(
+        hovering=hovering,
+        nests=points,
+        touches=poses,
+        current=options.current if hovering else (0.0, 0.0, 0.0),
+        gust=options.gust if hovering else 0.0,
+    )
     try:
         return _calibration.by_contact(
             source,
             options.arm,
-            hovering=options.touching == "hovering",
-            points=points,
-            touches=poses,
+            setting,
             known=known,
             errors=errors,
-            current=options.current,
-            gust=options.gust,
             rng=rng,
             watch=watch if options.record or options.view else None,
         )
@@ -165,22 +170,12 @@ def plan_touches(options: Options, folder: Path, console: Console, rng: np.rando
     points = whole_number(3 if options.points is None else options.points, "--points", least=1, most=_MOST_POINTS)
     noise = finite_number(options.noise, "--noise [m]", above=0.0, most=0.1)
     source = _calibration.nominal(options.arm, folder, options.base, options.tip)
-    so_far = None
+    so_far = touch_plan.NewPoints(count=points, pin=options.pin, noise=noise)
     if options.touches:
         so_far = _calibration.from_files(source, options.touches, (), options.units, options.distance)
-    for note in source.notes if so_far is None else so_far.notes:
+    for note in source.notes if isinstance(so_far, touch_plan.NewPoints) else so_far.notes:
         console.print(note, style="yellow", highlight=False)
-    made = touch_plan.planned(
-        source,
-        so_far,
-        options.plan or 0,
-        points=points,
-        pin=options.pin,
-        noise=noise,
-        free=options.free,
-        prior=dict(options.prior),
-        rng=rng,
-    )
+    made = touch_plan.planned(source, so_far, options.plan or 0, free=options.free, prior=dict(options.prior), rng=rng)
     return touch_plan.run(made, source, options.seed, provenance("calibrate_arm", options), folder, console)
 
 
@@ -220,18 +215,15 @@ def main() -> int:
     metrics = _calibration.metrics(case, outcome, accepted, options.seed)
     write_json(folder / "metrics.json", {**metrics, "provenance": provenance("calibrate_arm", options)})
     if options.record:
-        report.write_report(
-            folder / "report.html",
-            found,
+        said = report.Statement(
             title=case.title,
-            figures_of_merit=figures,
             accepted=accepted,
-            series=outcome.series,
-            point_names=case.touches.names,
-            clouds=outcome.clouds,
+            figures_of_merit=figures,
             notes=case.notes,
             options={**asdict(options), "date": date, "touches sha256": case.touches.sha256},
         )
+        page, points = folder / "report.html", case.touches.names
+        report.write_report(page, found, said, series=outcome.series, point_names=points, clouds=outcome.clouds)
     console.print("[green]accepted[/green]" if accepted else f"[red]not accepted[/red]: {'; '.join(reasons)}")
     console.print(f"written to {folder}/: {', '.join(file.name for file in files)}", highlight=False)
     return 0 if accepted else NOT_ACCEPTED
@@ -242,11 +234,11 @@ def _worst(found: Any, count: int = 5) -> Table:
     table = Table(title="most changed for sure", title_justify="left")
     for column in ("", "change", "95 %", "unit"):
         table.add_column(column, justify="right" if column in ("change", "95 %") else "left")
-    own = [i for i, group in enumerate(found.parameters.groups) if group != "tcp"]
+    own = [i for i, group in enumerate(found.estimate.parameters.groups) if group != "tcp"]
     half = found.quantile() * found.sigma
-    for i in sorted(own, key=lambda i: -abs(found.changes[i]) / half[i])[:count]:
-        factor, unit = report.shown(found.parameters.units[i])
-        table.add_row(found.names[i], f"{factor * found.changes[i]:+.4f}", f"± {factor * half[i]:.4f}", unit)
+    for i in sorted(own, key=lambda i: -abs(found.estimate.changes[i]) / half[i])[:count]:
+        factor, unit = report.shown(found.estimate.parameters.units[i])
+        table.add_row(found.names[i], f"{factor * found.estimate.changes[i]:+.4f}", f"± {factor * half[i]:.4f}", unit)
     return table
 
 

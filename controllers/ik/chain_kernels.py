@@ -17,10 +17,12 @@ alpha to reach the next joint axis. With a free link vector this form describes 
 costs two plane rotations per joint.
 
 Lengths are multiplied by `table[0, SCALE]`, a power of two that makes the arm about one unit long. Metres and radians
-can then share one norm. A `trail` takes the joint values of every iteration that it has a row for.
+can then share one norm. A `trail` takes the joint values of every iteration that it has a row for. A `tip` is the pose
+that `trace` returns: position [scaled] and axes x, y, z, each by its three components in base axes.
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -49,12 +51,45 @@ PAST = 15  # columns of `past`
 
 CONVERGED, STALLED, EXHAUSTED, BRANCH_LOST, OUT_OF_REACH = 0, 1, 2, 3, 4  # why a solver ended
 BAD_TARGET, BAD_START, BAD_OPTION = 5, 6, 7  # input that a solver refuses
+HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2  # methods, in `Settings`
 ALONG, WITHIN, THROUGH = 0, 1, 2  # treatment of the limits, see `controllers.ik.damped_descent.descend`
 
 TWO_PI = 2.0 * math.pi  # [rad]
 _WALK = 0.1  # [rad] longest step of a joint between two Jacobians that `branch_left` compares
 # Not cached, for numba would not detect changes in other files. The entry points of `controllers.ik.entries` are.
 jit = njit(nogil=True, error_model="numpy", fastmath={"contract"})
+
+
+class Memory(NamedTuple):
+    """Views of a chain's `memory`, described in the module."""
+
+    table: Any
+    goal: Any
+    normal: Any
+    work: Any
+    past: Any
+    q: Any
+
+
+class Settings(NamedTuple):
+    """Settings of a solver."""
+
+    method: int  # HYBRID, JACOBIAN_FREE or PLAIN
+    tol_p: float  # [m] position tolerance
+    tol_r: float  # [rad] orientation tolerance; of PLAIN the rotation error that suffices in place of the next two
+    tol_1: float  # [rad] tolerance of F_alpha1; PLAIN only
+    tol_2: float  # [rad] tolerance of F_alpha2; PLAIN only
+    limit: int  # largest number of steps or sweeps, restarts included
+    restarts: int  # largest number of restarts
+    keep: bool  # keep the branch of the start: no restart, no jump by a whole turn
+    tip_axes: bool  # see `controllers.ik.paper_stages.stage_axes`; PLAIN only
+
+
+class Near(NamedTuple):
+    """Squared errors within which a pose is met."""
+
+    p2: Any  # squared position error [scaled]
+    chord2: Any  # squared chord of the orientation error
 
 
 def cosine_and_sine(angle):
@@ -100,12 +135,12 @@ def memory_size(n: int) -> int:
 
 @jit
 def partition(memory, n):
-    """Views `table`, `goal`, `normal`, `work`, `past` and `q` (see the module) of `memory`."""
+    """Views of `memory`, the array of a chain of `n` joints."""
     goal = (HEAD + n) * COLUMNS
     work = goal + 60
     past = work + n * WORK
     q = past + n * PAST
-    return (
+    return Memory(
         memory[:goal].reshape(HEAD + n, COLUMNS),
         memory[goal : goal + 12].reshape(4, 3),
         memory[goal + 12 : work].reshape(6, 8),
@@ -117,7 +152,7 @@ def partition(memory, n):
 
 @jit
 def trace(table, q, work):
-    """Forward kinematics at `q`: joint axes and points into `work`, the tip's p, x, y, z returned as 12 numbers.
+    """Forward kinematics at `q`: joint axes and points into `work`; returns the tip.
 
     For a pantograph link, `work[i, POINT:]` holds its link vector instead of its joint's point.
     """
@@ -216,26 +251,16 @@ def forward(table, q, work, X, J):
 
 
 @jit
-def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """Orientation error from the tip axes to the goal axes: rotation axis times chord, 2 sin(angle/2), and chord^2.
+def turn_left(goal, tip):
+    """Orientation error from the axes of `tip` to those of the goal: rotation axis times chord, and chord^2.
 
-    Near the goal this is the rotation vector; farther away it is shorter, and cheaper to compute.
-
-    Args:
-        goal: (4, 3) the goal, of which rows 1 to 3 are used.
-        xx: x component of the tip's x axis in base axes; xy and xz are its y and z components.
-        xy: see xx.
-        xz: see xx.
-        yx: x component of the tip's y axis; yy and yz likewise.
-        yy: see yx.
-        yz: see yx.
-        zx: x component of the tip's z axis; zy and zz likewise.
-        zy: see zx.
-        zz: see zx.
+    The chord is 2 sin(angle/2). Near the goal this is the rotation vector; farther away it is shorter, and cheaper to
+    compute.
 
     Returns:
         The three components of the error in base axes, and the squared chord.
     """
+    _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     real = goal.dtype.type
     half, one = real(0.5), real(1.0)
     tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
@@ -268,6 +293,19 @@ def turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz):
 
 
 @jit
+def pose_error(goal, tip):
+    """Error from `tip` to the goal.
+
+    Returns:
+        Six numbers in base axes: position error [scaled] and orientation error (see `turn_left`); the squared position
+        error and the squared chord.
+    """
+    ex, ey, ez = goal[0, 0] - tip[0], goal[0, 1] - tip[1], goal[0, 2] - tip[2]
+    wx, wy, wz, chord2 = turn_left(goal, tip)
+    return (ex, ey, ez, wx, wy, wz), ex * ex + ey * ey + ez * ez, chord2
+
+
+@jit
 def angle_of(chord2):
     """Angle [rad] of a squared chord `chord2`, by atan2."""
     return 2.0 * math.atan2(math.sqrt(chord2), math.sqrt(max(4.0 - chord2, 0.0)))
@@ -278,6 +316,13 @@ def chord_squared(angle):
     """Squared chord of `angle` [rad], to compare with that of `turn_left`."""
     chord = 2.0 * math.sin(0.5 * min(angle, math.pi))
     return chord * chord
+
+
+@jit
+def squared_tolerances(table, settings):
+    """Position and orientation tolerance of `settings`, to compare with the errors of `pose_error`."""
+    real = table.dtype.type
+    return Near((real(settings.tol_p) * table[0, SCALE]) ** 2, real(chord_squared(settings.tol_r)))
 
 
 @jit
@@ -448,9 +493,8 @@ def errors(table, goal, q, work):
     Returns:
         Squared position error [scaled] and squared chord of the orientation error.
     """
-    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-    ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-    return ex * ex + ey * ey + ez * ez, turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    _, p2, chord2 = pose_error(goal, trace(table, q, work))
+    return p2, chord2
 
 
 @jit

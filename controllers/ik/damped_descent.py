@@ -16,7 +16,6 @@ from controllers.ik.chain_kernels import (
     KIND,
     LOWER,
     OUT_OF_REACH,
-    SCALE,
     SLIDE,
     STALLED,
     STEP,
@@ -28,7 +27,6 @@ from controllers.ik.chain_kernels import (
     admit,
     begin,
     branch_left,
-    chord_squared,
     column,
     errors,
     fold,
@@ -36,10 +34,11 @@ from controllers.ik.chain_kernels import (
     jit,
     note,
     partition,
+    pose_error,
     recall,
     scatter,
+    squared_tolerances,
     trace,
-    turn_left,
 )
 from controllers.ik.sweeps import sweep
 
@@ -54,30 +53,24 @@ SETTLE_GAIN = 1e-7  # relative gain in squared error, under which a step of `set
 
 
 @jit
-def damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work):
+def damped_step(views, limited, damping, tip, error):
     """Levenberg-Marquardt step dq = J^T (J J^T + damping)^-1 e into `work[:, STEP]`.
 
     A joint that stands on a limit and would leave its range is removed from the problem: its column is set to zero.
 
     Args:
-        table: the chain.
-        q: (n,) joint values.
+        views: memory of the chain, its work as `trace` left it; columns 0 to 5 and STEP are overwritten.
         limited: the limits of hinges count; those of slides always do.
         damping: added to the diagonal of J J^T.
-        px: x of the tip position [scaled], base axes; py and pz likewise.
-        py: see px.
-        pz: see px.
-        ex: x of the position error [scaled]; ey and ez likewise.
-        ey: see ex.
-        ez: see ex.
-        wx: x of the orientation error (see `turn_left`); wy and wz likewise.
-        wy: see wx.
-        wz: see wx.
-        work: scratch values, filled by `trace`; columns 0 to 5 and STEP are overwritten.
+        tip: the tip at the joint values of `views`.
+        error: e, as of `pose_error`.
 
     Returns:
         Largest absolute entry of the step.
     """
+    table, work, q = views.table, views.work, views.q
+    px, py, pz = tip[0], tip[1], tip[2]
+    ex, ey, ez, wx, wy, wz = error
     n = q.shape[0]
     # Lower half of J J^T, row by row. Scalars stay in registers: twice as fast as an array.
     none = damping - damping
@@ -213,30 +206,27 @@ def take_step(table, cap, largest, mode, work, q):
 
 
 @jit
-def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail, row):
-    """Levenberg-Marquardt iterations from `q` until the pose is met, the error stalls, or `limit` steps are spent.
+def descend(views, near, limit, cap, mode, best2, trail, row):
+    """Levenberg-Marquardt steps from `views.q` until the pose is met, the error stalls, or `limit` steps are spent.
 
     A stall is a squared error that does not fall to STALL_FACTOR times itself in STALL_WINDOW steps.
 
     Args:
-        table: the chain.
-        goal: (4, 3) the goal.
-        near_p: squared position tolerance [scaled].
-        near_r: squared chord of the orientation tolerance.
+        views: memory of the chain. Its `q` is the start, on return the joint values of the last two results. Column
+            BEST of its work takes joint values whose error is under `best2` and which are within the limits.
+        near: errors within which the pose is met.
         limit: largest number of steps.
         cap: [rad] or [m] longest step of a joint.
         mode: ALONG moves within the limits without jumps. WITHIN also jumps by whole turns. THROUGH lets hinges pass
             their limits on the way; only the solution must lie within them.
         best2: least squared error so far.
-        work: scratch values; column BEST takes joint values whose error is under `best2` and which are within the
-            limits.
-        q: (n,) start; on return the joint values of the last two results.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         row: first row of `trail` to write.
 
     Returns:
         (code, steps, least squared error, squared position error, squared chord).
     """
+    table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
     limited = mode != THROUGH
     # The damping must exceed the rounding of J J^T, or a singular J J^T is no longer positive definite.
@@ -245,12 +235,10 @@ def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail
     steps = 0
     while True:
         note(q, trail, row + steps)
-        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
-        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-        p2 = ex * ex + ey * ey + ez * ez
+        tip = trace(table, q, work)
+        error, p2, chord2 = pose_error(goal, tip)
         error2 = p2 + chord2
-        if p2 <= near_p and chord2 <= near_r:
+        if p2 <= near.p2 and chord2 <= near.chord2:
             code = CONVERGED if limited or fold(table, q) else STALLED
             return code, steps, best2, p2, chord2
         if limited and error2 < best2:
@@ -264,29 +252,25 @@ def descend(table, goal, near_p, near_r, limit, cap, mode, best2, work, q, trail
         if steps >= limit:
             return EXHAUSTED, steps, best2, p2, chord2
         damping = real(DAMPING) * error2 + floor
-        largest = damped_step(table, q, limited, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
+        largest = damped_step(views, limited, damping, tip, error)
         take_step(table, cap, largest, mode, work, q)
         steps += 1
 
 
 @jit
-def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
+def settle(views, near, trail, row):
     """Descend from the best joint values so far to the nearest local minimum within the limits; the error never grows.
 
     Args:
-        table: the chain.
-        goal: (4, 3) the goal.
-        near_p: squared position tolerance [scaled].
-        near_r: squared chord of the orientation tolerance.
-        best2: least squared error so far; not used.
-        work: scratch values; column BEST holds the best joint values.
-        q: (n,) out.
+        views: memory of the chain; column BEST of its work holds the best joint values, `q` takes the result.
+        near: errors within which the pose is met.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         row: first row of `trail` to write.
 
     Returns:
         (code, steps, squared position error, squared chord).
     """
+    table, goal, work, q = views.table, views.goal, views.work, views.q
     real = q.dtype.type
     n = q.shape[0]
     for i in range(n):
@@ -296,12 +280,10 @@ def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
     quiet, steps = 0, 0
     while steps < SETTLE_STEPS and quiet < 4 and share < real(1e6):
         note(q, trail, row + steps)
-        px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-        wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
-        ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-        p2 = ex * ex + ey * ey + ez * ez
+        tip = trace(table, q, work)
+        error, p2, chord2 = pose_error(goal, tip)
         error2 = p2 + chord2
-        if p2 <= near_p and chord2 <= near_r:
+        if p2 <= near.p2 and chord2 <= near.chord2:
             return CONVERGED, steps, p2, chord2
         if error2 < best2:
             quiet = quiet + 1 if error2 > (real(1.0) - real(SETTLE_GAIN)) * best2 else 0
@@ -313,11 +295,10 @@ def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
             share *= real(5.0)
             for i in range(n):
                 q[i] = work[i, BEST]
-            px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-            wx, wy, wz, chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)
-            ex, ey, ez = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
+            tip = trace(table, q, work)
+            error, p2, chord2 = pose_error(goal, tip)
         damping = share * best2 + real(4.0) * np.finfo(q.dtype).eps
-        largest = damped_step(table, q, True, damping, px, py, pz, ex, ey, ez, wx, wy, wz, work)
+        largest = damped_step(views, True, damping, tip, error)
         take_step(table, SHORT_STEP, largest, ALONG, work, q)
         steps += 1
     p2, chord2 = recall(table, goal, work, q)
@@ -325,7 +306,7 @@ def settle(table, goal, near_p, near_r, best2, work, q, trail, row):
 
 
 @jit
-def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+def solve_hybrid(memory, X, q0, settings, trail, out):
     """Hybrid method: a combined sweep from a far start, Levenberg-Marquardt, then restarts.
 
     Every second restart lets hinges pass their limits on the way (THROUGH).
@@ -334,23 +315,22 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
         memory: kernel memory of the chain.
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
-        tol_p: [m] position tolerance.
-        tol_r: [rad] orientation tolerance.
-        limit: largest number of steps, restarts included.
-        restarts: largest number of restarts.
+        settings: tolerances and limits of the iterations.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         out: (n,) takes the solution.
 
     Returns:
         (code, steps, restarts, position error [m], orientation error [rad]).
     """
-    table, goal, _, work, _, q = partition(memory, out.shape[0])
-    options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
+    views = partition(memory, out.shape[0])
+    table, goal, work, q = views.table, views.goal, views.work, views.q
+    limit, restarts = settings.limit, settings.restarts
+    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and restarts >= 0
     fault = begin(table, X, q0, options_good, True, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    near = squared_tolerances(table, settings)
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
     steps, restart, best2 = 0, 0, real(np.inf)
@@ -362,16 +342,14 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
                 note(q, trail, steps)
                 sweep(table, goal, real(FAR_WEIGHT), mode, q, work)
                 steps += 1
-        code, spent, best2, p2, chord2 = descend(
-            table, goal, near_p, near_r, limit - steps, LONG_STEP, mode, best2, work, q, trail, steps
-        )
+        code, spent, best2, p2, chord2 = descend(views, near, limit - steps, LONG_STEP, mode, best2, trail, steps)
         steps += spent
         if code == CONVERGED or steps >= limit or restart >= restarts:
             break
         restart += 1
         scatter(table, restart, work, q)
     if code != CONVERGED:
-        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        code, spent, p2, chord2 = settle(views, near, trail, steps)
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
         steps += spent
@@ -379,39 +357,35 @@ def solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
 
 
 @jit
-def solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+def solve_keep(memory, X, q0, settings, trail, out):
     """Branch-keeping method: Levenberg-Marquardt by short steps from `q0`, without jumps or restarts.
 
     Args:
         memory: kernel memory of the chain.
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
-        tol_p: [m] position tolerance.
-        tol_r: [rad] orientation tolerance.
-        limit: largest number of steps.
-        restarts: only validated, must be >= 0.
+        settings: tolerances and limit of the steps; the restarts are only validated.
         trail: (rows, n) takes the joint values of every step that it has a row for.
         out: (n,) takes the solution.
 
     Returns:
         As `solve_hybrid`.
     """
-    table, goal, normal, work, past, q = partition(memory, out.shape[0])
-    options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
-    fault = begin(table, X, q0, options_good, False, goal, work, q)
+    views = partition(memory, out.shape[0])
+    table, work, q = views.table, views.work, views.q
+    limit = settings.limit
+    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and settings.restarts >= 0
+    fault = begin(table, X, q0, options_good, False, views.goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
-    real = q.dtype.type
-    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
-    code, steps, best2, p2, chord2 = descend(
-        table, goal, near_p, near_r, limit, SHORT_STEP, ALONG, real(np.inf), work, q, trail, 0
-    )
+    near, unknown = squared_tolerances(table, settings), q.dtype.type(np.inf)
+    code, steps, _, p2, chord2 = descend(views, near, limit, SHORT_STEP, ALONG, unknown, trail, 0)
     if code != CONVERGED:
         stopped = EXHAUSTED if code == EXHAUSTED else STALLED
-        code, spent, p2, chord2 = settle(table, goal, near_p, near_r, best2, work, q, trail, steps)
+        code, spent, p2, chord2 = settle(views, near, trail, steps)
         steps += spent
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else stopped
-    if code == CONVERGED and branch_left(table, q, SHORT_STEP, work, past, normal):
+    if code == CONVERGED and branch_left(table, q, SHORT_STEP, work, views.past, views.normal):
         code = BRANCH_LOST
     return hand_over(table, q, p2, chord2, code, steps, 0, out)

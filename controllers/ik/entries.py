@@ -12,18 +12,16 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import DTypeLike
 
-from controllers.ik.chain_kernels import SCALE, forward, partition, set_goal
+from controllers.ik.chain_kernels import HYBRID, JACOBIAN_FREE, PLAIN, SCALE, Settings, forward, partition, set_goal
 from controllers.ik.damped_descent import solve_hybrid, solve_keep
 from controllers.ik.paper_stages import solve_plain, stage_axes, three_goals
 from controllers.ik.sweeps import solve_jacobian_free
 from sim.interfaces.kernels import imports_stamp
 
-HYBRID, JACOBIAN_FREE, PLAIN = 0, 1, 2
-
 _VECTOR, _TABLE = types.float64[::1], types.float64[:, ::1]
 _GIVEN = {d: types.Array(types.float64, d, "C", readonly=True) for d in (1, 2, 3)}  # writable arrays are accepted too
 _REAL, _COUNT, _FLAG = types.float64, types.int64, types.boolean
-_ONE = (_GIVEN[2], _GIVEN[1], _REAL, _REAL)
+_SETTINGS = types.NamedTuple((_COUNT, *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG), Settings)
 _holding = njit(cache=True, error_model="numpy")
 _releasing = njit(cache=True, nogil=True, error_model="numpy")
 
@@ -41,37 +39,38 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
         table, _, _, work, _, _ = partition(memory, q.shape[0])
         forward(table, q, work, X, J)
 
+    # The usual calls of `solve` take plain numbers: numba would have to take a record of settings apart at each call.
     @_holding
     def hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, out):
         _ = stamp
-        trail = memory[:0].reshape(0, 1)
-        return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+        settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, False, False)
+        return solve_hybrid(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
 
     @_holding
     def keep(memory, X, q0, tol_p, tol_r, limit, restarts, out):
         _ = stamp
-        trail = memory[:0].reshape(0, 1)
-        return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+        settings = Settings(HYBRID, tol_p, tol_r, tol_r, tol_r, limit, restarts, True, False)
+        return solve_keep(memory, X, q0, settings, memory[:0].reshape(0, 1), out)
 
     @_holding
-    def traced_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    def traced_hybrid(memory, X, q0, settings, trail, out):
         _ = stamp
-        return solve_hybrid(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+        return solve_hybrid(memory, X, q0, settings, trail, out)
 
     @_holding
-    def traced_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out):
+    def traced_keep(memory, X, q0, settings, trail, out):
         _ = stamp
-        return solve_keep(memory, X, q0, tol_p, tol_r, limit, restarts, trail, out)
+        return solve_keep(memory, X, q0, settings, trail, out)
 
     @_holding
-    def jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out):
+    def jacobian_free(memory, X, q0, settings, trail, out):
         _ = stamp
-        return solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out)
+        return solve_jacobian_free(memory, X, q0, settings, trail, out)
 
     @_holding
-    def plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out):
+    def plain(memory, X, q0, settings, trail, out):
         _ = stamp
-        return solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out)
+        return solve_plain(memory, X, q0, settings, trail, out)
 
     @_holding
     def goals(memory, X, tip_axes, trail, out):
@@ -85,46 +84,41 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
         for row in range(trail.shape[0]):
             for i in range(q.shape[0]):
                 q[i] = trail[row, i]
-            lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
-            p2, out[row, 1], out[row, 2], _ = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
+            along, across = stage_axes(table, tip_axes, q, work)
+            p2, out[row, 1], out[row, 2], _ = three_goals(table, goal, along, across, q, work)
             out[row, 0] = math.sqrt(p2) / table[0, SCALE]
 
     @_releasing
-    def many(
-        memory, method, X, q0, tol_p, tol_r, tol_1, tol_2, limit, restarts, keep, tip_axes, first, last, trail, q, out
-    ):
+    def many(memory, X, q0, settings, first, last, q, out):
         """Solve for the targets `first` to `last` of `X` (N, 4, 4) from `q0` (N, n).
 
         Joint values go to `q` (N, n), the five numbers that the solver of one target returns to `out` (N, 5).
         """
         _ = stamp
+        trail = memory[:0].reshape(0, 1)
         for i in range(first, last):
-            if method == JACOBIAN_FREE:
-                outcome = solve_jacobian_free(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, keep, trail, q[i])
-            elif method == PLAIN:
-                outcome = solve_plain(
-                    memory, X[i], q0[i], tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, q[i]
-                )
-            elif keep:
-                outcome = solve_keep(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, trail, q[i])
+            if settings.method == JACOBIAN_FREE:
+                outcome = solve_jacobian_free(memory, X[i], q0[i], settings, trail, q[i])
+            elif settings.method == PLAIN:
+                outcome = solve_plain(memory, X[i], q0[i], settings, trail, q[i])
+            elif settings.keep:
+                outcome = solve_keep(memory, X[i], q0[i], settings, trail, q[i])
             else:
-                outcome = solve_hybrid(memory, X[i], q0[i], tol_p, tol_r, limit, restarts, trail, q[i])
+                outcome = solve_hybrid(memory, X[i], q0[i], settings, trail, q[i])
             out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = outcome
 
-    stages = (_REAL, _REAL, _COUNT, _FLAG, _FLAG)
+    usual = (_GIVEN[2], _GIVEN[1], _REAL, _REAL, _COUNT, _COUNT, _VECTOR)
+    traced = (_GIVEN[2], _GIVEN[1], _SETTINGS, _TABLE, _VECTOR)
     return {
         "kinematics": (kinematics, (_GIVEN[1], _TABLE, _TABLE)),
-        "hybrid": (hybrid, (*_ONE, _COUNT, _COUNT, _VECTOR)),
-        "keep": (keep, (*_ONE, _COUNT, _COUNT, _VECTOR)),
-        "traced_hybrid": (traced_hybrid, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
-        "traced_keep": (traced_keep, (*_ONE, _COUNT, _COUNT, _TABLE, _VECTOR)),
-        "jacobian_free": (jacobian_free, (*_ONE, _COUNT, _COUNT, _FLAG, _TABLE, _VECTOR)),
-        "plain": (plain, (*_ONE, *stages, _TABLE, _VECTOR)),
+        "hybrid": (hybrid, usual),
+        "keep": (keep, usual),
+        "traced_hybrid": (traced_hybrid, traced),
+        "traced_keep": (traced_keep, traced),
+        "jacobian_free": (jacobian_free, traced),
+        "plain": (plain, traced),
         "goals": (goals, (_GIVEN[2], _FLAG, _TABLE, _TABLE)),
-        "many": (
-            many,
-            (_COUNT, _GIVEN[3], _GIVEN[2], *(_REAL,) * 4, _COUNT, _COUNT, _FLAG, _FLAG, _COUNT, _COUNT, *(_TABLE,) * 3),
-        ),
+        "many": (many, (_GIVEN[3], _GIVEN[2], _SETTINGS, _COUNT, _COUNT, _TABLE, _TABLE)),
     }
 
 

@@ -33,12 +33,12 @@ from controllers.ik.chain_kernels import (
     UPPER,
     begin,
     branch_left,
-    chord_squared,
     hand_over,
     jit,
     note,
     partition,
     recall,
+    squared_tolerances,
     trace,
     turn_left,
 )
@@ -100,17 +100,13 @@ def place(table, goal, near_p, q, work):
 
 
 @jit
-def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
+def align(table, u, t, tolerance, q, work):
     """One sweep of an axis stage, tip to base: turn an axis of the last joint frame towards a target axis.
 
     Args:
         table: the chain.
-        ux: x of the axis, in the last joint frame; uy and uz likewise.
-        uy: see ux.
-        uz: see ux.
-        tx: x of the target axis, in base axes; ty and tz likewise.
-        ty: see tx.
-        tz: see tx.
+        u: (3,) the axis, in the last joint frame.
+        t: (3,) the target axis, in base axes.
         tolerance: [rad] angle at which the sweep ends early.
         q: (n,) joint values, changed in place.
         work: scratch values, overwritten.
@@ -120,7 +116,9 @@ def align(table, ux, uy, uz, tx, ty, tz, tolerance, q, work):
     """
     # Square of |S| |K| across the joint's axis, below which S or K lies along it and the angle means nothing.
     nothing = (q.dtype.type(64.0) * np.finfo(q.dtype).eps) ** 2
+    tx, ty, tz = t
     _, _, _, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    ux, uy, uz = u
     ax, ay, az = xx * ux + yx * uy + zx * uz, xy * ux + yy * uy + zy * uz, xz * ux + yz * uy + zz * uz
     angle = angle_between(ax, ay, az, tx, ty, tz)
     for i in range(q.shape[0] - 1, -1, -1):
@@ -160,27 +158,24 @@ def angle_between(ax, ay, az, tx, ty, tz):
 
 
 @jit
-def in_frame(vx, vy, vz, xx, xy, xz, yx, yy, yz, zx, zy, zz):
-    """Vector with given components along three axes.
+def in_frame(v, x, y, z):
+    """The vector whose components along the axes `x`, `y` and `z` are those of `v`."""
+    return (
+        v[0] * x[0] + v[1] * y[0] + v[2] * z[0],
+        v[0] * x[1] + v[1] * y[1] + v[2] * z[1],
+        v[0] * x[2] + v[1] * y[2] + v[2] * z[2],
+    )
 
-    Args:
-        vx: component along the x axis; vy and vz likewise.
-        vy: see vx.
-        vz: see vx.
-        xx: x component of the x axis; xy and xz are its y and z components.
-        xy: see xx.
-        xz: see xx.
-        yx: x component of the y axis; yy and yz likewise.
-        yy: see yx.
-        yz: see yx.
-        zx: x component of the z axis; zy and zz likewise.
-        zy: see zx.
-        zz: see zx.
 
-    Returns:
-        The three components of the vector.
-    """
-    return vx * xx + vy * yx + vz * zx, vx * xy + vy * yy + vz * zy, vx * xz + vy * yz + vz * zz
+@jit
+def goal_axis(goal, u):
+    """Target, in base axes, of the axis `u` of the last joint frame."""
+    x, y, z = (
+        (goal[1, 0], goal[1, 1], goal[1, 2]),
+        (goal[2, 0], goal[2, 1], goal[2, 2]),
+        (goal[3, 0], goal[3, 1], goal[3, 2]),
+    )
+    return in_frame(u, x, y, z)
 
 
 @jit
@@ -198,10 +193,10 @@ def stage_axes(table, tip_axes, q, work):
         work: scratch values, overwritten.
 
     Returns:
-        Six numbers: E_x, then E_z.
+        E_x and E_z, three numbers each.
     """
     if tip_axes:
-        return table[1, 2], table[1, 5], table[1, 8], table[1, 0], table[1, 3], table[1, 6]
+        return (table[1, 2], table[1, 5], table[1, 8]), (table[1, 0], table[1, 3], table[1, 6])
     last = q.shape[0] - 1
     while last > 0 and table[HEAD + last, KIND] != HINGE:
         last -= 1
@@ -212,62 +207,49 @@ def stage_axes(table, tip_axes, q, work):
     zero = ux - ux  # in the precision of the chain
     if abs(ux) < abs(uy):
         length = math.sqrt(uy * uy + uz * uz)
-        return zero, uz / length, -uy / length, ux, uy, uz
+        return (zero, uz / length, -uy / length), (ux, uy, uz)
     length = math.sqrt(ux * ux + uz * uz)
-    return uz / length, zero, -ux / length, ux, uy, uz
+    return (uz / length, zero, -ux / length), (ux, uy, uz)
 
 
 @jit
-def three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work):
+def three_goals(table, goal, along, across, q, work):
     """Goal functions of [Danilov 2021, eq. 6] at `q`, and the whole rotation error.
 
     Args:
         table: the chain.
         goal: (4, 3) the goal.
-        lx: x of the first stage axis in the last joint frame; ly and lz likewise.
-        ly: see lx.
-        lz: see lx.
-        ux: x of the second stage axis in the last joint frame; uy and uz likewise.
-        uy: see ux.
-        uz: see ux.
+        along: (3,) E_x, the first stage axis in the last joint frame.
+        across: (3,) E_z, the second one.
         q: (n,) joint values.
         work: scratch values, overwritten.
 
     Returns:
         F_R^2 [scaled], F_alpha1 [rad], F_alpha2 [rad], and the squared chord of the rotation error.
     """
-    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip = trace(table, q, work)
     rx, ry, rz = goal[0, 0] - px, goal[0, 1] - py, goal[0, 2] - pz
-    ax, ay, az = in_frame(lx, ly, lz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
-    bx, by, bz = in_frame(ux, uy, uz, xx, xy, xz, yx, yy, yz, zx, zy, zz)
-    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
-    vx, vy, vz = goal[2, 0], goal[2, 1], goal[2, 2]
-    wx, wy, wz = goal[3, 0], goal[3, 1], goal[3, 2]
-    mx, my, mz = in_frame(lx, ly, lz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
-    nx, ny, nz = in_frame(ux, uy, uz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    ax, ay, az = in_frame(along, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
+    bx, by, bz = in_frame(across, (xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
+    mx, my, mz = goal_axis(goal, along)
+    nx, ny, nz = goal_axis(goal, across)
     return (
         rx * rx + ry * ry + rz * rz,
         angle_between(ax, ay, az, mx, my, mz),
         angle_between(bx, by, bz, nx, ny, nz),
-        turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3],
+        turn_left(goal, tip)[3],
     )
 
 
 @jit
-def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes, trail, out):
+def solve_plain(memory, X, q0, settings, trail, out):
     """Plain MKPS: the stages of [Danilov 2021, chapter 3] in turn, until its three inequalities (6) hold.
 
     Args:
         memory: kernel memory of the chain.
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
-        tol_p: [m] position tolerance.
-        tol_r: [rad] whole rotation error that suffices in place of the two axis tolerances.
-        tol_1: [rad] tolerance of F_alpha1.
-        tol_2: [rad] tolerance of F_alpha2.
-        limit: largest number of sweeps.
-        keep: keep the branch of `q0`.
-        tip_axes: as in `stage_axes`.
+        settings: tolerances, limit of the sweeps, the axes, and whether to keep the branch of `q0`.
         trail: (rows, n) takes the joint values of every sweep that it has a row for.
         out: (n,) takes the solution.
 
@@ -275,24 +257,22 @@ def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes
         (code, sweeps, 0, position error [m], orientation error [rad]).
     """
     table, goal, normal, work, past, q = partition(memory, out.shape[0])
-    options_good = tol_p > 0.0 and tol_r > 0.0 and tol_1 > 0.0 and tol_2 > 0.0 and limit >= 1
+    limit, keep = settings.limit, settings.keep
+    axes_good = settings.tol_1 > 0.0 and settings.tol_2 > 0.0
+    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and axes_good and limit >= 1
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
-    near_1, near_2 = real(tol_1), real(tol_2)
-    lx, ly, lz, ux, uy, uz = stage_axes(table, tip_axes, q, work)
-    tx, ty, tz = goal[1, 0], goal[1, 1], goal[1, 2]
-    vx, vy, vz = goal[2, 0], goal[2, 1], goal[2, 2]
-    wx, wy, wz = goal[3, 0], goal[3, 1], goal[3, 2]
-    mx, my, mz = in_frame(lx, ly, lz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
-    nx, ny, nz = in_frame(ux, uy, uz, tx, ty, tz, vx, vy, vz, wx, wy, wz)
+    near = squared_tolerances(table, settings)
+    near_1, near_2 = real(settings.tol_1), real(settings.tol_2)
+    along, across = stage_axes(table, settings.tip_axes, q, work)
+    wanted_along, wanted_across = goal_axis(goal, along), goal_axis(goal, across)
     sweeps, best2 = 0, real(np.inf)
     while True:
         note(q, trail, sweeps)
-        p2, angle_1, angle_2, chord2 = three_goals(table, goal, lx, ly, lz, ux, uy, uz, q, work)
-        if p2 <= near_p and (chord2 <= near_r or (angle_1 <= near_1 and angle_2 <= near_2)):
+        p2, angle_1, angle_2, chord2 = three_goals(table, goal, along, across, q, work)
+        if p2 <= near.p2 and (chord2 <= near.chord2 or (angle_1 <= near_1 and angle_2 <= near_2)):
             code = BRANCH_LOST if keep and branch_left(table, q, SHORT_WAY, work, past, normal) else CONVERGED
             break
         error2 = p2 + chord2
@@ -307,16 +287,16 @@ def solve_plain(memory, X, q0, tol_p, tol_r, tol_1, tol_2, limit, keep, tip_axes
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if place(table, goal, near_p, q, work) <= near_p:
+            if place(table, goal, near.p2, q, work) <= near.p2:
                 break
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, lx, ly, lz, mx, my, mz, near_1, q, work) <= near_1:
+            if align(table, along, wanted_along, near_1, q, work) <= near_1:
                 break
         for _ in range(STAGE_SWEEPS):
             note(q, trail, sweeps)
             sweeps += 1
-            if align(table, ux, uy, uz, nx, ny, nz, near_2, q, work) <= near_2:
+            if align(table, across, wanted_across, near_2, q, work) <= near_2:
                 break
     return hand_over(table, q, p2, chord2, code, sweeps, 0, out)

@@ -32,7 +32,6 @@ from controllers.ik.chain_kernels import (
     admit,
     begin,
     branch_left,
-    chord_squared,
     fold,
     hand_over,
     jit,
@@ -40,6 +39,7 @@ from controllers.ik.chain_kernels import (
     partition,
     recall,
     scatter,
+    squared_tolerances,
     trace,
     turn_left,
 )
@@ -101,8 +101,9 @@ def sweep(table, goal, weight, mode, q, work):
         Squared position error [scaled] and squared chord before the sweep.
     """
     nothing, full_turn = q.dtype.type(64.0) * np.finfo(q.dtype).eps, q.dtype.type(TWO_PI)
-    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = trace(table, q, work)
-    chord2 = turn_left(goal, xx, xy, xz, yx, yy, yz, zx, zy, zz)[3]
+    tip = trace(table, q, work)
+    chord2 = turn_left(goal, tip)[3]
+    px, py, pz, xx, xy, xz, yx, yy, yz, zx, zy, zz = tip
     gx, gy, gz = goal[0, 0], goal[0, 1], goal[0, 2]
     rx, ry, rz = gx - px, gy - py, gz - pz
     p2 = rx * rx + ry * ry + rz * rz
@@ -215,32 +216,27 @@ def mix(count, past, normal, q):
 
 
 @jit
-def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, work, past, q, trail, row):
+def accelerate(views, weight, near, limit, mode, best2, trail, row):
     """Combined sweeps as a fixed-point map g(q) with Anderson acceleration.
 
     An accelerated step that raises the objective too far, which plain sweeps never do, is undone and the memory of the
     acceleration is cleared.
 
     Args:
-        table: the chain.
-        goal: (4, 3) the goal.
+        views: memory of the chain. Its `q` is the start, after convergence the solution. Column BEST of its work takes
+            joint values whose error is under `best2` and which are within the limits.
         weight: [1/rad^2] as in `sweep`.
-        near_p: squared position tolerance [scaled].
-        near_r: squared chord of the orientation tolerance.
+        near: errors within which the pose is met.
         limit: largest number of sweeps.
         mode: as in `sweep`.
         best2: least squared error so far.
-        normal: (6, 8) scratch values, overwritten.
-        work: scratch values; column BEST takes joint values whose error is under `best2` and which are within the
-            limits.
-        past: (n, PAST) memory of the acceleration.
-        q: (n,) start; after convergence the solution.
         trail: (rows, n) takes the joint values of every sweep that it has a row for.
         row: first row of `trail` to write.
 
     Returns:
         (code, sweeps, least squared error, squared position error, squared chord).
     """
+    table, goal, normal, work, past, q = views
     real = q.dtype.type
     n = q.shape[0]
     sweeps, count, slot = 0, 0, 0
@@ -253,7 +249,7 @@ def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, 
             past[i, AT] = q[i]
         p2, chord2 = sweep(table, goal, weight, mode, q, work)
         error2 = p2 + chord2
-        if p2 <= near_p and chord2 <= near_r:
+        if p2 <= near.p2 and chord2 <= near.chord2:
             for i in range(n):
                 q[i] = past[i, AT]
             code = CONVERGED if mode != THROUGH or fold(table, q) else STALLED
@@ -294,7 +290,7 @@ def accelerate(table, goal, weight, near_p, near_r, limit, mode, best2, normal, 
 
 
 @jit
-def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trail, out):
+def solve_jacobian_free(memory, X, q0, settings, trail, out):
     """Jacobian-free method: accelerated combined sweeps with restarts.
 
     Every second restart lets hinges pass their limits on the way (THROUGH).
@@ -303,24 +299,22 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
         memory: kernel memory of the chain.
         X: (4, 4) target pose of the tip in the base frame, [m].
         q0: (n,) [rad] or [m] start.
-        tol_p: [m] position tolerance.
-        tol_r: [rad] orientation tolerance.
-        limit: largest number of sweeps, restarts included.
-        restarts: largest number of restarts.
-        keep: keep the branch of `q0`: no restart, no jump by a whole turn.
+        settings: tolerances, limits of the iterations, and whether to keep the branch of `q0`.
         trail: (rows, n) takes the joint values of every sweep that it has a row for.
         out: (n,) takes the solution.
 
     Returns:
         (code, sweeps, restarts, position error [m], orientation error [rad]).
     """
-    table, goal, normal, work, past, q = partition(memory, out.shape[0])
-    options_good = tol_p > 0.0 and tol_r > 0.0 and limit >= 1 and restarts >= 0
+    views = partition(memory, out.shape[0])
+    table, goal, work, q = views.table, views.goal, views.work, views.q
+    limit, restarts, keep = settings.limit, settings.restarts, settings.keep
+    options_good = settings.tol_p > 0.0 and settings.tol_r > 0.0 and limit >= 1 and restarts >= 0
     fault = begin(table, X, q0, options_good, not keep, goal, work, q)
     if fault >= BAD_TARGET:
         return fault, 0, 0, 0.0, 0.0
     real = q.dtype.type
-    near_p, near_r = (real(tol_p) * table[0, SCALE]) ** 2, real(chord_squared(tol_r))
+    near = squared_tolerances(table, settings)
     if fault == OUT_OF_REACH:
         restarts = min(restarts, 4)
     sweeps, restart, best2 = 0, 0, real(np.inf)
@@ -328,7 +322,7 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
         mode = ALONG if keep else WITHIN if restart % 2 == 0 else THROUGH
         weight = SWEEP_WEIGHT if restart % 3 == 0 else LIGHTER if restart % 3 == 1 else HEAVIER
         code, spent, best2, p2, chord2 = accelerate(
-            table, goal, real(weight), near_p, near_r, limit - sweeps, mode, best2, normal, work, past, q, trail, sweeps
+            views, real(weight), near, limit - sweeps, mode, best2, trail, sweeps
         )
         sweeps += spent
         if code == CONVERGED or sweeps >= limit or keep or restart >= restarts:
@@ -338,6 +332,6 @@ def solve_jacobian_free(memory, X, q0, tol_p, tol_r, limit, restarts, keep, trai
     if code != CONVERGED:
         p2, chord2 = recall(table, goal, work, q)
         code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if sweeps >= limit else STALLED
-    elif keep and branch_left(table, q, SHORT_WAY, work, past, normal):
+    elif keep and branch_left(table, q, SHORT_WAY, work, views.past, views.normal):
         code = BRANCH_LOST
     return hand_over(table, q, p2, chord2, code, sweeps, restart, out)

@@ -129,7 +129,10 @@ class Tracker:
         one_of(method, get_args(TrackingMethod), "method")
         self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
         self._travel = speeds * period
-        self._tolerances = float(position_tolerance), float(orientation_tolerance)
+        tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
+        axis = tol_r * 0.5**0.5
+        kind = kernels.PLAIN if method == "plain" else kernels.JACOBIAN_FREE
+        self._settings = kernels.Settings(kind, tol_p, tol_r, axis, axis, _STEPS, 0, True, False)
         self._memory = memory_of(chain, _LEAD * chain._scale)
         self._entry = entry("keep" if method == "hybrid" else method)
         self._rank = _generic_rank(chain)
@@ -195,14 +198,10 @@ class Tracker:
         set_limits(memory, kernels.LOWER, limits[:, 0])
         set_limits(memory, kernels.UPPER, limits[:, 1])
         q = np.empty(chain.n)
-        given = (memory, target, q0, *self._tolerances)
-        if self.method == "jacobian_free":
-            outcome = self._entry(*given, _STEPS, 0, True, chain._no_trail, q)
-        elif self.method == "plain":
-            axis_tolerance = self._tolerances[1] * 0.5**0.5
-            outcome = self._entry(*given, axis_tolerance, axis_tolerance, _STEPS, True, False, chain._no_trail, q)
+        if self.method == "hybrid":
+            outcome = self._entry(memory, target, q0, *self._tolerances, _STEPS, 0, q)
         else:
-            outcome = self._entry(*given, _STEPS, 0, q)
+            outcome = self._entry(memory, target, q0, self._settings, chain._no_trail, q)
         code, _, _, error_p, error_r = outcome
         if code == kernels.BAD_TARGET:
             raise not_a_pose("X_base_tip", target)

@@ -22,12 +22,13 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.mkps import Chain, solve
+from controllers.mkps import Chain, IkOptions, solve
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 
+_FEW_STEPS = IkOptions(max_iterations=60)
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
@@ -340,7 +341,7 @@ def try_poses(
     q = vehicle.q_ready
     q_start = None
     for i, X_WG in enumerate(poses):
-        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60)
+        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
         if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
             return 0.0, i / len(poses), None
         q = result.q

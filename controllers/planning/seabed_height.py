@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from controllers.mkps import Chain, solve
+from controllers.mkps import Chain, IkOptions, solve
 from controllers.planning.hull_placement import Placement, joint_centres, reach, tool_poses, try_poses
 from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
@@ -19,6 +19,7 @@ from sim.interfaces.spatial import Array, checked, inverse, readonly
 
 # Largest shear under a round turbulent jet that strikes a wall perpendicularly from height H [Beltaos 1974]:
 # 0.16 rho U0^2 (d / H)^2. Expressed by its thrust rho U0^2 pi d^2 / 4, the diameter d cancels.
+_FEW_STEPS = IkOptions(max_iterations=60)
 _SHEAR = 0.16 * 4.0 / np.pi  # [-] largest shear stress times H^2 over thrust
 
 
@@ -215,7 +216,7 @@ def arm_gap(chain: Chain, X_WA: Array, tools: list[Array], q_start: Array, groun
     """
     q, gap = q_start, np.inf
     for X_WG in tools:
-        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", max_iterations=60).q
+        q = solve(chain, inverse(X_WA) @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS).q
         joints = joint_centres(chain, q)[: chain.n - 2]
         places = np.vstack([joints[1:], 0.5 * (joints[1:] + joints[:-1])])
         if len(places):

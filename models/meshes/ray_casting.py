@@ -17,6 +17,8 @@ from sim.interfaces.errors import MissingLibraryError
 
 Engine = Literal["embree", "open3d"]
 
+_NO_HIT = 9e36  # Embree's rays start with a length of 1e37; one without a hit keeps it
+
 
 class RayScene:
     """A triangle mesh prepared for ray casting."""
@@ -62,9 +64,7 @@ class RayScene:
             `t` (N,) in units of the direction's length (inf without a hit), `triangle` (N,) index, and `normal` (N, 3)
             unit normal of the triangle by its winding. Without a hit the latter two are undefined.
         """
-        ways = np.ascontiguousarray(directions, dtype=np.float32)
-        starts = np.empty_like(ways)
-        starts[...] = origins
+        starts, ways = _rays(origins, directions)
         if self._engine == "open3d":
             rays = np.concatenate([starts, ways], axis=-1)
             hit = self._scene.cast_rays(open3d_loader.load().core.Tensor.from_numpy(rays))
@@ -86,6 +86,31 @@ class RayScene:
             "triangle": hit["primID"].reshape(shape),
             "normal": normal.reshape(ways.shape),
         }
+
+    def distance(self, origins: ArrayLike, directions: ArrayLike) -> np.ndarray:
+        """The `t` of `cast` alone, in half the time.
+
+        Args:
+            origins: (N, 3) or (3,) [m].
+            directions: (N, 3), of any length.
+
+        Returns:
+            Distances (N,) in units of the direction's length, inf without a hit.
+        """
+        if self._engine == "open3d":
+            return self.cast(origins, directions)["t"]
+        starts, ways = _rays(origins, directions)
+        t = self._scene.run(starts.reshape(-1, 3), ways.reshape(-1, 3), query="DISTANCE")
+        t[t > _NO_HIT] = np.inf
+        return t.reshape(ways.shape[:-1])
+
+
+def _rays(origins: ArrayLike, directions: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Origins, one for each direction, and directions, in single precision."""
+    ways = np.ascontiguousarray(directions, dtype=np.float32)
+    starts = np.empty_like(ways)
+    starts[...] = origins
+    return starts, ways
 
 
 @cache

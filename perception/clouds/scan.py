@@ -381,11 +381,21 @@ def row_hash(rows: np.ndarray) -> np.ndarray:
     return (rows * _FACTORS).sum(axis=1)
 
 
-def facing_normals(points: Array, neighbours: int = 20) -> Array:
-    """Unit normals (n, 3) of points (n, 3) in S by principal components, oriented towards the sensor."""
-    near = cKDTree(points).query(points, k=range(1, min(neighbours, len(points)) + 1))[1]
+def facing_normals(points: Array, neighbours: int = 20, at: np.ndarray | slice = slice(None)) -> Array:
+    """Unit normals of points in S by principal components, oriented towards the sensor.
+
+    Args:
+        points: (n, 3) [m] in S.
+        neighbours: Number of nearest points of which each normal is made.
+        at: Mask (n,) of the points at which it is wanted; all by default.
+
+    Returns:
+        Normals (k, 3) at the k wanted points.
+    """
+    wanted = points[at]
+    near = cKDTree(points).query(wanted, k=range(1, min(neighbours, len(points)) + 1))[1]
     normals = _least_axes(points, near)
-    normals[np.einsum("ni,ni->n", normals, points) > 0.0] *= -1.0
+    normals[np.einsum("ni,ni->n", normals, wanted) > 0.0] *= -1.0
     return normals
 
 

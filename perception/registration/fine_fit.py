@@ -97,8 +97,7 @@ class ModelSurface:
         Returns:
             Mask (m,).
         """
-        in_view = scan.pixels(transform_points(X_ST, self.points[::step]))[2]
-        return self.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
+        return _visible(self, X_ST.tobytes(), scan, max_incidence, step)
 
     def exposed(
         self, origin: Array, max_incidence: float, step: int = 1, among: np.ndarray | None = None
@@ -120,14 +119,14 @@ class ModelSurface:
         seen = np.abs(np.einsum("ij,ij->i", rays, normals)) > np.cos(max_incidence) * distance
         if among is not None:
             seen &= among
-        first = self.scene.cast(origin, rays[seen])["t"] * distance[seen]
+        first = self.scene.distance(origin, rays[seen]) * distance[seen]
         seen[seen] = first > distance[seen] - 0.002
         return seen
 
     def covers(self, X_ST: Array, points: Array) -> np.ndarray:
         """Mask (n,) of the points (n, 3) [m] in S whose line of sight meets the model at `X_ST` (4, 4)."""
         X_TS = inverse(X_ST)
-        return np.isfinite(self.scene.cast(X_TS[:3, 3], points @ X_TS[:3, :3].T)["t"])
+        return np.isfinite(self.scene.distance(X_TS[:3, 3], points @ X_TS[:3, :3].T))
 
     def seen(self, X_ST: Array, scan: Scan) -> tuple[Scan, Array]:
         """Render the model at `X_ST` on the pixel grid of `scan`.
@@ -147,6 +146,15 @@ class ModelSurface:
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
         return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
+
+
+@lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check
+def _visible(surface: ModelSurface, pose_bytes: bytes, scan: Scan, max_incidence: float, step: int) -> np.ndarray:
+    X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
+    in_view = scan.pixels(transform_points(X_ST, surface.points[::step]))[2]
+    mask = surface.exposed(inverse(X_ST)[:3, 3], max_incidence, step, in_view)
+    mask.setflags(write=False)
+    return mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,10 +183,9 @@ class Evidence:
             The evidence, at most about _MAX_SCAN_POINTS points.
         """
         points = voxel_means(scan.points[mask], spacing)
-        normals = facing_normals(points)
         step = max(1, -(-len(points) // _MAX_SCAN_POINTS))
         kept = hashed_subset(step, points, spacing)
-        points, normals = points[kept], normals[kept]
+        normals, points = facing_normals(points, at=kept), points[kept]
         apart = np.sqrt(step) * spacing / (scan.pitch * points[:, 2])  # [px]
         return cls(scan, mask, points, normals, sensor.sigma(points[:, 2]), sensor.independent(apart), sensor)
 
@@ -561,7 +568,7 @@ def _refined(surface: ModelSurface, X_ST: Array, part: Scan, found: Contour) -> 
     at = np.full(len(found.rows), 0.5)  # [px] from the middle of the near pixel
     for halving in range(_HALVINGS):
         rays = np.column_stack([middle + part.pitches * at[:, None] * found.steps, np.ones(len(at))])
-        depth = surface.scene.cast(X_TS[:3, 3], rays @ X_TS[:3, :3].T)["t"]
+        depth = surface.scene.distance(X_TS[:3, 3], rays @ X_TS[:3, :3].T)
         at += np.where(depth - found.depth <= step, 0.25, -0.25) / 2.0**halving
     return middle + part.pitches * at[:, None] * found.steps
 

@@ -199,8 +199,10 @@ def initial_poses(
     kept: list[Array] = []
     least, most = firsts[0][0] - _SHORT_OF if firsts else 0.0, len(firsts) + _KEPT
     for score, X in firsts + found:
-        if score < least or len(kept) == most:
+        if score < least:
             continue
+        if len(kept) == most:
+            break
         if all(_differ(surface, X, Y) for Y in kept):
             kept.append(X)
     return kept
@@ -212,9 +214,8 @@ def _some(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def _differ(surface: ModelSurface, A: Array, B: Array) -> bool:
-    turn = surface.target.symmetry.error(A, B)[1]
     moved = np.linalg.norm(transform_points(A, surface.center) - transform_points(B, surface.center))
-    return bool(moved > _APART[0] * surface.radius or turn > _APART[1])
+    return bool(moved > _APART[0] * surface.radius) or surface.target.symmetry.error(A, B)[1] > _APART[1]
 
 
 def _patches(points: Array, radius: float) -> list[np.ndarray]:

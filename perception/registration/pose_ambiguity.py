@@ -16,6 +16,7 @@ from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
 _ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
 _POINTS = 600  # model points compared, about
+_FEW = 10  # every so many of these points, a first test
 _TRIED = 6  # rotations kept, the most similar first
 
 
@@ -36,11 +37,14 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
             for angle in sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)}):
                 R = exp_so3(angle * axis)
                 G = pose(R, middle - R @ middle)
-                distance = tree.query(transform_points(G, points))[0]
-                unlike = float(np.sqrt(np.mean(distance**2)))
-                if unlike > _ALIKE * surface.radius:
+                if not all(_differ(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
                     continue
-                if all(_differ(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+                moved = transform_points(G, points)
+                # The distances of a few points alone exclude most rotations.
+                if np.sum(tree.query(moved[::_FEW])[0] ** 2) > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
+                    continue
+                unlike = float(np.sqrt(np.mean(tree.query(moved)[0] ** 2)))
+                if unlike <= _ALIKE * surface.radius:
                     found.append((unlike, G))
     return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
 

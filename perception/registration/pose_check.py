@@ -242,7 +242,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     # see.
     line = C_model / np.linalg.norm(C_model, axis=1, keepdims=True)
     origin_T = X_TS[:3, 3]
-    sight = surface.scene.cast(origin_T, transform_points(X_TS, C_model) - origin_T)["t"]
+    sight = surface.scene.distance(origin_T, transform_points(X_TS, C_model) - origin_T)
     cosine = np.abs(np.einsum("ij,ij->i", on_model["normal"][hit] @ X_ST[:3, :3].T, line))
     row, column, inside = scan.pixels(C_model)
     expected = (sight > 0.995) & (cosine > np.cos(np.deg2rad(65.0))) & inside
@@ -255,7 +255,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     vertices, triangles = triangulate(part, part.depth > 0.0)
     if not len(triangles):
         return "the scan has no surface"
-    t_scan = RayScene(vertices, triangles).cast(starts, np.broadcast_to(o, starts.shape))["t"]
+    t_scan = RayScene(vertices, triangles).distance(starts, np.broadcast_to(o, starts.shape))
     met = np.isfinite(t_scan)
     E = np.where(met, t_scan - t_model, np.inf)
     z = C_model[:, 2]

@@ -89,13 +89,13 @@ def published_criterion(
     starts = _in_plane(H_D, o, points, flat)
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
-    C_model = surface.scene.cast(transform_points(X_TS, starts), way)["t"]
+    C_model = surface.scene.distance(transform_points(X_TS, starts), way)
     part = evidence.scan.part(evidence.scan.window(points, 0.05, 10**6))
     vertices, triangles = triangulate(part, part.depth > 0.0)
     C_scan = np.full(n, np.inf)
     if len(triangles):
         scene = RayScene(vertices, triangles)
-        C_scan = scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
+        C_scan = scene.distance(starts, np.broadcast_to(o, starts.shape))
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
     return PublishedCriterion(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))
@@ -119,7 +119,7 @@ def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, 
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     u, v = across(o)
     for aside in (u, -u, v, -v):
-        beside = surface.scene.cast(transform_points(X_TS, starts + margin * aside), way)["t"]
+        beside = surface.scene.distance(transform_points(X_TS, starts + margin * aside), way)
         with np.errstate(invalid="ignore"):
             clear &= np.abs(beside - t) < jump(0.0) + 3.0 * margin
     return clear

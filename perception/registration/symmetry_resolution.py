@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from perception.clouds.nearest_point import NearestPoint
 from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
@@ -35,9 +35,10 @@ def asymmetric_parts(surface: ModelSurface) -> Array:
     axis, points = surface.target.symmetry.axis, surface.points
     if axis is None:
         return np.zeros((0, 3))
-    tree = cKDTree(points)
-    off = np.median([tree.query(points @ exp_so3(angle * axis).T)[0] for angle in _PROBES], axis=0)
-    parts = points[off > max(_OFF, 1.2 * surface.spacing)]
+    least = max(_OFF, 1.2 * surface.spacing)
+    grid = NearestPoint.of(points, surface.spacing)
+    off = np.median([grid.query(points @ exp_so3(angle * axis).T, 2.0 * least)[0] for angle in _PROBES], axis=0)
+    parts = points[off > least]
     if len(parts) > _MOST * len(points):
         return np.zeros((0, 3))
     return parts[:: max(1, len(parts) // _POINTS)]
@@ -112,7 +113,7 @@ class _Pixels:
         """Depths (len(poses), p) [m] of the model; inf where the ray misses it."""
         found = np.empty((len(poses), len(self.rays)))
         for k, X_TS in enumerate(map(inverse, poses)):
-            found[k] = surface.scene.cast(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)["t"]
+            found[k] = surface.scene.distance(X_TS[:3, 3], self.rays @ X_TS[:3, :3].T)
         return found
 
     def gains(self, seen: Array, bare: Array) -> tuple[Array, Array]:

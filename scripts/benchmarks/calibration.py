@@ -23,7 +23,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from calib import identify
+from calib import MapFit, identify
 from calib.fit import Data, Problem, solve
 from calib.parameters import prior_deviations, select
 from calib.touches import first_tcp
@@ -117,9 +117,8 @@ def main() -> int:
             source.arm,
             free=("theta", "d", "a", "alpha", "tcp"),
             prior=PRIOR,
-            noise=NOISE,
+            method=MapFit(noise=NOISE, robust=False),
             tcp=tcp,
-            robust=False,
         ).cost
 
     def all_of_it() -> float:

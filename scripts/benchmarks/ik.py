@@ -29,8 +29,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from benchmarks.peers.damped_least_squares import arguments, baseline, solve_all
 from benchmarks.peers.ik_tables import draw, tables
 from benchmarks.peers.inverse_kinematics import Solver, SolverTask, peers, present
-from controllers.ik.entries import HYBRID, entry
-from controllers.mkps import Chain, Method, solve, solve_many
+from controllers.ik.chain_kernels import HYBRID, Settings
+from controllers.ik.entries import entry
+from controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from models.arms import published_arms as arms
 from models.arms.published_arms import PublishedArm
 from models.arms.serial_arm import SerialArm
@@ -41,6 +42,7 @@ from sim.runs.saving import write_whole
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad] accuracies
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
+BY_TIP = IkOptions(stage_axes="tip")
 LITERAL = "plain, tip's axes"  # the aims as published [Danilov 2021]
 BASELINE = "compiled DLS"
 GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # arms of the geometric means of the ratios
@@ -207,7 +209,7 @@ def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
     """All solvers for this case, hybrid first."""
     chain, bar = case.chain, BARS[case.bar]
     found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
-    found[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", stage_axes="tip").q
+    found[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", options=BY_TIP).q
     found[BASELINE] = baseline(case.task)
     return found | (peers(case.task) if options.peers else {})
 
@@ -293,12 +295,12 @@ def kernel(case: IkCase, rounds: int) -> dict[str, Any]:
     """
     chain, bar, count = case.chain, BARS[case.bar], len(case.targets)
     dh, slides, limits, tool, J, A, X = arguments(case.task)
-    many, memory, options = entry("many"), chain._memory.copy(), (*bar, *bar, 4000, 200, False, False)
+    many, memory, settings = entry("many"), chain._memory.copy(), Settings(HYBRID, *bar, *bar, 4000, 200, False, False)
     q, out, clock = np.empty((count, chain.n)), np.empty((count, 5)), time.thread_time
     pairs = []
     for _ in range(rounds + 1):
         begin = clock()
-        many(memory, HYBRID, case.targets, case.starts, *options, 0, count, chain._no_trail, q, out)
+        many(memory, case.targets, case.starts, settings, 0, count, q, out)
         middle = clock()
         solve_all(dh, slides, limits, tool, case.targets, case.starts.copy(), *bar, J, A, X)
         pairs.append((middle - begin, clock() - middle))

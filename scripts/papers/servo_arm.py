@@ -25,7 +25,7 @@ from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 from rich.table import Table
 
-from controllers.mkps import Chain, IkResult, Method, solve
+from controllers.mkps import Chain, IkOptions, IkResult, Method, solve
 from models.arms import published_arms
 from scenarios.start import new_folder, parse, run_scenario
 from sim.interfaces.spatial import Array, exp_so3, pose
@@ -90,8 +90,7 @@ def solved(chain: Chain, row: Array, q: Array, method: Method, *, track: bool) -
         ANGLE,
         method=method,
         branch="keep" if track else "free",
-        history=True,
-        axis_tolerances=(ANGLE, ANGLE),
+        options=IkOptions(history=True, axis_tolerances=(ANGLE, ANGLE)),
     )
 
 

@@ -30,11 +30,11 @@ import mujoco
 import numpy as np
 
 import models
-from calib import Arm
+from calib import Arm, MapFit
 from calib import identify as calibrate
 from calib.arm_files import read_arm
 from calib.touch_files import read_touches
-from controllers.mkps import Chain, Tracker, solve, solve_many
+from controllers.mkps import Chain, IkOptions, Tracker, solve, solve_many
 from models.arms import published_arms
 from models.objects import deformed, targets
 from models.objects.target_model import ModelPath, Symmetry, TargetModel
@@ -532,12 +532,20 @@ def _vary(function: Callable[..., Any], given: Callable[[], dict[str, Any]]) -> 
     return throw
 
 
+_OPTIONS = [one.name for one in dataclasses.fields(IkOptions) if one.init]
+
+
+def _with_options(how: dict[str, Any]) -> dict[str, Any]:
+    rest = {name: value for name, value in how.items() if name not in _OPTIONS}
+    return rest | {"options": IkOptions(**{name: how[name] for name in how if name in _OPTIONS})}
+
+
 def _solve(X_base_tip: Any, q0: Any, **how: Any) -> Any:
-    return tuple(solve(_CHAIN, X_base_tip, q0, **how))
+    return tuple(solve(_CHAIN, X_base_tip, q0, **_with_options(how)))
 
 
 def _solve_many(**how: Any) -> Any:
-    batch = solve_many(_CHAIN, **how)
+    batch = solve_many(_CHAIN, **_with_options(how))
     return [batch.q, batch.position_error, batch.orientation_error]
 
 
@@ -557,7 +565,8 @@ def _identify(**how: Any) -> Any:
 
 
 def _calibrate(**how: Any) -> Any:
-    found = calibrate(**how)
+    fit = MapFit(**{name: how.pop(name) for name in ("noise", "robust", "max_iterations") if name in how})
+    found = calibrate(**how, method=fit)
     return [found.dh, found.tcp, found.cost, found.noise, found.points, found.sigma]
 
 
@@ -653,9 +662,7 @@ def _python_doors() -> Iterator[Door]:
             "distances": [(0, 1, 0.5)],
             "tcp": [0.0, 0.0, 0.1],
             "loads": None,
-            "joint_types": "rrr",
             "robust": True,
-            "method": "map",
             "max_iterations": 20,
         },
         0.5,

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 from fuzz_doors import DOORS, VALID, Door, FindingError, Hostile, attempt
 
-from calib import Arm
+from calib import Arm, MapFit
 from calib import identify as calibrate
-from controllers.mkps import Chain, solve
+from controllers.mkps import Chain, IkOptions, solve
 from models.arms import published_arms
 from models.objects import targets
 from models.objects.targets import TargetModel
@@ -94,14 +94,14 @@ PAST: list[tuple[Callable[[], Any], str]] = [
     (lambda: Chain.from_urdf(untyped(np.zeros(2)), "a", "b"), "base_link|urdf: expected"),
     (lambda: Arm.from_dh(DH, joint_types=untyped(7)), "joint_types: expected 3 letters"),
     (lambda: Arm.from_dh([["a"] * 4]), "dh: expected"),
-    (lambda: solve(CHAIN, np.eye(4), np.zeros(6), max_restarts=10**400), "max_restarts: must be a whole number"),
+    (lambda: IkOptions(max_restarts=10**400), "max_restarts: must be a whole number"),
     (lambda: solve(CHAIN, np.eye(4), []), "q0: expected shape"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), method=untyped(np.zeros(3))), "method: allowed"),
     (lambda: solve(CHAIN, np.eye(4), np.zeros(6), position_tolerance=untyped("x")), "position_tolerance"),
-    (lambda: calibrate(TOUCHES, DH, noise=untyped("x")), "noise .m.: expected a number, got 'x'"),
-    (lambda: calibrate(TOUCHES, DH, noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
-    (lambda: calibrate(TOUCHES, DH, noise=10**400), "noise .m.: expected a number"),
-    (lambda: calibrate(TOUCHES, DH, robust=untyped(np.zeros(2))), "robust: must be True or False"),
+    (lambda: MapFit(noise=untyped("x")), "noise .m.: expected a number, got 'x'"),
+    (lambda: MapFit(noise=1e-296), "noise .m.: must be finite, >= 1e-09"),
+    (lambda: MapFit(noise=10**400), "noise .m.: expected a number"),
+    (lambda: MapFit(robust=untyped(np.zeros(2))), "robust: must be True or False"),
     (lambda: calibrate(TOUCHES, DH, distances=untyped([(0, 1)])), "distances: expected"),
     (lambda: TargetModel.from_file(__file__, scale=untyped("1")), "scale: expected a number, got '1'"),
     (lambda: TargetModel.from_file("n" * 300 + ".stl"), "file name too long"),

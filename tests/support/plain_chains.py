@@ -1,6 +1,7 @@
 """Chains with their kernel memory, for tests of single kernels of `controllers.ik` in plain Python."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +24,14 @@ class Plain:
 
     chain: Chain
     memory: Array
-    table: Array
-    goal: Array
-    normal: Array
-    work: Array
-    past: Array
-    q: Array
+    views: Any  # `Memory` of the uncompiled kernels
+
+    table = property(lambda self: self.views.table)
+    goal = property(lambda self: self.views.goal)
+    normal = property(lambda self: self.views.normal)
+    work = property(lambda self: self.views.work)
+    past = property(lambda self: self.views.past)
+    q = property(lambda self: self.views.q)
 
     def errors(self, q: Array) -> tuple[float, float]:
         """Squared position error [scaled] and squared chord at `q`, from matrices alone."""
@@ -49,8 +52,19 @@ class Plain:
 
 def plain(chain: Chain) -> Plain:
     memory = memory_of(chain, SCALE)
-    table, goal, normal, work, past, q = kernels.partition(memory, chain.n)
-    return Plain(chain, memory, table, goal, normal, work, past, q)
+    return Plain(chain, memory, kernels.partition(memory, chain.n))
+
+
+def settings(
+    tol_p: float,
+    tol_r: float,
+    limit: int,
+    restarts: int = 0,
+    keep: bool = False,
+    axes: tuple[float, float] = (1.0, 1.0),
+) -> Any:
+    """`Settings` of the kernels; `axes` are the tolerances [rad] of the two axis stages."""
+    return kernels.Settings(kernels.HYBRID, tol_p, tol_r, *axes, limit, restarts, keep, False)
 
 
 def drawn_chain(rng: np.random.Generator, types: str = "rporrr", limit: float = 2.5) -> Chain:

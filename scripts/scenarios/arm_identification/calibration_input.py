@@ -10,18 +10,18 @@ import mujoco
 import numpy as np
 
 import models
-from calib import kernels, verification
+from calib import verification
 from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
-from calib.simulation import wrong_arm
+from calib.simulation import reach, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
 from models.site import scenes
 from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
-from scenarios.arm_identification.touching import Session, touch
+from scenarios.arm_identification.touching import Session, SessionSetting, touch
 from scenarios.own_vehicle import OwnVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
@@ -210,14 +210,10 @@ def simulated(
 def by_contact(
     source: ArmSource,
     vehicle: str,
+    setting: SessionSetting,
     *,
-    hovering: bool,
-    points: int,
-    touches: int,
     known: bool,
     errors: int,
-    current: tuple[float, float, float],
-    gust: float,
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> CalibrationCase:
@@ -226,13 +222,9 @@ def by_contact(
     Args:
         source: Nominal arm.
         vehicle: Name of the vehicle, or an MJCF file.
-        hovering: Station keeping with the thrusters; False: the hull is clamped.
-        points: Number of nests.
-        touches: Touches of each nest.
+        setting: Nests, touches, hull and flow.
         known: Give the distance between the two farthest nests.
         errors: Seed of the errors with which the arm is built.
-        current: [m/s] steady current in W, while hovering.
-        gust: [m/s] standard deviation of the gusts per axis, while hovering.
         rng: Draws nests, touches, gusts and sensor noise.
         watch: Makes a further observer of the loop for the compiled world.
 
@@ -245,17 +237,8 @@ def by_contact(
     nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
     true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(errors))
     dh_geometry.move(built, nominal_arm, true, ARM_BASE_BODY)
-    session = touch(
-        believed,
-        built,
-        hovering=hovering,
-        nests=points,
-        touches=touches,
-        current=np.array(current if hovering else (0.0, 0.0, 0.0)),
-        gust=gust if hovering else 0.0,
-        rng=rng,
-        watch=watch,
-    )
+    session = touch(believed, built, setting, rng, watch)
+    hovering = setting.hovering
     title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
     truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
@@ -397,9 +380,7 @@ def moves(
         R = np.ascontiguousarray(X[:3, :3])
         for _ in range(tries):
             q, goal = home.copy(), X[:3, 3] + 0.15 * arm.reach * rng.uniform(-1.0, 1.0, 3)
-            reached = kernels.reach_pose(
-                arm.table, arm.slides, arm.X_base_0, arm.X_n_flange, np.zeros(3), goal, R, q, arm.n >= 6, 60
-            )
+            reached = reach(arm, np.zeros(3), goal, R, q)
             if reached and np.all((q >= limits[:, 0]) & (q <= limits[:, 1])) and np.abs(q - home).max() < 0.5 * np.pi:
                 found.append(q)
         if len(found) >= count:
@@ -530,10 +511,10 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
             name: {"value": value, "change": change, "sigma": sigma, "unit": unit}
             for name, value, change, sigma, unit in zip(
                 found.names,
-                found.values.tolist(),
-                found.changes.tolist(),
+                found.estimate.values.tolist(),
+                found.estimate.changes.tolist(),
                 found.sigma.tolist(),
-                found.parameters.units,
+                found.estimate.parameters.units,
                 strict=True,
             )
         },

@@ -59,6 +59,7 @@ def touched(
         ReachError: Too few points are reached from enough directions.
     """
     bounds = np.clip(limits, -np.pi, np.pi)
+    postures = simulation.Postures(approach=way, cone=CONE, limits=bounds)
     apart = 0.25 * (arm.reach + float(np.linalg.norm(tcp)))
     series: list[Array] = []
     places: list[Array] = []
@@ -72,7 +73,7 @@ def touched(
             continue
         try:
             series += simulation.touch(
-                arm, tcp, rng, points=place[None], touches=touches, noise=noise, approach=way, limits=bounds, cone=CONE
+                arm, tcp, rng, points=place[None], touches=touches, noise=noise, postures=postures
             )
         except ReachError:
             continue

@@ -13,8 +13,8 @@ from rich.text import Text
 from calib import Arm, Calibration, identify
 from calib.arm_files import ArmSource
 from calib.parameters import DEFAULT_FREE
-from calib.planner import Plan, plan, random_merits
-from calib.simulation import touch
+from calib.planner import Plan, design, plan, random_merits
+from calib.simulation import Postures, touch
 from calib.touch_files import write_touch_list
 from scenarios.arm_identification.calibration_input import LOOKING_DOWN, TOOLS, CalibrationCase, moves
 from scenarios.arm_identification.deck_calibration import CONE, DOWN, touched
@@ -46,14 +46,20 @@ class TouchPlan:
         return [(i, q) for i, series in enumerate(self.found.series) for q in series]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NewPoints:
+    """Points to draw where none was touched yet, and how they will be touched."""
+
+    count: int
+    pin: str | None  # name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin
+    noise: float  # [m] standard deviation of a touch along each axis
+
+
 def planned(
     source: ArmSource,
-    so_far: CalibrationCase | None,
+    so_far: CalibrationCase | NewPoints,
     count: int,
     *,
-    points: int,
-    pin: str | None,
-    noise: float,
     free: Sequence[str],
     prior: dict[str, float],
     rng: np.random.Generator,
@@ -62,11 +68,8 @@ def planned(
 
     Args:
         source: Nominal arm.
-        so_far: Touches already made; None: none.
+        so_far: Touches already made, or the points to draw.
         count: Number of touches to plan.
-        points: Number of points, where none was touched.
-        pin: Name in TOOLS; None: the file's own tool point, of a DH table the off-axis pin.
-        noise: [m] standard deviation of a touch along each axis, where none was made.
         free: Free parameters; empty: all.
         prior: Prior standard deviations by name; empty: from the data, else `calib.parameters.DEFAULT_PRIOR`.
         rng: Draws points, candidates, moves and random choices.
@@ -77,14 +80,14 @@ def planned(
     whole_number(count, "--plan", least=1, most=MOST)
     hangs = source.kind == "mjcf"
     how: dict[str, Any] = {"free": list(free) or DEFAULT_FREE, "prior": prior or None}
-    if so_far is None:
-        arm, tcp = source.arm, _tool(source, pin)
+    if isinstance(so_far, NewPoints):
+        arm, tcp, points = source.arm, _tool(source, so_far.pin), so_far.count
         each = max(_CANDIDATES, -(-_PER_TOUCH * count // points))
         way = DOWN if hangs else LOOKING_DOWN
         candidates, places = touched(arm, tcp, source.arm.limits, rng, points=points, touches=each, noise=0.0, way=way)
         model: Calibration | Arm = arm
         names, done = tuple(f"point{k + 1}" for k in range(points)), [np.zeros((0, arm.n))] * points
-        how |= {"tcp": tcp, "noise": noise}
+        how |= {"tcp": tcp, "noise": so_far.noise}
     else:
         model = identify(
             so_far.touches.series, source.arm, free=list(free) or None, prior=prior or None, distances=so_far.distances
@@ -93,16 +96,16 @@ def planned(
         done = _without_outliers(model, so_far.touches.series)
         each = max(_CANDIDATES, -(-_PER_TOUCH * count // len(names)))
         candidates, places = _candidates(model, done, source.arm.limits, each, rng)
-        how = {"free": model.names, "prior": dict(zip(model.names, model.prior, strict=True)), "done": done}
+        how = {"free": model.names, "prior": dict(zip(model.names, model.estimate.prior, strict=True)), "done": done}
     targets = moves(arm, source.arm.limits, hangs, candidates, rng, _TARGETS)
-    how |= {"criterion": "V", "targets": targets}
+    choice = design(model, candidates, targets=targets, **how)
     return TouchPlan(
         names=names,
         points=places,
         so_far=tuple(len(q) for q in done),
         tcp=np.array(tcp),
-        found=plan(model, candidates, count, **how),
-        random=random_merits(model, candidates, count, rng, _RANDOM, **how),
+        found=plan(choice, count),
+        random=random_merits(choice, count, rng, _RANDOM),
     )
 
 
@@ -141,9 +144,7 @@ def _candidates(
             points=place[None],
             touches=each,
             noise=0.0,
-            approach=way / np.linalg.norm(way),
-            limits=bounds,
-            cone=CONE,
+            postures=Postures(approach=way / np.linalg.norm(way), cone=CONE, limits=bounds),
         )
     return series, places
 

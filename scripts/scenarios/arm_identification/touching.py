@@ -100,15 +100,21 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
     return chosen
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSetting:
+    """What is touched, how often, and how the hull is held."""
+
+    hovering: bool  # station keeping with the thrusters; False: the hull is clamped
+    nests: int
+    touches: int  # of each nest
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] steady, in W
+    gust: float = 0.0  # [m/s] standard deviation of the gusts per axis
+
+
 def touch(
     believed: mujoco.MjSpec,
     built: mujoco.MjSpec,
-    *,
-    hovering: bool,
-    nests: int,
-    touches: int,
-    current: Array,
-    gust: float,
+    setting: SessionSetting,
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> Session:
@@ -117,11 +123,7 @@ def touch(
     Args:
         believed: The vehicle as the controller knows it.
         built: The true vehicle; pin and nests are added to it.
-        hovering: Station keeping with the thrusters; False: the hull is clamped.
-        nests: Number of nests.
-        touches: Touches of each nest.
-        current: (3,) [m/s] steady current in W.
-        gust: [m/s] standard deviation of the gusts per axis.
+        setting: Nests, touches, hull and flow.
         rng: Parent of the streams for nests, touches, gusts and sensors.
         watch: Makes a further observer of the loop for the compiled world.
 
@@ -135,27 +137,28 @@ def touch(
     vehicle, chain = own.vehicle, own.chain()
     X_WB = np.eye(4)
     placing, drawing, gusts, loop = rng.spawn(4)
-    rig = place_nests(vehicle, chain, X_WB, nests, placing)
-    wanted = draw_touches(chain, inverse(X_WB @ np.array(vehicle.X_BA)), rig, touches, drawing, vehicle.q_ready)
+    rig = place_nests(vehicle, chain, X_WB, setting.nests, placing)
+    X_AW = inverse(X_WB @ np.array(vehicle.X_BA))
+    wanted = draw_touches(chain, X_AW, rig, setting.touches, drawing, vehicle.q_ready)
     touch_rig.add_pin(built)
     touch_rig.add_nests(built, [nest.p_WN for nest in rig], [nest.z_WN for nest in rig])
-    if not hovering:
+    if not setting.hovering:
         touch_rig.clamp(built, X_WB)
     model = hydrodynamics.compile(built)
-    flow = Current(tuple(current), gust=gust, timestep=model.opt.timestep, rng=gusts)
+    flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
     plant = Plant(model, current=flow, X_WB=X_WB)
     parts = Parts(
         sensors=Sensing().proprioception(),
         estimator=Navigation(),
         finder=None,
         planner=TouchSequence(vehicle, chain, rig, wanted, X_WB),
-        controller=CompliantTouch(own.model, clamped=not hovering),
+        controller=CompliantTouch(own.model, clamped=not setting.hovering),
     )
     readings = Readings()
     observers: list[Observer] = [readings] if watch is None else [readings, watch(model)]
     longest = LONGEST_PER_TOUCH * (len(wanted) + 1)
     last = rollout(plant, parts, duration=longest, rng=loop, observers=observers)
-    return _session(readings, wanted, rig, chain, vehicle, hovering, last.truth.time)
+    return _session(readings, wanted, rig, chain, vehicle, setting.hovering, last.truth.time)
 
 
 def _session(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_calib_fit import OFF_AXIS, PAPER, UR10E
 
-from calib import Arm, identify
+from calib import Arm, MapFit, identify
 from calib.simulation import touch
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -50,7 +50,6 @@ def test_refused_in_one_line(case: str, series: list[Array]):
         ({"free": ["a", "lengths"]}, "'lengths' is no parameter.*theta, d, a"),
         ({"prior": {"a": -1.0}}, "deviation of a: must be positive"),
         ({"prior": {"b": 1.0}}, "'b' is not identified"),
-        ({"noise": 0.0}, "noise"),
         ({"method": "magic"}, "map, paper"),
         ({"distances": [(0, 3, 1.0)]}, r"0\.\.2"),
         ({"distances": [(0, 1, -1.0)]}, "positive"),
@@ -94,7 +93,7 @@ def test_outliers_are_named_and_left_out(series: list[Array], within):
     q = np.vstack([*series, off])
     gap = result.tips(q) - clean.tips(q)
     within("tips without two touches [m]", gap - gap.mean(axis=0), 3e-4)
-    assert identify(spoilt, UR10E, robust=False).noise > 5.0 * result.noise
+    assert identify(spoilt, UR10E, method=MapFit(robust=False)).noise > 5.0 * result.noise
 
 
 def test_single_and_repeated_touches_are_said_and_left_out(series: list[Array], within):
@@ -120,7 +119,7 @@ def test_too_few_touches_are_not_believed(series: list[Array]):
     assert any("proves nothing" in line for line in result.warnings)
     assert result.noise > 5e-5
     full = identify(series, UR10E)
-    assert np.all(result.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], result.prior[:24]))
+    assert np.all(result.sigma[:24] > 0.9 * np.minimum(full.sigma[:24], result.estimate.prior[:24]))
 
 
 def test_masks_hold_the_rest(series: list[Array]):

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calib import Arm, Loads, identify, kernels
+from calib import Arm, Loads, MapFit, identify, kernels
 from calib.fit import Data, _robust_noise
 from calib.parameters import DEFAULT_PRIOR
-from calib.planner import plan, random_merits
-from calib.simulation import HAND_NOISE, touch, wrong_arm
+from calib.planner import design, plan, random_merits
+from calib.simulation import HAND_NOISE, Sag, touch, wrong_arm
 from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
 from dh_product import tips_here
@@ -90,7 +90,7 @@ def test_true_arm_is_found_without_noise(within):
 
 
 def test_three_steps_reach_the_noise_and_a_hundred_more_stay(straight: list[Array]):
-    three, many = identify(straight, UR10E, max_iterations=3), identify(straight, UR10E, max_iterations=103)
+    three, many = (identify(straight, UR10E, method=MapFit(max_iterations=count)) for count in (3, 103))
     assert len(three.history) == 4
     for result in (three, many):  # chi-square with some 164 degrees of freedom at 0.092 mm: 29 mm^2, 1 % to 99 %
         assert 21e-6 < result.cost < 38e-6
@@ -163,7 +163,7 @@ def test_intervals_cover():
         series = touch(truth, OFF_AXIS, rng)
         result = identify(series, UR10E, prior=WORKSHOP, free=("theta", "d", "a", "alpha", "beta", "tcp"))
         full = np.concatenate([truth.table.ravel(), OFF_AXIS, np.zeros(6)])
-        change = full[result.parameters.index] - (result.values - result.changes)
+        change = full[result.estimate.parameters.index] - (result.estimate.values - result.estimate.changes)
         for seen in result.combinations():
             value = seen.weights / result.rank_free.scales @ change
             inside.append(seen.interval[0] <= value <= seen.interval[1])
@@ -227,7 +227,7 @@ def test_compliance_in_water_from_two_loads():
         )
 
     parts = [
-        touch(truth, OFF_AXIS, rng, points=points, compliance=1.0 / stiffness, loads=loads(mass))
+        touch(truth, OFF_AXIS, rng, points=points, sag=Sag(compliance=1.0 / stiffness, loads=loads(mass)))
         for mass in (0.0, 10.0)
     ]
     series = [np.vstack(pair) for pair in zip(*parts, strict=True)]
@@ -255,22 +255,22 @@ def test_planner_takes_what_tells_most():
     """The greedy choice grows with every touch and beats most random ones by its own measure, recomputed here."""
     rng = np.random.default_rng(11)
     candidates = touch(Arm.from_dh(UR10E), OFF_AXIS, rng, points=3, touches=30)
-    chosen = plan(UR10E, candidates, 20, tcp=OFF_AXIS)
+    chosen = plan(design(UR10E, candidates, tcp=OFF_AXIS), 20)
     assert len(set(chosen.chosen)) == 20
     assert np.all(np.diff(chosen.merit[:-1]) > 0.0)
     targets = flange_poses(Arm.from_dh(UR10E), rng, 20)
-    relative = plan(UR10E, candidates, 20, tcp=OFF_AXIS, criterion="V", targets=targets)
+    relative = plan(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 20)
     every = [(s, j) for s in range(3) for j in range(30)]
     for _ in range(20):
         picked = [every[i] for i in rng.choice(90, 20, replace=False)]
         series = [q[[j for s, j in picked if s == i]] for i, q in enumerate(candidates)]
-        assert chosen.merit[-1] > plan(UR10E, series, 20, tcp=OFF_AXIS).merit[-1]
-        assert relative.merit[-1] < plan(UR10E, series, 20, tcp=OFF_AXIS, criterion="V", targets=targets).merit[-1]
+        assert chosen.merit[-1] > plan(design(UR10E, series, tcp=OFF_AXIS), 20).merit[-1]
+        assert relative.merit[-1] < plan(design(UR10E, series, tcp=OFF_AXIS, targets=targets), 20).merit[-1]
     assert relative.before > 10.0 * relative.merit[-1]
-    every_one = plan(UR10E, candidates, 90, tcp=OFF_AXIS, criterion="V", targets=targets)
-    same = random_merits(UR10E, candidates, 90, rng, 2, tcp=OFF_AXIS, criterion="V", targets=targets)
+    every_one = plan(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 90)
+    same = random_merits(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 90, rng, 2)
     assert same == pytest.approx(every_one.merit[-1], rel=1e-6)  # all candidates, in any order
-    others = random_merits(UR10E, candidates, 20, rng, 20, tcp=OFF_AXIS, criterion="V", targets=targets)
+    others = random_merits(design(UR10E, candidates, tcp=OFF_AXIS, targets=targets), 20, rng, 20)
     assert relative.merit[-1] < others.min()
 
 
@@ -284,7 +284,7 @@ def test_planned_touches_give_the_error_that_was_expected():
         candidates = touch(nominal, OFF_AXIS, rng, points=3, touches=40, noise=0.0)
         places = [nominal.tips(q[:1], OFF_AXIS)[0] for q in candidates]
         targets = flange_poses(nominal, rng, 20)
-        made = plan(nominal, candidates, 12, tcp=OFF_AXIS, criterion="V", targets=targets)
+        made = plan(design(nominal, candidates, tcp=OFF_AXIS, targets=targets), 12)
         at_random = np.sort(rng.choice(120, 12, replace=False))
         errors["expected"].append(made.merit[-1])
         choices = {
@@ -365,6 +365,6 @@ def test_robust_noise_stays_finite_where_no_degree_of_freedom_is_left():
 
 
 @pytest.mark.parametrize("robust", ["yes", 1, None])
-def test_robust_is_yes_or_no(robust, off_axis: list[Array]):
+def test_robust_is_yes_or_no(robust):
     with pytest.raises(ConfigurationError, match="robust: must be True or False"):
-        identify(off_axis, PAPER, robust=untyped(robust))
+        MapFit(robust=untyped(robust))

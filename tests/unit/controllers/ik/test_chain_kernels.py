@@ -50,7 +50,7 @@ def test_orientation_error_is_the_axis_times_the_chord(rng: np.random.Generator)
         R = exp_so3(rng.normal(size=3))
         for angle in (1e-7, 0.3, 1.6, 2.9, 3.0, 3.05, 3.141, math.pi - 1e-6):
             goal[1:] = (exp_so3(angle * axis) @ R).T
-            *error, chord2 = kernels.turn_left(goal, *R.T.ravel())
+            *error, chord2 = kernels.turn_left(goal, (0.0, 0.0, 0.0, *R.T.ravel()))
             chord = 2.0 * math.sin(0.5 * angle)
             # Near half a turn the axis is a column of R + 1, which is parallel to it at half a turn alone.
             near = 2.0 * math.sin(angle) if math.cos(angle) <= -0.99 else 0.0
@@ -63,7 +63,7 @@ def test_half_a_turn_has_a_whole_chord() -> None:
     for axis in np.vstack([np.eye(3), unit(np.random.default_rng(2))]):
         goal = np.zeros((4, 3))
         goal[1:] = 2.0 * np.outer(axis, axis) - np.eye(3)
-        *error, chord2 = kernels.turn_left(goal, *np.eye(3).ravel())
+        *error, chord2 = kernels.turn_left(goal, (0.0, 0.0, 0.0, *np.eye(3).ravel()))
         assert chord2 == pytest.approx(4.0)
         assert abs(np.dot(error, axis)) == pytest.approx(2.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from controllers.ik import chain_kernels, damped_descent, paper_stages, sweeps
-from controllers.mkps import Chain, Method, solve, solve_many
+from controllers.mkps import Chain, IkOptions, Method, solve, solve_many
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 from untyped import untyped
@@ -37,7 +37,7 @@ def test_single_precision_reaches_what_the_dissertation_says(dh: list, method: M
     targets = reachable(chain, 60, 2)
     solved = 0
     for target in targets:
-        result = solve(chain, target, HOME, 1e-5, 2 * ARC_SECOND, method=method, precision="single")
+        result = solve(chain, target, HOME, 1e-5, 2 * ARC_SECOND, method=method, options=IkOptions(precision="single"))
         X = chain.forward(result.q)
         position = np.linalg.norm(X[:3, 3] - target[:3, 3])
         turn = np.linalg.norm(log_so3(X[:3, :3].T @ target[:3, :3]))
@@ -51,7 +51,8 @@ def test_single_precision_reaches_what_the_dissertation_says(dh: list, method: M
 
 def test_single_precision_says_where_it_ends() -> None:
     chain = Chain.from_dh(PUMA)
-    result = solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9, precision="single", max_restarts=2)
+    options = IkOptions(precision="single", max_restarts=2)
+    result = solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9, options=options)
     assert not result.converged
     assert result.position_error < 1e-5
     assert solve(chain, reachable(chain, 1, 3)[0], HOME, 1e-9, 1e-9).converged
@@ -60,15 +61,17 @@ def test_single_precision_says_where_it_ends() -> None:
 def test_single_precision_is_single_throughout() -> None:
     """No loop widens its numbers on the way: what goes in as four bytes comes out as four bytes."""
     memory = Chain.from_dh(PUMA).single().copy()
-    table, goal, _, work, _, q = chain_kernels.partition.py_func(memory, 6)
+    views = chain_kernels.partition.py_func(memory, 6)
+    table, goal, _, work, _, q = views
     goal[:], q[:] = np.eye(4)[:, :3], HOME
     one = np.float32(1.0)
     chain_kernels.trace(table, q, work)
-    chain_kernels.turn_left(goal, one, one, one, one, one, one, one, one, one)
-    damped_descent.damped_step(table, q, True, one, one, one, one, one, one, one, one, one, one, work)
+    tip = (one,) * 12
+    chain_kernels.turn_left(goal, tip)
+    damped_descent.damped_step(views, True, one, tip, (one,) * 6)
     sweeps.sweep(table, goal, one, chain_kernels.WITHIN, q, work)
     paper_stages.place(table, goal, one, q, work)
-    paper_stages.align(table, one, one, one, one, one, one, one, q, work)
+    paper_stages.align(table, (one,) * 3, (one,) * 3, one, q, work)
     for loop in (
         chain_kernels.trace,
         chain_kernels.turn_left,
@@ -87,7 +90,7 @@ def test_goals_of_the_history(method: Method) -> None:
     """F_R, F_alpha1 and F_alpha2 of every iteration, by [Danilov 2021]."""
     chain = Chain.from_dh(PUMA)
     target = reachable(chain, 1, 5)[0]
-    result = solve(chain, target, HOME, method=method, history=True)
+    result = solve(chain, target, HOME, method=method, options=IkOptions(history=True))
     assert result.history is not None
     assert result.goals is not None
     assert result.goals.shape == (result.iterations + 1, 3)
@@ -106,8 +109,10 @@ def test_the_stages_have_their_own_tolerances() -> None:
     chain = Chain.from_dh(PUMA)
     counts = np.zeros(2)
     for target in reachable(chain, 40, 6):
-        loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", axis_tolerances=(0.3, 1e-3), history=True)
-        tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", axis_tolerances=(1e-3, 1e-3))
+        given = IkOptions(axis_tolerances=(0.3, 1e-3), history=True)
+        loose = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
+        given = IkOptions(axis_tolerances=(1e-3, 1e-3))
+        tight = solve(chain, target, HOME, 1e-3, 1.0, method="plain", options=given)
         if loose.converged:
             assert loose.goals is not None
             assert np.all(loose.goals[-1] <= [1e-3, 0.3, 1e-3])
@@ -120,9 +125,9 @@ def test_tool_axes_along_the_last_joint_make_plain_mkps_converge() -> None:
     tool = pose(exp_so3([0.4, 0.5, 0.2]), [0.02, 0.03, 0.1])
     chain = Chain.from_dh(PUMA, tool=tool)
     targets = reachable(chain, 100, 7)
-    options = {"method": "plain", "max_iterations": 1000}
-    joint = solve_many(chain, targets, HOME, **options)
-    literal = solve_many(chain, targets, HOME, stage_axes="tip", **options)
+    joint = solve_many(chain, targets, HOME, method="plain", options=IkOptions(max_iterations=1000))
+    options = IkOptions(max_iterations=1000, stage_axes="tip")
+    literal = solve_many(chain, targets, HOME, method="plain", options=options)
     print(f"last joint's axes {joint.converged.mean():.2f}, the tool's own {literal.converged.mean():.2f}")
     assert joint.converged.mean() > literal.converged.mean() + 0.2  # measured 0.68 and 0.20
 
@@ -160,12 +165,10 @@ def test_arguments_of_other_types_are_taken() -> None:
     for X in (target.tolist(), locked, np.asfortranarray(target), np.repeat(target, 2, axis=1)[:, ::2]):
         for q0 in (HOME.tolist(), np.repeat(HOME, 2)[::2]):
             assert solve(chain, X, q0).q.tobytes() == expected.tobytes()
-    assert solve(chain, target, np.zeros(6, dtype=int), 1, 1, max_iterations=50).converged
+    assert solve(chain, target, np.zeros(6, dtype=int), 1, 1, options=IkOptions(max_iterations=50)).converged
     with pytest.raises(ConfigurationError, match="X_base_tip: expected numbers"):
         solve(chain, untyped([["a"] * 4] * 4), HOME)
-    with pytest.raises(ConfigurationError, match="max_iterations"):
-        solve(chain, target, HOME, max_iterations=untyped("many"))
-    for wrong in ("precision", "branch", "method", "stage_axes"):  # after calls that took the quick way, too
+    for wrong in ("branch", "method"):  # after calls that took the quick way, too
         with pytest.raises(ConfigurationError, match=f"{wrong}: .*other"):
             solve(chain, target, HOME, **untyped({wrong: "other"}))
 
@@ -176,7 +179,7 @@ def test_unreachable_directions_give_the_nearest_pose() -> None:
     q = np.array([0.3, 0.9, -0.4])
     target = chain.forward(q)
     target[:3, :3] = target[:3, :3] @ exp_so3([0.2, 0.0, 0.0])
-    result = solve(chain, target, q + 0.2, max_restarts=5)
+    result = solve(chain, target, q + 0.2, options=IkOptions(max_restarts=5))
     assert not result.converged
     assert "nearest" in result.cause
     assert result.position_error < 1e-4

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, plain
+from plain_chains import SCALE, Plain, by_exponentials, descent, drawn_chain, drawn_q, kernels, plain, settings
 from sim.interfaces.spatial import Array, exp_so3, pose
 
 
@@ -17,8 +17,9 @@ def jacobian(it: Plain, q: Array) -> Array:
 
 
 def step(it: Plain, q: Array, error: Array, damping: float, limited: bool = True) -> Array:
-    tip = kernels.trace(it.table, q, it.work)
-    largest = descent.damped_step(it.table, q, limited, damping, *tip[:3], *error, it.work)
+    it.q[:] = q
+    tip = kernels.trace(it.table, it.q, it.work)
+    largest = descent.damped_step(it.views, limited, damping, tip, error)
     dq = it.work[:, kernels.STEP].copy()
     assert largest == np.abs(dq).max()
     return dq
@@ -83,7 +84,7 @@ def test_a_descent_meets_a_near_pose_and_says_what_it_did(mode: int, rng: np.ran
     it.q[:] = start
 
     def run(limit: int, best2: float = math.inf) -> tuple[int, int, float, float, float]:
-        return descent.descend(it.table, it.goal, 1e-14, 1e-14, limit, 1.5, mode, best2, it.work, it.q, trail, 2)
+        return descent.descend(it.views, kernels.Near(1e-14, 1e-14), limit, 1.5, mode, best2, trail, 2)
 
     code, steps, best2, p2, chord2 = run(100)
     assert (code, p2 <= 1e-14, chord2 <= 1e-14) == (kernels.CONVERGED, True, True)
@@ -108,7 +109,7 @@ def test_a_descent_ends_where_the_error_no_longer_halves(rng: np.random.Generato
     it = plain(drawn_chain(rng, "rrrr"))
     it.aim(pose(exp_so3([1.0, 0.0, 2.0]), [0.2, 0.3, 0.4]))
     code, steps, *_ = descent.descend(
-        it.table, it.goal, 1e-12, 1e-12, 500, 0.5, kernels.ALONG, math.inf, it.work, it.q, np.empty((0, 4)), 0
+        it.views, kernels.Near(1e-12, 1e-12), 500, 0.5, kernels.ALONG, math.inf, np.empty((0, 4)), 0
     )
     assert code == kernels.STALLED
     assert 0 < steps < 200
@@ -124,9 +125,7 @@ def test_settling_ends_in_a_minimum_no_worse_than_the_start(rng: np.random.Gener
         it.aim(by_exponentials(it.chain, q) @ missed)
         it.work[:, kernels.BEST] = start = q + rng.uniform(-0.3, 0.3, it.chain.n)
         best = sum(it.errors(start))
-        code, steps, p2, chord2 = descent.settle(
-            it.table, it.goal, 1e-12, 1e-12, math.inf, it.work, it.q, np.empty((0, 4)), 0
-        )
+        code, steps, p2, chord2 = descent.settle(it.views, kernels.Near(1e-12, 1e-12), np.empty((0, 4)), 0)
         assert code == kernels.STALLED
         assert 4 <= steps <= descent.SETTLE_STEPS
         np.testing.assert_allclose([p2, chord2], it.errors(it.q), rtol=1e-9)
@@ -146,7 +145,7 @@ def test_settling_from_within_reach_converges(rng: np.random.Generator) -> None:
     it.aim(by_exponentials(it.chain, q))
     it.work[:, kernels.BEST] = q + 0.05
     trail = np.full((60, 6), np.nan)
-    code, steps, p2, chord2 = descent.settle(it.table, it.goal, 1e-14, 1e-14, math.inf, it.work, it.q, trail, 3)
+    code, steps, p2, chord2 = descent.settle(it.views, kernels.Near(1e-14, 1e-14), trail, 3)
     assert code == kernels.CONVERGED
     assert steps < 20
     assert np.isnan(trail[:3]).all()
@@ -160,7 +159,7 @@ def solve(it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool 
     out, solver = np.full(it.chain.n, np.nan), descent.solve_keep if keep else descent.solve_hybrid
     trail = np.full((600, it.chain.n), np.nan)
     with np.errstate(over="ignore"):
-        found = solver(it.memory, X, q0, tolerances["p"], tolerances["r"], limit, restarts, trail, out)
+        found = solver(it.memory, X, q0, settings(tolerances["p"], tolerances["r"], limit, restarts), trail, out)
     return *found, out, trail
 
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.mkps import Branch, Chain, Method, solve, solve_many
+from controllers.mkps import Branch, Chain, IkOptions, Method, solve, solve_many
 from models.arms import published_arms
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, log_so3, pose
@@ -161,7 +161,7 @@ def test_errors_are_those_of_the_answer_and_limits_hold(method: Method, rng: np.
         chain = Chain.from_dh(dh, types, limits=limits)
         for _ in range(20):
             target = dh_forward(dh, types, rng.uniform(limits[:, 0], limits[:, 1]))
-            result = solve(chain, target, rng.uniform(-4, 4, n), method=method, max_iterations=1000)
+            result = solve(chain, target, rng.uniform(-4, 4, n), method=method, options=IkOptions(max_iterations=1000))
             position, orientation = errors_between(dh_forward(dh, types, result.q), target)
             assert abs(position - result.position_error) < 1e-12
             assert abs(orientation - result.orientation_error) < 1e-7  # log_so3 loses digits near zero
@@ -235,7 +235,7 @@ def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
     chain, _, targets, home = arm_case("general6r", 150.0, 12, np.random.default_rng(5))
 
     def answer(i: int) -> bytes:
-        return solve(chain, targets[i], home, method=method, max_iterations=500).q.tobytes()
+        return solve(chain, targets[i], home, method=method, options=IkOptions(max_iterations=500)).q.tobytes()
 
     once = [answer(i) for i in range(12)]
     assert [answer(i) for i in reversed(range(12))][::-1] == once
@@ -248,12 +248,13 @@ def test_answers_do_not_depend_on_what_came_before(method: Method) -> None:
 def test_solve_many_gives_what_solve_gives(method: Method, branch: Branch) -> None:
     chain, q, targets, home = arm_case("puma560", 150.0, 150, np.random.default_rng(6))
     starts = home if branch == "free" else q + 0.05
-    options = {"method": method, "branch": branch, "max_iterations": 300}
     for threads in (1, 3, None):
-        batch = solve_many(chain, targets, starts, threads=threads, **options)
+        options = IkOptions(max_iterations=300, threads=threads)
+        batch = solve_many(chain, targets, starts, method=method, branch=branch, options=options)
         assert len(batch) == 150
         for i, target in enumerate(targets):
-            one, many = solve(chain, target, starts if branch == "free" else starts[i], **options), batch[i]
+            start, many = starts if branch == "free" else starts[i], batch[i]
+            one = solve(chain, target, start, method=method, branch=branch, options=options)
             assert one.q.tobytes() == many.q.tobytes()
             assert (one.converged, one.iterations, one.cause, one.restarts) == (
                 many.converged,
@@ -272,7 +273,7 @@ def test_solve_many_names_the_bad_row() -> None:
     with pytest.raises(ConfigurationError, match="q0: expected shape"):
         solve_many(chain, targets, np.zeros((4, 6)))
     with pytest.raises(ConfigurationError, match="threads"):
-        solve_many(chain, targets, np.zeros(6), threads=0)
+        solve_many(chain, targets, np.zeros(6), options=IkOptions(threads=0))
     targets[3] *= 2.0
     with pytest.raises(ConfigurationError, match=r"X_base_tip\[3\].*pose"):
         solve_many(chain, targets, np.zeros(6))
@@ -283,7 +284,8 @@ def test_solve_many_names_the_bad_row() -> None:
 def test_a_target_out_of_reach_gives_the_nearest_pose(method: Method, branch: Branch) -> None:
     """A planar 2R arm of 1 m, reached for along x at 3 m: straight out, and said so."""
     chain = Chain.from_dh([(0, 0, 0.6, 0), (0, 0, 0.4, 0)], limits=[(-2, 2), (-2, 2)])
-    result = solve(chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, max_iterations=300)
+    options = IkOptions(max_iterations=300)
+    result = solve(chain, pose(p=[3.0, 0.0, 0.0]), [0.5, 0.5], method=method, branch=branch, options=options)
     assert not result.converged
     assert "farther away" in result.cause
     np.testing.assert_allclose(result.q, 0.0, atol=1e-3)
@@ -297,12 +299,12 @@ def test_history_leads_from_the_start_to_the_answer(method: Method, far: bool) -
     for values, target in zip(q, targets, strict=True):
         start = home if far else values + 0.05
         wanted = target + np.array([[0, 0, 0, 3.0], *np.zeros((3, 4))]) if far else target
-        result = solve(chain, wanted, start, method=method, max_iterations=200, history=True)
+        result = solve(chain, wanted, start, method=method, options=IkOptions(max_iterations=200, history=True))
         assert result.history is not None
         assert result.history.shape == (result.iterations + 1, 6)
         np.testing.assert_array_equal(result.history[0], np.clip(start, *chain.limits.T))
         np.testing.assert_array_equal(result.history[-1], result.q)
-        assert solve(chain, wanted, start, method=method, max_iterations=200).history is None
+        assert solve(chain, wanted, start, method=method, options=IkOptions(max_iterations=200)).history is None
         if not far:
             distances = [np.linalg.norm(chain.forward(row)[:3, 3] - target[:3, 3]) for row in result.history]
             assert distances[-1] < distances[0]
@@ -478,14 +480,40 @@ def test_bad_models_are_refused(body: str, site: str, exclude: tuple[str, ...], 
         ({"orientation_tolerance": np.nan}, "tolerance"),
         ({"method": "magic"}, "method: allowed hybrid"),
         ({"branch": "leave"}, "branch: allowed free"),
-        ({"max_iterations": 0}, "max_iterations"),
-        ({"max_restarts": -1}, "max_restarts"),
+        ({"options": {"max_iterations": 5}}, "options: expected IkOptions"),
     ],
 )
 def test_bad_calls_are_refused(change: dict[str, object], names: str) -> None:
     arguments: dict[str, object] = {"X_base_tip": np.eye(4), "q0": np.zeros(6)} | change
     with pytest.raises(ConfigurationError, match=names):
         solve(Chain.from_dh(ARMS["puma560"].dh), **untyped(arguments))
+
+
+@pytest.mark.parametrize(
+    ("change", "names"),
+    [
+        ({"max_iterations": 0}, "max_iterations: "),
+        ({"max_iterations": "many"}, "max_iterations: "),
+        ({"max_iterations": 10**7, "history": True}, "max_iterations with history: "),
+        ({"max_restarts": -1}, "max_restarts: "),
+        ({"threads": 0}, "threads: "),
+        ({"history": 1}, "history: "),
+        ({"precision": "other"}, "precision: .*other"),
+        ({"stage_axes": "other"}, "stage_axes: .*other"),
+        ({"axis_tolerances": (1e-3, 0.0)}, "axis_tolerances .*positive"),
+        ({"axis_tolerances": (1e-3,)}, "axis_tolerances .*two numbers"),
+    ],
+)
+def test_bad_options_are_refused(change: dict[str, object], names: str) -> None:
+    with pytest.raises(ConfigurationError, match=names):
+        IkOptions(**untyped(change))
+
+
+def test_many_targets_are_solved_in_double_precision_without_history() -> None:
+    chain = Chain.from_dh(ARMS["puma560"].dh)
+    for options in (IkOptions(history=True), IkOptions(precision="single")):
+        with pytest.raises(ConfigurationError, match="options: "):
+            solve_many(chain, np.eye(4)[None], np.zeros(6), options=options)
 
 
 def test_forward_refuses_bad_joint_values() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.ik.chain import Chain
-from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, stages
+from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, stages
 from sim.interfaces.spatial import Array, exp_so3, pose
 
 H = np.pi / 2
@@ -80,7 +80,7 @@ def test_the_axis_stage_turns_hinges_alone_tip_to_base(kinds: str, rng: np.rando
     for joint in reversed(range(n)):
         before = one.copy()
         only(it, joint, one)
-        angle = stages.align(it.table, *u, *t, 0.0, one, it.work)
+        angle = stages.align(it.table, u, t, 0.0, one, it.work)
         assert angle == pytest.approx(between(last_frame(it, one) @ u, t), abs=1e-9)
         assert angle <= between(last_frame(it, before) @ u, t) + 1e-12
         lower, upper = it.chain.limits[joint]
@@ -88,10 +88,10 @@ def test_the_axis_stage_turns_hinges_alone_tip_to_base(kinds: str, rng: np.rando
             grid = [np.where(np.arange(n) == joint, value, one) for value in np.linspace(lower, upper, 40)]
             assert angle <= min(between(last_frame(it, tried) @ u, t) for tried in grid) + 1e-12
     it.table[kernels.HEAD :, kernels.LOWER : kernels.UPPER + 1] = it.chain.limits
-    stages.align(it.table, *u, *t, 0.0, whole := start.copy(), it.work)
+    stages.align(it.table, u, t, 0.0, whole := start.copy(), it.work)
     np.testing.assert_allclose(whole, one, atol=1e-9)
     np.testing.assert_array_equal(whole[~hinges], start[~hinges])
-    stages.align(it.table, *u, *t, 3.2, still := start.copy(), it.work)  # near enough
+    stages.align(it.table, u, t, 3.2, still := start.copy(), it.work)  # near enough
     np.testing.assert_array_equal(still, start)
 
 
@@ -101,7 +101,7 @@ def test_angles_and_components(rng: np.random.Generator) -> None:
         b *= np.linalg.norm(a) / np.linalg.norm(b)
         assert stages.angle_between(*a, *b) == pytest.approx(math.acos(float(a @ b / (a @ a))), abs=1e-7)
         R = exp_so3(rng.normal(size=3))
-        np.testing.assert_allclose(stages.in_frame(*v, *R.T.ravel()), R @ v, atol=1e-14)
+        np.testing.assert_allclose(stages.in_frame(v, *R.T), R @ v, atol=1e-14)
 
 
 @pytest.mark.parametrize("kinds", ["rrrr", "rrorp", "rrpo", "rpooo"])
@@ -110,8 +110,7 @@ def test_stage_axes_are_the_last_hinge_and_one_across(kinds: str, rng: np.random
     last = max(i for i, kind in enumerate(kinds) if kind == "r")
     for _ in range(6):
         q = drawn_q(it.chain, rng)
-        axes = np.array(stages.stage_axes(it.table, False, q, it.work))
-        across, along = axes[:3], axes[3:]
+        across, along = np.array(stages.stage_axes(it.table, False, q, it.work))
         moved = by_exponentials(it.chain, q + 1e-6 * np.eye(it.chain.n)[last])[:3, :3]
         here = by_exponentials(it.chain, q)[:3, :3]
         turned = moved @ here.T  # about the hinge, in base axes
@@ -122,8 +121,8 @@ def test_stage_axes_are_the_last_hinge_and_one_across(kinds: str, rng: np.random
     q = drawn_q(it.chain, rng)
     here = by_exponentials(it.chain, q)[:3, :3]
     tip = np.array(stages.stage_axes(it.table, True, q, it.work))
-    np.testing.assert_allclose(last_frame(it, q) @ tip[:3], here[:, 2], atol=1e-14)
-    np.testing.assert_allclose(last_frame(it, q) @ tip[3:], here[:, 0], atol=1e-14)
+    np.testing.assert_allclose(last_frame(it, q) @ tip[0], here[:, 2], atol=1e-14)
+    np.testing.assert_allclose(last_frame(it, q) @ tip[1], here[:, 0], atol=1e-14)
 
 
 def test_goal_functions_are_distances_and_angles(rng: np.random.Generator) -> None:
@@ -131,7 +130,7 @@ def test_goal_functions_are_distances_and_angles(rng: np.random.Generator) -> No
     it.aim(by_exponentials(it.chain, drawn_q(it.chain, rng)))
     q = drawn_q(it.chain, rng)
     u, v = (a / np.linalg.norm(a) for a in rng.normal(size=(2, 3)))
-    p2, angle_1, angle_2, chord2 = stages.three_goals(it.table, it.goal, *u, *v, q, it.work)
+    p2, angle_1, angle_2, chord2 = stages.three_goals(it.table, it.goal, u, v, q, it.work)
     np.testing.assert_allclose([p2, chord2], it.errors(q), rtol=1e-9)
     R, wanted = last_frame(it, q), it.goal[1:].T
     assert angle_1 == pytest.approx(between(R @ u, wanted @ u))
@@ -141,9 +140,8 @@ def test_goal_functions_are_distances_and_angles(rng: np.random.Generator) -> No
 def solve(it: Plain, X: Array, q0: Array, limit: int, changed: dict[str, float] | None = None) -> tuple:
     tol = {"p": 1e-3, "r": 1e-2, "one": 1e-2, "two": 1e-2} | (changed or {})
     out, trail = np.full(it.chain.n, np.nan), np.full((200, it.chain.n), np.nan)
-    found = stages.solve_plain(
-        it.memory, X, q0, tol["p"], tol["r"], tol["one"], tol["two"], limit, False, False, trail, out
-    )
+    how = settings(tol["p"], tol["r"], limit, axes=(tol["one"], tol["two"]))
+    found = stages.solve_plain(it.memory, X, q0, how, trail, out)
     return *found, out, trail
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.ik.chain import Chain
-from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, sweeps
+from plain_chains import SCALE, Plain, by_exponentials, drawn_chain, drawn_q, kernels, plain, settings, sweeps
 from sim.interfaces.spatial import Array, exp_so3, pose
 
 KINDS = ("rrrrrr", "rporrr", "orpor")
@@ -112,9 +112,7 @@ def test_mixing_takes_dependent_differences(rng: np.random.Generator) -> None:
 def run(it: Plain, start: Array, mode: int, limit: int, best2: float = math.inf) -> tuple:
     trail = np.full((400, it.chain.n), np.nan)
     it.q[:] = start
-    found = sweeps.accelerate(
-        it.table, it.goal, 0.03, 1e-12, 1e-12, limit, mode, best2, it.normal, it.work, it.past, it.q, trail, 1
-    )
+    found = sweeps.accelerate(it.views, 0.03, kernels.Near(1e-12, 1e-12), limit, mode, best2, trail, 1)
     return *found, trail
 
 
@@ -147,9 +145,8 @@ def solve(it: Plain, X: Array, q0: Array, limit: int, restarts: int, keep: bool,
     tolerances = {"p": 1e-5, "r": 1e-4} | changed
     out, trail = np.full(it.chain.n, np.nan), np.empty((0, it.chain.n))
     with np.errstate(over="ignore"):
-        found = sweeps.solve_jacobian_free(
-            it.memory, X, q0, tolerances["p"], tolerances["r"], limit, restarts, keep, trail, out
-        )
+        how = settings(tolerances["p"], tolerances["r"], limit, restarts, keep)
+        found = sweeps.solve_jacobian_free(it.memory, X, q0, how, trail, out)
     return *found, out
 
 

@@ -46,7 +46,7 @@ BROKEN = 4  # done, but the torques are not finite
 # Entries of `DriveRecord.numbers`
 NORMAL, SOFTNESS, SERVO_COMPLIANCE = 0, 1, 2  # [N] felt; [-] given up along the tool axis; [m/N] along it
 BEGAN = 3  # [s] time of the first estimate
-NUMBERS = 4
+NUMBERS = 4  # number of entries
 
 # Entries of `DriveRecord.ticks`: of the controller, and of its tool control
 TICK, TOOL_TICK = 0, 1

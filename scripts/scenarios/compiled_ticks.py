@@ -25,7 +25,7 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Reference
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
 from sim.interfaces.spatial import Array
-from sim.loop.boxed import Box
+from sim.loop.record_box import RecordBox
 from sim.loop.recording import Recorder, RecorderRecord, write_row
 from sim.loop.rollout import Observer, Parts, Rollout, Stage
 from sim.plant.compiled_step import PlantRecord, advance, observe
@@ -78,7 +78,7 @@ def run_ticks(box, ticks, begun, begin_next):
     """Run ticks; the last one may end after its estimate, for the planner.
 
     Args:
-        box: `Box` of a `World`.
+        box: `RecordBox` of a `World`.
         ticks: number of ticks to be completed.
         begun: True if the estimate of the first one is already made.
         begin_next: True makes the estimate of the tick after the last one too.
@@ -229,7 +229,7 @@ class CompiledTicks:
             rows=self._recorder.record(truth),
             referred=np.zeros(1, dtype=np.int64),
         )
-        self._world, self._box = world, Box(world)
+        self._world, self._box = world, RecordBox(world)
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.

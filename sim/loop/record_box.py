@@ -12,7 +12,7 @@ from numba.extending import overload
 
 
 @structref.register
-class BoxType(types.StructRef):  # pyright: ignore[reportGeneralTypeIssues, reportAttributeAccessIssue]
+class RecordBoxType(types.StructRef):  # pyright: ignore[reportGeneralTypeIssues, reportAttributeAccessIssue]
     """Numba's type of a box."""
 
     def preprocess_fields(self, fields: Any) -> Any:
@@ -20,15 +20,15 @@ class BoxType(types.StructRef):  # pyright: ignore[reportGeneralTypeIssues, repo
         return tuple((name, types.unliteral(kind)) for name, kind in fields)
 
 
-class Box(structref.StructRefProxy):
+class RecordBox(structref.StructRefProxy):
     """Box of one record; compiled functions read it as `box.record`."""
 
-    def __new__(cls, record: Any) -> "Box":
+    def __new__(cls, record: Any) -> "RecordBox":
         """Box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared."""
         return _boxed(record)
 
 
-structref.define_boxing(BoxType, Box)
+structref.define_boxing(RecordBoxType, RecordBox)
 
 
 def _new_box(record: Any) -> Any:
@@ -38,7 +38,7 @@ def _new_box(record: Any) -> Any:
 
 @overload(_new_box)
 def _overload_new_box(record: Any) -> Any:
-    box = BoxType([("record", types.unliteral(record))])
+    box = RecordBoxType([("record", types.unliteral(record))])
 
     def new(record: Any) -> Any:
         made = structref.new(box)  # pyright: ignore[reportCallIssue]

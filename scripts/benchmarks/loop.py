@@ -2,10 +2,11 @@
 
     ./uvw run scripts/benchmarks/loop.py                     # half a minute; takes any option of clean_barrel.py.
 
-The job runs twice from the same seed. The first run is unchanged and gives the real-time factor on processor time, so
-that other load on the machine does not count. In the second, a stopwatch around every part gives the shares. Both must
-end with the same bits. The printed digest of the recording shows whether a change of the code changes the results.
-Writes bench_loop.json into --out.
+The job runs twice from the same seed. The first run is unchanged, with compiled ticks (`scenarios.compiled_ticks`). It
+gives processor time, so that other load on the machine does not count, over the time of MuJoCo's own step. In the
+second, every tick is taken part by part, and a stopwatch around every part gives the shares. Both must end with the
+same bits. The printed digest of the recording shows whether a change of the code changes the results. Writes
+bench_loop.json into --out.
 """
 
 import copy
@@ -32,7 +33,8 @@ from sim.loop.rollout import Moment
 from sim.runs.saving import write_json
 from sim.sensors.depth_camera import DepthCamera
 
-GOAL = 20.0  # least real-time factor of the loop
+GOAL = 4.5  # largest time of the loop over that of MuJoCo's own step
+GOAL_WHOLE = 9.0  # the same with identification and placement
 SLOWEST = 0.01  # share of a part's slowest calls that is left out: in those the machine did something else
 
 
@@ -128,11 +130,11 @@ class Instants:
 
     def __init__(self, built: Assembly) -> None:
         self._model, self._data, self.copies = built.plant.model, built.plant.data, []
-        self._ticks = round(1.0 / built.plant.timestep)
+        self.slow_ticks = (round(1.0 / built.plant.timestep),)
 
     def observe(self, moment: Moment) -> None:
         """Copies the data once a second."""
-        if moment.tick % self._ticks == 0:
+        if moment.tick % self.slow_ticks[0] == 0:
             self.copies.append(copy.copy(self._data))
 
     def step_us(self) -> float:
@@ -207,7 +209,7 @@ def by_part(options: Options) -> tuple[Run, dict[str, Stopwatch], Stopwatch]:
 
 
 def main() -> int:
-    """Runs the benchmark and writes its file; exit code 0 if the loop reaches GOAL."""
+    """Runs the benchmark and writes its file; exit code 0 if both goals are reached."""
     options = parse(Options)
     folder = options.folder("bench_loop")
     console = Console()
@@ -238,11 +240,12 @@ def main() -> int:
     table.add_row("MuJoCo's step alone", "1", f"{own:.1f}", f"{own:.1f}", f"{own / whole:.0%}")
     console.print(table)
     factors = {"loop": simulated / loop, "whole": simulated / spent["whole"]}
+    ratios = {"loop": 1e6 * loop / steps / own, "whole": 1e6 * spent["whole"] / steps / own}
     console.print(
-        f"{simulated:.1f} s simulated. Loop alone {1e6 * loop / steps:.0f} us a step, "
-        f"[bold]{factors['loop']:.1f}[/bold] times real time (goal {GOAL:g}); with identification "
-        f"({spent['identification']:.2f} s) and placement ({spent['placement']:.2f} s) "
-        f"[bold]{factors['whole']:.1f}[/bold] times.",
+        f"{simulated:.1f} s simulated. With compiled ticks the loop alone takes {1e6 * loop / steps:.1f} us a step, "
+        f"[bold]{ratios['loop']:.1f}[/bold] times MuJoCo's own step (goal {GOAL:g}): {factors['loop']:.0f} times real "
+        f"time. With identification ({spent['identification']:.2f} s) and placement ({spent['placement']:.2f} s) "
+        f"[bold]{ratios['whole']:.1f}[/bold] times (goal {GOAL_WHOLE:g}): {factors['whole']:.0f} times real time.",
         highlight=False,
     )
     figures = {
@@ -252,11 +255,13 @@ def main() -> int:
         "processor_s": spent,
         "real_time_factor": factors,
         "mujoco_step_us": own,
+        "over_mujoco_step": ratios,
+        "part_by_part": outcome.result.part_by_part,
         "us_a_step": {**{name: often * us for name, (often, us) in rows.items()}, "loop itself": rest},
     }
     write_json(folder / "bench_loop.json", figures)
     console.print(f"written to {folder}/", highlight=False)
-    return 0 if factors["loop"] >= GOAL else 1
+    return 0 if ratios["loop"] <= GOAL and ratios["whole"] <= GOAL_WHOLE else 1
 
 
 if __name__ == "__main__":

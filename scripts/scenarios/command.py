@@ -74,6 +74,8 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
         with signals(stop.ask):
             with bar:
                 result = run_through(assembly, recorder, observers, stop=stop)
+            if result.part_by_part:
+                console.print(f"no compiled ticks, which are faster: {result.part_by_part}", highlight=False)
             assessment = assessed(assembly, result).made_by(made_by)
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
@@ -161,7 +163,7 @@ def progress(console: Console) -> Progress:
 class ProgressPrinter:
     """Observer that prints each state of the work and updates the progress bar."""
 
-    every_tick = False
+    slow_ticks = (250,)  # of the progress bar
 
     def __init__(self, progress: Progress, console: Console) -> None:
         self._progress, self._console = progress, console
@@ -175,7 +177,7 @@ class ProgressPrinter:
             self._state = reference.state
             note = f"  {reference.note}" if reference.note else ""
             self._console.print(f"{truth.time:7.1f} s  {reference.state}{note}", highlight=False)
-        if moment.tick % 250 == 0:
+        if moment.tick % self.slow_ticks[0] == 0:
             felt = moment.command.contact.normal
             said = f"{felt:5.1f} N felt" if reference.force and math.isfinite(felt) else ""
             self._progress.update(self._bar, description=str(reference.state), completed=reference.path_s, note=said)

@@ -173,7 +173,7 @@ def reason(plant: Any, parts: Parts, observers: Sequence[Observer]) -> str:
     for part in (parts.estimator, parts.controller):
         if part.period != period:
             return f"period of {type(part).__name__}"
-    seeing = [type(observer).__name__ for observer in observers if getattr(observer, "every_tick", True)]
+    seeing = [type(observer).__name__ for observer in observers if not hasattr(observer, "slow_ticks")]
     return replaced_part(parts.controller) or (f"observer {seeing[0]}" if seeing else "")
 
 
@@ -187,13 +187,14 @@ class CompiledTicks:
             plant: the plant of the run, not wrapped.
             recorder: the only observer that needs every tick.
         """
-        self._plant, self._recorder = plant, recorder
+        self._plant, self._recorder, self._slow_ticks = plant, recorder, frozenset[int]()
 
     def bind(self, run: Rollout) -> "CompiledTicks":
         """The ticks of `run`, which has taken its first step."""
         wrapper = run.parts.controller
         assert isinstance(wrapper, SafetyWrapper)
         self._drive = DriveSpan(wrapper, run.controller_state)
+        self._slow_ticks = frozenset(ticks for each in run.observers for ticks in getattr(each, "slow_ticks", ()))
         states = dict(zip((type(sensor) for sensor in run.parts.sensors), run.sensor_states, strict=True))
         self._noise = [states[kind] for kind in _DRIVES]
         self._pack(run)
@@ -260,7 +261,7 @@ class CompiledTicks:
         """Number of ticks from `tick` on that may run under `reference`."""
         assert reference is not None
         noise = (each.ready() for each in self._noise)
-        slow = (-tick % every for every in self._recorder.slow_ticks)
+        slow = (-tick % every for every in self._slow_ticks)
         return min(self._drive.ready(reference), self._plant.ready(), *noise, *slow)
 
     def _plan(self, run: Rollout) -> bool:

@@ -141,7 +141,7 @@ def run_through(
 class SignalStop:
     """Last of the observers: ends a run after a whole step once a signal has asked for it."""
 
-    every_tick = False
+    slow_ticks = ()
 
     def __init__(self) -> None:
         self.asked: Interrupted | None = None

@@ -46,8 +46,8 @@ class SteppedPlant(Protocol):
 class Observer(Protocol):
     """Read-only observer that is called at every step.
 
-    One with the attribute `every_tick = False` may be left out of steps at which nothing slow is due, where neither
-    frame, target nor state of the work changes.
+    One with an attribute `slow_ticks`, a tuple of numbers of ticks, needs to be called only at their multiples and
+    where frame, target or state of the work changes; other steps may then run compiled.
     """
 
     def observe(self, moment: "Moment") -> None:
@@ -297,7 +297,7 @@ def rollout(
         parts: Sensors, estimator, finder, planner and controller.
         duration: Longest simulated time [s].
         rng: Source of all random streams.
-        observers: Called at every step, in order; with `compiled`, only where something slow is due.
+        observers: Called at every step, in order; with `compiled`, where something slow is due.
         until: Called at the end of every step; the run ends where it is true. With `compiled`, as the observers.
         compiled: Makes the compiled ticks that run where nothing slow is due; None: every tick runs part by part.
 

@@ -134,6 +134,11 @@ class RerunLog:
     ) -> None:
         self.close()
 
+    @property
+    def slow_ticks(self) -> tuple[int, ...]:
+        """Ticks of the loop between rows of the log."""
+        return self._ticks, self._pose_ticks
+
     def observe(self, moment: Moment) -> None:
         """Log one step."""
         if self.lost:

@@ -128,7 +128,7 @@ class PlacedTask(ABC):
 class CloudRecorder:
     """Observer that adds the clouds of each identification to recording and log."""
 
-    every_tick = False
+    slow_ticks = ()
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log

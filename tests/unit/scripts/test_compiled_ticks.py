@@ -1,0 +1,149 @@
+"""Compiled ticks of the loop: the same bits as part by part, what they leave to the parts, and several at a time."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import pytest
+
+from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tuning import FaultLimits
+from scenarios import Scenario, assemble, barrel
+from scenarios.assembly import Assembly
+from scenarios.compiled_ticks import reason
+from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions, PileOptions, SeabedOptions
+from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
+from scenarios.perturbations.pad import Pad
+from scenarios.perturbations.vehicle import Water
+from scenarios.runner import run_through
+from sim.interfaces.messages import FaultKind
+from sim.loop.recording import EVERY_STEP
+
+EARLY = 4.0  # [s] of a short run: settled, and identified
+
+
+def digests(scenario: Scenario, longest: float, change: Callable[[Assembly], Assembly] = lambda a: a) -> list[str]:
+    """Digest of all series of a run, part by part and with compiled ticks; the second must have compiled some."""
+    found = []
+    for part_by_part in (True, False):
+        result = run_through(change(assemble(scenario, full=True)), longest=longest, part_by_part=part_by_part)
+        assert bool(result.part_by_part) == part_by_part
+        recording = result.recording
+        found.append(recording.digest(recording.series))
+    return found
+
+
+def test_a_run_with_gusts_has_the_same_bits():
+    one, other = digests(barrel(quick=True, gust=0.05), EARLY)
+    assert one == other
+
+
+def test_lost_vision_is_found_at_the_same_tick():
+    """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the compiled ones."""
+    silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
+    one, other = digests(replace(barrel(quick=True), perturbations=(silent,)), EARLY)
+    assert one == other
+
+
+def test_doubtful_residuals_are_looked_at_in_every_tick():
+    """Bounds so narrow that sound sensors pass them all the time, and a confirmation that makes no fault of it."""
+    limits = FaultLimits(torque_floor=1e-6, friction=1e-6, torque_share=1e-9, torque_confirm=1e3, warm_up=0.5)
+
+    def narrow(assembly: Assembly) -> Assembly:
+        wrapper = assembly.parts.controller
+        assert isinstance(wrapper, SafetyWrapper)
+        wrapper = SafetyWrapper(wrapper.controller, assembly.plant.model, limits=limits)
+        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=wrapper)))
+
+    one, other = digests(barrel(quick=True), 1.5, narrow)
+    assert one == other
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        barrel(quick=True, gust=0.05, seed=3),
+        barrel(quick=True, path="longitudinal", current=(0.3, 0.1, 0.0)),
+        barrel(quick=True, arm_errors=3, calibrated=True),
+        barrel(quick=True, vehicle="uuv_side_arm"),
+        replace(barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
+        PileOptions(quick=True).scenario(),
+        ObjectOptions().scenario(),
+        InsertionOptions().scenario(),
+        InspectionOptions().scenario(),
+        SeabedOptions(work="core").scenario(),
+    ],
+    ids=[
+        "gusts",
+        "longitudinal",
+        "calibrated",
+        "side arm",
+        "stiff pad",
+        "pile",
+        "object",
+        "insertion",
+        "inspection",
+        "core",
+    ],
+)
+def test_whole_runs_have_the_same_bits(scenario):
+    found = []
+    for part_by_part in (True, False):
+        recording = run_through(assemble(scenario, full=True), part_by_part=part_by_part).recording
+        found.append(recording.digest(recording.series))
+    assert found[0] == found[1]
+
+
+class EveryTick:
+    """Observer that counts its calls."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def observe(self, moment):
+        self.calls += 1
+
+
+def test_what_has_no_kernel_is_named():
+    built = assemble(barrel(quick=True))
+    plant, parts = built.loop.plant, built.parts
+    assert reason(plant, parts, ()) == ""
+    assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
+    assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
+    assert "controller" in reason(plant, replace(parts, controller=parts.controller.controller), ())
+    for perturbation, named in (
+        (ThrusterFailure(thruster="sway", at=1.0), "plant FaultyPlant"),
+        (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "JointTorqueSensors"),
+    ):
+        loop = assemble(replace(barrel(quick=True), perturbations=(perturbation,))).loop
+        assert named in reason(loop.plant, loop.parts, ())
+    for without, named in (
+        ("fusion", "RawNavigation"),
+        ("force-control", "NominalStiffness"),
+        ("drift-correction", "FromReference"),
+    ):
+        loop = assemble(barrel(quick=True, without=(without,))).loop
+        assert named in reason(loop.plant, loop.parts, ())
+
+
+def test_an_observer_of_every_tick_sees_every_tick():
+    counting = EveryTick()
+    result = run_through(assemble(barrel(quick=True)), observers=[counting], longest=0.2)
+    assert (counting.calls, result.part_by_part) == (100, "observer EveryTick")
+
+
+def test_runs_in_threads_have_the_bits_of_runs_in_turn():
+    def digest(seed: int) -> str:
+        return run_through(assemble(barrel(quick=True, seed=seed)), longest=1.0).recording.digest(EVERY_STEP)
+
+    in_turn = [digest(seed) for seed in (0, 1)]
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(digest, (0, 1))) == in_turn
+
+
+def test_a_lost_sensor_is_a_fault():
+    """The scenario of `test_lost_vision_is_found_at_the_same_tick` does what it is there for."""
+    silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
+    result = run_through(assemble(replace(barrel(quick=True), perturbations=(silent,))), longest=EARLY)
+    assert FaultKind.VISION in {fault.kind for fault in result.last.command.faults}

@@ -7,7 +7,15 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
-from controllers.planning.hull_placement import Placement, PlacementSearch, hull_gap, middle_part, place_hull, tool_pose
+from controllers.planning.hull_placement import (
+    Placement,
+    PlacementSearch,
+    Surroundings,
+    hull_gap,
+    middle_part,
+    place_hull,
+    tool_pose,
+)
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
@@ -50,11 +58,9 @@ def found(
         Vehicle.of(own),
         chain,
         path,
-        obstacle=transform_points(X_WT, target.vertices),
-        hull_box=HULL_BOX,
+        around=Surroundings(obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, floor=floor),
         force=90.0,
         standoff=STANDOFF,
-        floor=floor,
         travel=travel,
         search=search,
         holding=holding,
@@ -216,7 +222,8 @@ def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within
     path = ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
     plate = np.array([[x, y, z] for x in (-1.6, 1.6) for y in (-0.2, 0.2) for z in (-0.02, 0.0)])
     chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
-    options = {"obstacle": plate, "hull_box": HULL_BOX, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
+    around = Surroundings(obstacle=plate, hull_box=HULL_BOX)
+    options = {"around": around, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
     with pytest.raises(ReachError, match="out of reach"):
         place_hull(vehicle, chain, path, **options)
     placement = place_hull(vehicle, chain, path, travel=1.0, **options)

@@ -32,6 +32,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 _FEW_STEPS = IkOptions(max_iterations=60)
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
+_ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
@@ -356,6 +357,7 @@ class ArmMargins:
         low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
         margin, floor = np.inf, max(to_beat, 0.05)
         q, q_start = self.vehicle.q_ready, None
+        slides = np.array([kind == "p" for kind in self.chain.joint_types])
         for i, X_WG in enumerate(track.poses):
             dropped = 0.0, i / len(track.poses), None
             result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
@@ -365,9 +367,6 @@ class ArmMargins:
             margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
             if margin <= floor:  # cheap margins first: most candidates are rejected here
                 return dropped
-            margin = min(margin, _arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
-            if margin <= floor:
-                return dropped
             X_AG, J = self.chain.kinematics(q)
             torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
             margin = min(margin, 3.0 * torque)
@@ -376,6 +375,12 @@ class ArmMargins:
             margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12)
             if margin <= floor:
                 return dropped
+            # The gap seldom is the smallest margin: the kernel, equal but for rounding, tells where.
+            centres = _joint_centres(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
+            if _joint_gap(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
+                margin = min(margin, _arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
+                if margin <= floor:
+                    return dropped
             if self.holding is not None and track.loads is not None:
                 margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
                 if margin <= floor:
@@ -441,11 +446,30 @@ def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) ->
 
     Left out are the first two joints, which hardly move, and the last two, which go with the tool to the contact.
     """
-    return _joint_gap(joint_centres(chain, q)[2 : chain.n - 2], X_AW, planes, gone)
+    moved = joint_centres(chain, q)[2 : chain.n - 2]
+    if not len(moved):
+        return np.inf
+    p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
+    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+
+
+def joint_centres(chain: Chain, q: Array) -> Array:
+    """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
+    centres = np.empty((chain.n, 3))  # each moved by the joints before it
+    X = np.eye(4)
+    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
+        centres[i] = X[:3, :3] @ point + X[:3, 3]
+        if kind == "p":
+            X = X @ pose(p=axis * q[i])
+        else:
+            R = exp_so3(axis * q[i])
+            X = X @ pose(R, point - R @ point)
+    return centres
 
 
 @numba.njit(cache=True)
 def _joint_gap(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
+    """As `_arm_gap`, of given joint centres (k, 3) [m]."""
     nearest = np.inf
     for x, y, z in joints_A:
         x, y, z = x - X_AW[0, 3], y - X_AW[1, 3], z - X_AW[2, 3]
@@ -459,14 +483,9 @@ def _joint_gap(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> floa
     return nearest
 
 
-def joint_centres(chain: Chain, q: Array) -> Array:
-    """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
-    slides = np.array([kind == "p" for kind in chain.joint_types])
-    return _joint_centres(slides, chain.axes, chain.points, np.asarray(q, dtype=np.float64))
-
-
 @numba.njit(cache=True)
 def _joint_centres(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
+    """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
     centres = np.empty((len(q), 3))
     R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)  # each joint is moved by those before it
     for i in range(len(q)):

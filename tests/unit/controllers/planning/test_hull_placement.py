@@ -7,6 +7,7 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
+from controllers.planning import hull_placement
 from controllers.planning.hull_placement import (
     Placement,
     PlacementSearch,
@@ -258,3 +259,17 @@ def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
         depth = np.minimum(p_B - box[0], box[1] - p_B).min(axis=1)
         expected = outside.min() if outside.min() > 0.0 else -depth.max()
         assert hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)
+
+
+def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
+    """Below the margin by which the kernel decides that a gap need not be computed."""
+    rng = np.random.default_rng(0)
+    hinges = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    sliding = Chain.from_dh(rng.normal(size=(6, 4)), joint_types="rprrpr")
+    for chain in (hinges, sliding):
+        slides = np.array([kind == "p" for kind in chain.joint_types])
+        for q in rng.uniform(-3.0, 3.0, (20, chain.n)):
+            X_AW, planes, gone = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=(9, 4)), q[:3]
+            centres = hull_placement._joint_centres(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
+            gap = hull_placement._joint_gap(centres, X_AW, planes, gone)
+            within("rounding [m]", gap - hull_placement._arm_gap(chain, q, X_AW, planes, gone), 1e-13)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
-from controllers.ik.chain_kernels import BAD_TARGET
+from controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
 from controllers.ik.damped_descent import solve_keep
 from controllers.tuning import ArmTuning
 from sim.interfaces.kernels import keyed_by_imports
@@ -114,9 +114,8 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
         resolved,
     )
     trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
-    code, _, _, error_p, error_r = solve_keep(
-        out.chain, resolved.X_AG, out.q, _POSITION, _ORIENTATION, _STEPS, 0, trail, q
-    )
+    settings = Settings(HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False)
+    code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, trail, q)
     if code >= BAD_TARGET:
         return False, resolved.X_AG
     if out.holding[0]:  # the hull stands a little off the place that the held angles were computed for

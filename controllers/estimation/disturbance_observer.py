@@ -61,10 +61,10 @@ class DisturbanceObserver:
         mass, turning = inertia[:3, :3].copy(), inertia[3:, 3:].copy()
         self._hull = _Hull(
             mass=mass,
-            inverse_mass=np.linalg.inv(mass),
+            inverse_mass=np.asarray(np.linalg.inv(mass), dtype=np.float64),
             lever=inertia[:3, 3:].copy(),
             turning=turning,
-            inverse_turning=np.linalg.inv(turning),
+            inverse_turning=np.asarray(np.linalg.inv(turning), dtype=np.float64),
             linear=np.array(linear),
             quadratic=np.array(quadratic),
             noise=np.array([b.velocity_noise, b.current_walk, b.gain_walk, b.offset_walk]),

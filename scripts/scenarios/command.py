@@ -161,6 +161,8 @@ def progress(console: Console) -> Progress:
 class ProgressPrinter:
     """Observer that prints each state of the work and updates the progress bar."""
 
+    every_tick = False
+
     def __init__(self, progress: Progress, console: Console) -> None:
         self._progress, self._console = progress, console
         self._bar = progress.add_task("", total=1.0, note="")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from scenarios.assembly import Assembly, assemble
+from scenarios.compiled_ticks import CompiledTicks, reason
 from scenarios.scenario import Scenario
 from scenarios.tasks.task import RunResult
 from sim.evaluation.metrics import Assessment
@@ -74,8 +75,12 @@ def rehearse(assembly: Assembly) -> None:
 
     The state of the parts is explicit, so only the plant is changed; `Assembly.restart` resets it.
     """
-    rng = np.random.default_rng(assembly.scenario.seed)
-    rollout(assembly.plant, assembly.parts, duration=REHEARSAL, rng=rng)
+    plant, parts, rng = assembly.plant, assembly.parts, np.random.default_rng(assembly.scenario.seed)
+    rollout(plant, parts, duration=REHEARSAL, rng=rng)
+    if not reason(assembly.loop.plant, parts, ()):
+        compiled = CompiledTicks(plant, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
+        assembly.restart()
+        rollout(plant, parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 
 
 def run_through(
@@ -84,6 +89,8 @@ def run_through(
     observers: Sequence[Observer] = (),
     longest: float = LONGEST,
     stop: "SignalStop | None" = None,
+    *,
+    part_by_part: bool = False,
 ) -> RunResult:
     """Runs from the start without any output.
 
@@ -93,6 +100,7 @@ def run_through(
         observers: Further observers of the loop.
         longest: [s] limit of the simulated time.
         stop: Observer that ends the run on a signal; None: one that no signal reaches.
+        part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and the same to the bit.
 
     Returns:
         Recording, last moment and wall time.
@@ -105,10 +113,18 @@ def run_through(
     recorder = recorder or Recorder(plant.model, timestep=plant.timestep, full=assembly.full)
     assembly.restart()
     stop = stop or SignalStop()
+    seen = [*loop.observers, *observers, stop]
+    why = "asked for" if part_by_part else reason(loop.plant, loop.parts, seen)
     began = time.perf_counter()
     try:
-        seen = [recorder, *loop.observers, *observers, stop]
-        last = rollout(loop.plant, loop.parts, duration=longest, rng=assembly.noise, observers=seen)
+        last = rollout(
+            loop.plant,
+            loop.parts,
+            duration=longest,
+            rng=assembly.noise,
+            observers=[recorder, *seen],
+            compiled=None if why else CompiledTicks(plant, recorder).bind,
+        )
     except Interrupted:
         if stop.last is None:
             raise
@@ -118,11 +134,14 @@ def run_through(
         recording=recorder.recording(interrupted=by.signal.name if by else ""),
         last=last,
         wall_s=time.perf_counter() - began,
+        part_by_part=why,
     )
 
 
 class SignalStop:
     """Last of the observers: ends a run after a whole step once a signal has asked for it."""
+
+    every_tick = False
 
     def __init__(self) -> None:
         self.asked: Interrupted | None = None

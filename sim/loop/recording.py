@@ -295,11 +295,13 @@ class Recorder:
         """Ticks of the loop between the slower rows; empty if none are kept."""
         return (self._ticks, self._pose_ticks) if self._full else ()
 
-    def ready(self, rows: int) -> None:
-        """Make room for so many more rows of `write_row`, before `record` is taken."""
+    def ready(self, rows: int) -> bool:
+        """Make room for so many more rows of `write_row`; True if `record` has to be taken anew."""
+        grows = bool(self._written[0] + rows > len(self._rows))
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
+        return grows
 
     def record(self, truth: Any) -> RecorderRecord:
         """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when `ready` grows them.

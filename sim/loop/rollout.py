@@ -44,7 +44,11 @@ class SteppedPlant(Protocol):
 
 
 class Observer(Protocol):
-    """Read-only observer that is called at every step."""
+    """Read-only observer that is called at every step.
+
+    One with the attribute `every_tick = False` may be left out of steps at which nothing slow is due, where neither
+    frame, target nor state of the work changes.
+    """
 
     def observe(self, moment: "Moment") -> None:
         """Process one step; must not change `moment`."""
@@ -198,12 +202,15 @@ class Rollout:
         if stage < Stage.PLANNED and tick % self.planner_ticks == 0:
             self.plan()
         assert self.reference is not None
+        scanned = self.command is not None and self.command.scan
         if stage < Stage.COMMANDED and tick % self._controller_ticks == 0:
             self.controller_state, self.command = parts.controller.step(
                 self.controller_state, self.estimate, self.reference
             )
         command, self.stage = self.command, Stage.NEW
         assert command is not None
+        if command.scan and not scanned:
+            self._asked = tick + 1
         moment = Moment(
             tick,
             self.truth,
@@ -236,8 +243,6 @@ class Rollout:
     def _sense(self, tick: int) -> None:
         """Let the sensors that are due measure, and collect what arrives."""
         scan = self.command is not None and self.command.scan
-        if not scan:
-            self._asked = tick + 1
         truth, states, sensors, arrived = self.truth, self.sensor_states, self.parts.sensors, self._arrived
         for i, every in enumerate(self._every):
             if every:

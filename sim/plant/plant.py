@@ -241,7 +241,7 @@ class Plant:
         truth.arm_wrench_B[:] = np.nan
         self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
-        self.publish()
+        self.publish(0)
 
     def _bind(self, pad_site: int) -> Truth:
         """Truth whose arrays are views into MjData, made once to avoid lookups in the loop."""
@@ -338,15 +338,14 @@ class Plant:
         """Why the compiled stages of `sim.plant.compiled_step` cannot advance this plant; empty if they can."""
         if self._soil is not None:
             return "the plant has soil"
-        if self._reaction is not None:
-            return "the plant measures the wrench of the arm on the hull"
         if self._current.profile is not None:
             return "the current has a profile"
         return ""
 
     def ready(self) -> int:
         """Number of steps that the compiled stages may take before the next call; generates gusts ahead."""
-        return self._current.ready()
+        steps = self._current.ready()
+        return steps if self._reaction is None else min(steps, -self._tick % self._reaction_ticks)
 
     def record(self) -> PlantRecord:
         """Arrays of the compiled stages (`sim.plant.compiled_step`), valid until the next `reset`."""
@@ -359,8 +358,9 @@ class Plant:
             substeps=self.substeps,
         )
 
-    def publish(self) -> None:
-        """Bring the numbers of `truth` up to date after compiled stages; its arrays are live."""
+    def publish(self, steps: int) -> None:
+        """Bring the numbers of `truth` up to date after so many compiled steps; its arrays are live."""
+        self._tick += steps
         self.truth.time, self.truth.saturated = float(self._watch.time[0]), bool(self._drive.saturated[0])
         self._contact()
 

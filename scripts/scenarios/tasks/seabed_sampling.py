@@ -219,6 +219,8 @@ def dvl_on_hull(hull: Array) -> Array:
 class SeabedRecorder:
     """Observer that adds the found seabed, coarse and fine, the targets and the profile to recording and log."""
 
+    every_tick = False
+
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log
 

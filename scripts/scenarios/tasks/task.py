@@ -39,6 +39,7 @@ class RunResult:
     recording: Recording
     last: Moment
     wall_s: float
+    part_by_part: str = ""  # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +127,8 @@ class PlacedTask(ABC):
 
 class CloudRecorder:
     """Observer that adds the clouds of each identification to recording and log."""
+
+    every_tick = False
 
     def __init__(self, recorder: Recorder, log: Any) -> None:
         self._recorder, self._log = recorder, log

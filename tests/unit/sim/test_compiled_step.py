@@ -93,7 +93,7 @@ def test_both_ways_give_the_same_bits(pressed, substeps, gust):
         if tick > 2:  # the first two times are checked in Python
             end = min(STEPS, tick + 9, tick + other.ready())
             assert several(record, torques, thrusters, tick, end) == end
-            other.publish()
+            other.publish(1)
             tick = end
     for plant in (one, other):
         plant.observe()
@@ -167,5 +167,9 @@ def test_the_compiled_step_ends_what_observe_began(pressed):
 
 def test_plants_with_parts_in_python_say_so(pressed):
     still = Current(np.zeros(3))
-    assert "wrench" in Plant(pressed, current=still, reaction_ticks=5).spans()
+    measured = Plant(pressed, current=still, reaction_ticks=5)
+    assert (measured.spans(), measured.ready()) == ("", 0)
+    measured.observe()
+    measured.step(Command(time=0.0, joint_torque=np.zeros(6), thrusters=np.zeros(6), scan=False))
+    assert measured.ready() == 4
     assert "profile" in Plant(pressed, current=Current(np.zeros(3), profile=lambda t: (1.0, 0.0 * t))).spans()

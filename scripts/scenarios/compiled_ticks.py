@@ -1,0 +1,297 @@
+"""Compiled ticks of the loop: everything that happens at the rate of the drives, several ticks in one call.
+
+    ticks = CompiledTicks(recorder)
+    rollout(plant, parts, compiled=ticks.bind, ...)
+
+Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of its arrays, and the
+compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Ticks at which
+something slow is due run part by part: station keeping, fixes, frames. So does every tick after a fault, and a whole
+run with a part that has no kernel; `reason` names it.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from controllers.drive_span import DriveSpan, replaced_part
+from controllers.drive_tick import BROKEN, FINE, SUSPECT, DriveRecord, ReferenceRecord, drive_tick
+from controllers.drive_tick import NORMAL as FELT
+from controllers.safety.safety_wrapper import SafetyWrapper
+from perception.navigation.filter_kernel import put_out, take_sample
+from perception.navigation.strapdown_filter import Navigation
+from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.messages import Reference
+from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
+from sim.interfaces.spatial import Array
+from sim.loop.record_box import RecordBox
+from sim.loop.recording import Recorder, RecorderRecord, write_row
+from sim.loop.rollout import Observer, Parts, Rollout, Stage
+from sim.plant.compiled_step import PlantRecord, advance, observe
+from sim.plant.plant import Plant
+from sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
+from sim.sensors.proprioception import Encoders, Imu, JointTorqueSensors, encode, sense_motion, transmit
+
+_BEFORE, _AFTER = 0, 1  # where the kernel stopped: before the estimate of a tick, or after it
+_DRIVES = (Encoders, JointTorqueSensors, Imu)  # sensors of every tick, in their order
+
+
+class Sensed(NamedTuple):
+    """Memories of the sensors, and the truth that they read; views."""
+
+    encoders: Array  # (1,) of their kind, likewise below
+    torques: Array
+    imu: Array
+    R_WB: Array  # (3, 3)
+    acceleration: Array  # (6,)
+    w_WB_B: Array  # (3,)
+    q: Array  # (n,)
+    qd: Array  # (n,)
+    qdd: Array  # (n,)
+    tau_drive: Array  # (n,)
+    tau_friction: Array  # (n,)
+    armature: Array  # (n,)
+    damping: Array  # (n,)
+
+
+class World(NamedTuple):
+    """Everything that changes at the rate of the drives."""
+
+    plant: PlantRecord
+    sensed: Sensed
+    filter: Array  # (1,) of `filter_kernel.FILTER`
+    sample: ImuRecord
+    joints: JointRecord
+    estimate: EstimateRecord
+    sound: EstimateRecord  # that of the last tick completed
+    drive: DriveRecord
+    reference: ReferenceRecord
+    thrusters: Array  # (m,) command, normalised
+    rows: RecorderRecord
+    referred: np.ndarray  # (1,) index of the present reference in the recording
+
+
+@numba.njit(cache=True, nogil=True)
+@keyed_by_imports
+def run_ticks(box, ticks, begun, begin_next):
+    """Run ticks; the last one may end after its estimate, for the planner.
+
+    Args:
+        box: `RecordBox` of a `World`.
+        ticks: number of ticks to be completed.
+        begun: True if the estimate of the first one is already made.
+        begin_next: True makes the estimate of the tick after the last one too.
+
+    Returns:
+        Number of ticks completed; where the next one stopped, _BEFORE or _AFTER; outcome of its `drive_tick`.
+    """
+    world = box.record
+    plant, drive, estimate = world.plant, world.drive, world.estimate
+    for done in range(ticks + 1):
+        if not (begun and done == 0):
+            if done == ticks and not begin_next:
+                return done, _BEFORE, FINE
+            if observe(plant):
+                return done, _BEFORE, FINE
+            _perceive(world)
+        if done == ticks:
+            return done, _AFTER, FINE
+        outcome = drive_tick(drive, estimate, world.reference)
+        if outcome != FINE:
+            return done, _AFTER, outcome
+        _record(world)
+        _copy(estimate, world.sound)
+        advance(plant, drive.tau, world.thrusters)
+    return ticks, _BEFORE, FINE
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _perceive(world):
+    """Samples of the sensors into the filter, and its estimate."""
+    s, joints, sample = world.sensed, world.joints, world.sample
+    encode(s.encoders, s.q, s.qd, joints.q, joints.qd)
+    transmit(s.torques, s.tau_drive, s.tau_friction, s.armature, s.qdd, s.damping, s.qd, joints.tau)
+    sense_motion(s.imu, s.R_WB, s.acceleration, s.w_WB_B, sample.specific_force_B, sample.w_WB_B, sample.R_WB)
+    sample.time[0] = world.plant.watch.time[0]
+    take_sample(world.filter, sample)
+    put_out(world.filter, joints, world.estimate)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _record(world):
+    """Write one row of the recording."""
+    contacts, drive = world.plant.readout.contacts, world.drive
+    scalars = (
+        contacts[NORMAL],
+        contacts[LEAST],
+        contacts[MOST],
+        world.plant.drive.saturated[0],
+        contacts[COLLISION] != 0.0,
+    )
+    time, felt = world.plant.watch.time[0], drive.numbers[FELT]
+    write_row(world.rows, time, scalars, world.referred[0], drive.f_W, felt)
+
+
+@numba.njit(cache=True)
+def _copy(one, other):
+    """Copy one EstimateRecord into another."""
+    other.time[0] = one.time[0]
+    other.X_WB[:, :] = one.X_WB
+    other.v_WB_B[:], other.w_WB_B[:], other.a_WB_B[:] = one.v_WB_B, one.w_WB_B, one.a_WB_B
+    other.q[:], other.qd[:], other.tau[:] = one.q, one.qd, one.tau
+    other.position_sigma[:], other.ages[:] = one.position_sigma, one.ages
+
+
+def reason(plant: Any, parts: Parts, observers: Sequence[Observer]) -> str:
+    """Why a run is taken part by part at every tick; empty if its ticks can be compiled.
+
+    Args:
+        plant: plant of the loop, or a wrapper of one.
+        parts: parts of the loop.
+        observers: beside the recorder.
+
+    Returns:
+        The part that has no kernel, or that has to see every tick.
+    """
+    if type(plant) is not Plant:
+        return f"plant {type(plant).__name__}"
+    if plant.spans():
+        return plant.spans()
+    period, kinds = plant.timestep, [type(sensor) for sensor in parts.sensors]
+    for kind in _DRIVES:
+        if kinds.count(kind) != 1:
+            return f"{kinds.count(kind)} sensors {kind.__name__}"
+    for sensor in parts.sensors:
+        fast = sensor.period > 0.0 and sensor.period < 1.5 * period
+        if fast != (type(sensor) in _DRIVES) or (fast and sensor.delay > 0.0):
+            return f"rate or delay of sensor {type(sensor).__name__}"
+    if type(parts.estimator) is not Navigation:
+        return f"estimator {type(parts.estimator).__name__}"
+    for part in (parts.estimator, parts.controller):
+        if part.period != period:
+            return f"period of {type(part).__name__}"
+    seeing = [type(observer).__name__ for observer in observers if getattr(observer, "every_tick", True)]
+    return replaced_part(parts.controller) or (f"observer {seeing[0]}" if seeing else "")
+
+
+class CompiledTicks:
+    """Compiled ticks of one run (`sim.loop.rollout.Ticks`)."""
+
+    def __init__(self, plant: Plant, recorder: Recorder) -> None:
+        """Take what the ticks change beside the parts.
+
+        Args:
+            plant: the plant of the run, not wrapped.
+            recorder: the only observer that needs every tick.
+        """
+        self._plant, self._recorder = plant, recorder
+
+    def bind(self, run: Rollout) -> "CompiledTicks":
+        """The ticks of `run`, which has taken its first step."""
+        wrapper = run.parts.controller
+        assert isinstance(wrapper, SafetyWrapper)
+        self._drive = DriveSpan(wrapper, run.controller_state)
+        states = dict(zip((type(sensor) for sensor in run.parts.sensors), run.sensor_states, strict=True))
+        self._noise = [states[kind] for kind in _DRIVES]
+        self._pack(run)
+        return self
+
+    def _pack(self, run: Rollout) -> None:
+        """Bind the arrays of all parts."""
+        truth, navigation = self._plant.truth, run.estimator_state
+        sensed = Sensed(
+            *(each.record for each in self._noise),
+            R_WB=truth.R_WB,
+            acceleration=truth.acceleration,
+            w_WB_B=truth.w_WB_B,
+            q=truth.q,
+            qd=truth.qd,
+            qdd=truth.qdd,
+            tau_drive=truth.tau_drive,
+            tau_friction=truth.tau_friction,
+            armature=truth.armature,
+            damping=truth.joint_damping,
+        )
+        world = World(
+            plant=self._plant.record(),
+            sensed=sensed,
+            filter=navigation.memory,
+            sample=navigation.sample,
+            joints=navigation.joints,
+            estimate=navigation.estimate,
+            sound=estimate_record(len(truth.q)),
+            drive=self._drive.record,
+            reference=self._drive.reference,
+            thrusters=np.zeros(len(truth.thrust)),
+            rows=self._recorder.record(truth),
+            referred=np.zeros(1, dtype=np.int64),
+        )
+        self._world, self._box = world, RecordBox(world)
+
+    def advance(self, run: Rollout, tick: int, end: int) -> int:
+        """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.
+
+        Args:
+            run: its states and messages change as if its own step had run these ticks.
+            tick: first one.
+            end: one after the last one.
+
+        Returns:
+            The next tick for the run; its stage says how far that has come.
+        """
+        while tick < end:
+            ready = min(self._ready(run.reference, tick), end - tick)
+            if ready <= 0:
+                break
+            begun = tick % run.planner_ticks == 0
+            if begun and not self._plan(run):
+                break
+            ticks = min(ready, run.planner_ticks - tick % run.planner_ticks)
+            done = self._run(run, ticks, begun=begun)
+            tick += done
+            if done < ticks:
+                break
+        return tick
+
+    def _ready(self, reference: Reference | None, tick: int) -> int:
+        """Number of ticks from `tick` on that may run under `reference`."""
+        assert reference is not None
+        noise = (each.ready() for each in self._noise)
+        slow = (-tick % every for every in self._recorder.slow_ticks)
+        return min(self._drive.ready(reference), self._plant.ready(), *noise, *slow)
+
+    def _plan(self, run: Rollout) -> bool:
+        """Estimate and planner of a tick; True if its rest may run compiled."""
+        _, where, _ = run_ticks(self._box, 0, False, True)
+        if where == _BEFORE:
+            return False
+        run.estimate = state_estimate(self._world.estimate)
+        before, reference = run.reference, run.plan()
+        run.stage = Stage.PLANNED
+        return before is not None and reference.state is before.state and self._drive.ready(reference) > 0
+
+    def _run(self, run: Rollout, ticks: int, *, begun: bool) -> int:
+        """Run `ticks`, the first of them from its estimate on if `begun`; returns how many were completed."""
+        assert run.reference is not None
+        assert run.command is not None
+        if self._recorder.ready(ticks):
+            self._pack(run)
+        world, drive = self._world, self._drive
+        drive.load(run.reference)
+        world.thrusters[:] = run.command.thrusters
+        world.referred[0] = self._recorder.refer(run.reference)
+        done, _, outcome = run_ticks(self._box, ticks, begun, False)
+        self._plant.publish(done)
+        if outcome in (SUSPECT, BROKEN):  # Python has to look at this tick's command
+            run.estimate, run.stage = state_estimate(world.estimate), Stage.COMMANDED
+            run.command = drive.store(run.estimate, run.reference, outcome)
+            return done
+        if done:
+            run.estimate = state_estimate(world.estimate if outcome == FINE else world.sound)
+            run.command, run.stage = drive.store(run.estimate, run.reference, FINE), Stage.NEW
+        if outcome != FINE:
+            run.estimate, run.stage = state_estimate(world.estimate), Stage.PLANNED
+        return done

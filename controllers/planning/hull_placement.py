@@ -16,6 +16,7 @@ posture of the middle, drives stay away from their limits, and the path may be l
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -31,6 +32,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose
 _FEW_STEPS = IkOptions(max_iterations=60)
 _SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
+_ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
 
@@ -82,7 +84,7 @@ def tool_pose(path: ToolPath, s: float, roll: float) -> tuple[Array, Array, Arra
         The pose X_WG (4, 4), the derivative of its origin (3,) [-], and that of its axes (3,) [rad/m], W.
     """
     X, tangent, turn = np.eye(4), np.empty(3), np.empty(3)
-    _tool_pose(path.s, path.p, path.z, path.x, s, roll, X, tangent, turn)
+    _tool_pose(_Samples(path.s, path.p, path.z, path.x), s, roll, X, tangent, turn)
     return X, tangent, turn
 
 
@@ -101,12 +103,21 @@ _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights ro
 _HALF_STEP = 2e-3  # [m] half step of the central differences along the path
 
 
+class _Samples(NamedTuple):
+    """A tool path as the kernels take it; as in `ToolPath`."""
+
+    s: Array  # (k,) [m]
+    p: Array  # (k, 3) [m]
+    z: Array  # (k, 3)
+    x: Array  # (k, 3)
+
+
 @numba.njit(cache=True)
-def _tool_pose(path_s, path_p, path_z, path_x, s, roll, X, tangent, turn):
-    low, high = max(0.0, s - _HALF_STEP), min(path_s[-1], s + _HALF_STEP)
-    R_low, p_low = _frame(path_s, path_p, path_z, path_x, low, roll)
-    R_high, p_high = _frame(path_s, path_p, path_z, path_x, high, roll)
-    X[:3, :3], X[:3, 3] = _frame(path_s, path_p, path_z, path_x, s, roll)
+def _tool_pose(path, s, roll, X, tangent, turn):
+    low, high = max(0.0, s - _HALF_STEP), min(path.s[-1], s + _HALF_STEP)
+    R_low, p_low = _frame(path, low, roll)
+    R_high, p_high = _frame(path, high, roll)
+    X[:3, :3], X[:3, 3] = _frame(path, s, roll)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         total = 0.0
@@ -117,14 +128,14 @@ def _tool_pose(path_s, path_p, path_z, path_x, s, roll, X, tangent, turn):
 
 
 @numba.njit(cache=True)
-def _frame(path_s, path_p, path_z, path_x, s, roll):
+def _frame(path, s, roll):
     """Axes (3, 3) and position (3,) of the tool at `s`, interpolated between the path's samples."""
-    i = min(max(np.searchsorted(path_s, s) - 1, 0), path_s.shape[0] - 2)
-    share = (s - path_s[i]) / (path_s[i + 1] - path_s[i])
-    p = (1.0 - share) * path_p[i] + share * path_p[i + 1]
-    z = (1.0 - share) * path_z[i] + share * path_z[i + 1]
+    i = min(max(np.searchsorted(path.s, s) - 1, 0), path.s.shape[0] - 2)
+    share = (s - path.s[i]) / (path.s[i + 1] - path.s[i])
+    p = (1.0 - share) * path.p[i] + share * path.p[i + 1]
+    z = (1.0 - share) * path.z[i] + share * path.z[i + 1]
     z /= np.sqrt((z * z).sum())
-    x = (1.0 - share) * path_x[i] + share * path_x[i + 1]
+    x = (1.0 - share) * path.x[i] + share * path.x[i + 1]
     x -= (x * z).sum() * z
     x /= np.sqrt((x * x).sum())
     y = np.array([z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]])
@@ -134,16 +145,23 @@ def _frame(path_s, path_p, path_z, path_x, s, roll):
     return R, p
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surroundings:
+    """The hull's box, and what it keeps clear of."""
+
+    obstacle: Array  # (k, 3) [m] points of the object in W; hull and arm keep clear of its convex hull
+    hull_box: Array  # (2, 3) [m] corners of the hull's box in B
+    floor: float = -np.inf  # [m] height in W of the seabed, above which the hull keeps its clearance
+
+
 def place_hull(
     vehicle: Vehicle,
     chain: Chain,
     path: ToolPath,
     *,
-    obstacle: Array,
-    hull_box: Array,
+    around: Surroundings,
     force: float,
     standoff: float,
-    floor: float = -np.inf,
     travel: float = 0.0,
     search: PlacementSearch | None = None,
     holding: ThrustMargin | None = None,
@@ -154,11 +172,9 @@ def place_hull(
         vehicle: the vehicle.
         chain: kinematics of its arm, from base to tip.
         path: tool path in W.
-        obstacle: (k, 3) [m] points of the object in W; the hull and arm keep clear of its convex hull.
-        hull_box: (2, 3) [m] corners of the hull's box in B.
+        around: what the hull and arm keep clear of.
         force: [N] largest set force.
         standoff: [m] from which the tool approaches.
-        floor: [m] height in W of the seabed, above which the hull keeps its clearance.
         travel: [-] share of the way between the path's ends that the hull travels while the tool works.
         search: grid and clearances; None takes the defaults.
         holding: thrust margin of the vehicle; None leaves thrust out.
@@ -172,15 +188,30 @@ def place_hull(
     search = search or PlacementSearch()
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
-    hull = ConvexHull(obstacle)
-    planes, skin = hull.equations, skin_of(obstacle, hull)
+    hull = ConvexHull(around.obstacle)
+    skin = skin_of(around.obstacle, hull)
     rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
     # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
     done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")
     gone = done[:, None] * travel_W
-    poses = [_seen(tool_poses(path, shares, roll, standoff), gone) for roll in rolls]
-    loads = [_loads(path, shares, roll, force, holding.drag if holding else 0.0) for roll in rolls]
+    drag = holding.drag if holding else 0.0
+    tracks = [
+        ToolTrack(
+            poses=_seen(tool_poses(path, shares, roll, standoff), gone),
+            gone=gone,
+            loads=_loads(path, shares, roll, force, drag),
+        )
+        for roll in rolls
+    ]
+    arm = ArmMargins(
+        vehicle=vehicle,
+        chain=chain,
+        planes=hull.equations,
+        force=force,
+        clearance=search.arm_clearance,
+        holding=holding,
+    )
     mounting = _Mounting.of(vehicle.X_BA)
     ways = (-0.5, 0.0, 0.5) if travel else (0.0,)
     best: Placement | None = None
@@ -191,25 +222,13 @@ def place_hull(
         nonlocal best, best_yaw, furthest
         R_WB = exp_so3([0.0, 0.0, yaw])
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
-        if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + hull_box[0, 2] < floor + search.clearance:
+        if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + around.hull_box[0, 2] < around.floor + search.clearance:
             return False
-        if min(hull_gap(X_WB, hull_box, skin - way * travel_W) for way in ways) < search.clearance:
+        if any(hull_gap(X_WB, around.hull_box, skin - way * travel_W) < search.clearance for way in ways):
             return False
         better = False
-        for roll, tool, load in zip(rolls, poses, loads, strict=True):
-            margin, reached, q_start = try_poses(
-                vehicle,
-                chain,
-                X_WB,
-                tool,
-                planes,
-                gone,
-                force,
-                search.arm_clearance,
-                best.margin if best else 0.0,
-                holding,
-                load,
-            )
+        for roll, track in zip(rolls, tracks, strict=True):
+            margin, reached, q_start = arm.along(track, X_WB, best.margin if best else 0.0)
             furthest = max(furthest, reached)
             if q_start is not None and (best is None or margin > best.margin):
                 best = Placement(
@@ -303,67 +322,72 @@ def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
     return np.vstack(points)
 
 
-def try_poses(
-    vehicle: Vehicle,
-    chain: Chain,
-    X_WB: Array,
-    poses: list[Array],
-    planes: Array,
-    gone: Array,
-    force: float,
-    clearance: float,
-    to_beat: float,
-    holding: ThrustMargin | None = None,
-    loads: Array | None = None,
-) -> tuple[float, float, Array | None]:
-    """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolTrack:
+    """Tool poses along a path, from the stand-off and back to it."""
 
-    Args:
-        vehicle: the vehicle.
-        chain: kinematics of its arm.
-        X_WB: (4, 4) hull pose.
-        poses: tool poses (4, 4), relative to the travelling hull.
-        planes: (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W.
-        gone: (k, 3) [m] displacement of the hull at each pose since mid-path, W.
-        force: [N] largest set force.
-        clearance: [m] distance of joint centres to the object that gives a margin of 1.
-        to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
-        holding: thrust margin of the vehicle; None leaves thrust out.
-        loads: (k, 3) [N] force of the world on the tip at each pose, tool axes, for `holding`.
+    poses: list[Array]  # k poses (4, 4) in W, relative to the travelling hull
+    gone: Array  # (k, 3) [m] displacement of the hull at each since mid-path, W
+    loads: Array | None = None  # (k, 3) [N] force of the world on the tip at each, tool axes; None: thrust is left out
 
-    Returns:
-        The margin, the share of the poses reached, and the first joint angles (n,) [rad]; None if a pose fails.
-    """
-    X_AW = inverse(X_WB @ vehicle.X_BA)
-    margin = np.inf
-    low, high = vehicle.q_limits[:, 0], vehicle.q_limits[:, 1]
-    floor = max(to_beat, 0.05)
-    q = vehicle.q_ready
-    q_start = None
-    for i, X_WG in enumerate(poses):
-        result = solve(chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
-        if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
-            return 0.0, i / len(poses), None
-        q = result.q
-        margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
-        if margin <= floor:  # cheap margins first: most candidates are rejected here
-            return 0.0, i / len(poses), None
-        X_AG, J = chain.kinematics(q)
-        torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * force) / vehicle.torque_limits).max()
-        smallest = np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12
-        margin = min(margin, smallest, 3.0 * torque)
-        if margin <= floor:
-            return 0.0, i / len(poses), None
-        margin = min(margin, _arm_gap(chain, q, X_AW, planes, gone[i]) / clearance)
-        if margin <= floor:
-            return 0.0, i / len(poses), None
-        if holding is not None and loads is not None:
-            margin = min(margin, (1.0 - holding.used(q, X_WB[:3, :3], loads[i])) / _ROOMY_THRUST)
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmMargins:
+    """Margins of the arm at work from a hull pose."""
+
+    vehicle: Vehicle
+    chain: Chain  # kinematics of its arm
+    planes: Array  # (f, 4) faces of the object's convex hull, outward unit normal and offset [m], W
+    force: float  # [N] largest set force
+    clearance: float  # [m] distance of joint centres to the object that gives a margin of 1
+    holding: ThrustMargin | None = None  # thrust margin of the vehicle; None leaves thrust out
+
+    def along(self, track: ToolTrack, X_WB: Array, to_beat: float) -> tuple[float, float, Array | None]:
+        """Smallest margin of a hull pose along tool poses, by inverse kinematics on one branch.
+
+        Args:
+            track: the tool poses.
+            X_WB: (4, 4) hull pose.
+            to_beat: [-] margin to be exceeded, but at least 0.05; otherwise the candidate is dropped.
+
+        Returns:
+            The margin, the share of the poses reached, and the first joint angles (n,) [rad]; None if a pose fails.
+        """
+        X_AW = inverse(X_WB @ self.vehicle.X_BA)
+        low, high = self.vehicle.q_limits[:, 0], self.vehicle.q_limits[:, 1]
+        margin, floor = np.inf, max(to_beat, 0.05)
+        q, q_start = self.vehicle.q_ready, None
+        slides = np.array([kind == "p" for kind in self.chain.joint_types])
+        for i, X_WG in enumerate(track.poses):
+            dropped = 0.0, i / len(track.poses), None
+            result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
+            if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
+                return dropped
+            q = result.q
+            margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
+            if margin <= floor:  # cheap margins first: most candidates are rejected here
+                return dropped
+            X_AG, J = self.chain.kinematics(q)
+            torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
+            margin = min(margin, 3.0 * torque)
             if margin <= floor:
-                return 0.0, i / len(poses), None
-        if i == 0:
-            q_start = q
-    return float(margin), 1.0, q_start
+                return dropped
+            margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12)
+            if margin <= floor:
+                return dropped
+            # The gap seldom is the smallest margin: the kernel, equal but for rounding, tells where.
+            centres = _joint_centres(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
+            if _joint_gap(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
+                margin = min(margin, _arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
+                if margin <= floor:
+                    return dropped
+            if self.holding is not None and track.loads is not None:
+                margin = min(margin, (1.0 - self.holding.used(q, X_WB[:3, :3], track.loads[i])) / _ROOMY_THRUST)
+                if margin <= floor:
+                    return dropped
+            if i == 0:
+                q_start = q
+        return float(margin), 1.0, q_start
 
 
 def tool_poses(path: ToolPath, shares: Array, roll: float, standoff: float) -> list[Array]:
@@ -440,6 +464,49 @@ def joint_centres(chain: Chain, q: Array) -> Array:
         else:
             R = exp_so3(axis * q[i])
             X = X @ pose(R, point - R @ point)
+    return centres
+
+
+@numba.njit(cache=True)
+def _joint_gap(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
+    """As `_arm_gap`, of given joint centres (k, 3) [m]."""
+    nearest = np.inf
+    for x, y, z in joints_A:
+        x, y, z = x - X_AW[0, 3], y - X_AW[1, 3], z - X_AW[2, 3]
+        u = X_AW[0, 0] * x + X_AW[1, 0] * y + X_AW[2, 0] * z + gone[0]
+        v = X_AW[0, 1] * x + X_AW[1, 1] * y + X_AW[2, 1] * z + gone[1]
+        w = X_AW[0, 2] * x + X_AW[1, 2] * y + X_AW[2, 2] * z + gone[2]
+        outside = -np.inf
+        for a, b, c, offset in planes:
+            outside = max(outside, a * u + b * v + c * w + offset)
+        nearest = min(nearest, outside)
+    return nearest
+
+
+@numba.njit(cache=True)
+def _joint_centres(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
+    """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
+    centres = np.empty((len(q), 3))
+    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)  # each joint is moved by those before it
+    for i in range(len(q)):
+        for a in range(3):
+            centres[i, a] = R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
+        if slides[i]:
+            for a in range(3):
+                p[a] += (R[a, 0] * axes[i, 0] + R[a, 1] * axes[i, 1] + R[a, 2] * axes[i, 2]) * q[i]
+            continue
+        s, c = np.sin(q[i]), np.cos(q[i])
+        for a in range(3):  # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
+            x, y, z = R[a]
+            u, v, w = axes[i]
+            along = (1.0 - c) * (x * u + y * v + z * w)
+            turned[a, 0] = c * x + s * (y * w - z * v) + along * u
+            turned[a, 1] = c * y + s * (z * u - x * w) + along * v
+            turned[a, 2] = c * z + s * (x * v - y * u) + along * w
+            p[a] = centres[i, a] - (
+                turned[a, 0] * points[i, 0] + turned[a, 1] * points[i, 1] + turned[a, 2] * points[i, 2]
+            )
+        R[:] = turned
     return centres
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
-from controllers.planning.hull_placement import Placement, PlacementSearch, middle_part, place_hull
+from controllers.planning.hull_placement import Placement, PlacementSearch, Surroundings, middle_part, place_hull
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
@@ -66,6 +66,7 @@ class PathStanding:
     ) -> tuple[Placement, ToolPath, float]:
         """Best placement over shares of the path and travels of the hull; raises ReachError if none exists."""
         limits = self.limits
+        around = Surroundings(obstacle=obstacle, hull_box=self.hull_box, floor=self.floor)
         best: tuple[Placement, ToolPath, float] | None = None
         failure: ReachError | None = None
         for share, travel in self._candidates():
@@ -77,11 +78,9 @@ class PathStanding:
                     self.vehicle,
                     self.chain,
                     shorter,
-                    obstacle=obstacle,
-                    hull_box=self.hull_box,
+                    around=around,
                     force=limits.force,
                     standoff=limits.standoff,
-                    floor=self.floor,
                     travel=travel,
                     search=self.search,
                     holding=holding,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.hull_placement import Placement, joint_centres, reach, tool_poses, try_poses
+from controllers.planning.hull_placement import ArmMargins, Placement, ToolTrack, joint_centres, reach, tool_poses
 from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath
@@ -113,6 +113,7 @@ def choose_height(
     poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
     still = np.zeros((len(poses[0]), 3))
     tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # `arm_gap` tests the arm, below
+    arm = ArmMargins(vehicle=vehicle, chain=chain, planes=nowhere, force=force, clearance=search.arm_clearance)
     highest = float(path.p[:, 2].max()) + reach(chain) - vehicle.X_BA[2, 3]
     calm = silt_height(search.jet, search.critical_shear)
     best: WorkHeight | None = None
@@ -133,16 +134,8 @@ def choose_height(
                 room, silt = min(gap - search.clearance, over - calm), over - calm < gap - search.clearance
             while gap >= search.clearance and over >= calm:
                 for roll, tool in zip(rolls, poses, strict=True):
-                    margin, reached, q_start = try_poses(
-                        vehicle,
-                        chain,
-                        X,
-                        tool,
-                        nowhere,
-                        still,
-                        force,
-                        search.arm_clearance,
-                        best.placement.margin if best else search.margin,
+                    margin, reached, q_start = arm.along(
+                        ToolTrack(poses=tool, gone=still), X, best.placement.margin if best else search.margin
                     )
                     furthest = max(furthest, reached)
                     if q_start is None or margin < search.margin:

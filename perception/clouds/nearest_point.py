@@ -4,7 +4,7 @@ Points sampled on a surface fill cells of a few spacings evenly, and query point
 them. A tree uses neither. The results equal those of `scipy.spatial.cKDTree.query`.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,9 +15,8 @@ _CELL = 3.0  # [spacings] width of a cell
 _MOST_CELLS = 2_000_000  # cells at most; the width doubles until they are fewer
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NearestPoint:
-    """Points sorted into cells."""
+class NearestPoint(NamedTuple):
+    """Points sorted into cells; a tuple, so that kernels take it whole."""
 
     points: Array  # (m, 3) [m], cell by cell
     order: np.ndarray  # (m,) original index of each point
@@ -43,7 +42,7 @@ class NearestPoint:
         Where none is nearer than `reach` [m] the distance is inf and the index is the number of stored points.
         """
         square, found = np.full(len(points), reach * reach), np.full(len(points), len(self.order))
-        _search(points, self.points, self.order, self.first, self.corner, self.shape, self.cell, square, found)
+        _search(self, points, square, found)
         return np.where(found < len(self.order), np.sqrt(square), np.inf), found
 
 
@@ -68,23 +67,14 @@ def _sorted(points: Array, corner: Array, shape: np.ndarray, cell: float) -> tup
 
 
 @njit(cache=True)
-def _search(
-    asked: Array,
-    points: Array,
-    order: np.ndarray,
-    first: np.ndarray,
-    corner: Array,
-    shape: np.ndarray,
-    cell: float,
-    square: Array,
-    found: np.ndarray,
-) -> None:
+def _search(grid: NearestPoint, asked: Array, square: Array, found: np.ndarray) -> None:
     """Lower `square` (n,) [m^2] to the nearest point's and store its index in `found`, by shells of cells.
 
     A cell of shell s is at least s - 1 cells away, plus the distance from the query to the nearest side of its own
     cell.
     """
-    nx, ny, nz = shape
+    points, order, first, corner, cell = grid.points, grid.order, grid.first, grid.corner, grid.cell
+    nx, ny, nz = grid.shape
     for n in range(len(asked)):
         x, y, z = asked[n]
         u, v, w = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell

@@ -8,6 +8,7 @@ that their bias cancels.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -380,6 +381,24 @@ def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tupl
     return offsets[paired], float(paired.mean()), float((goes_on & ~paired).mean())
 
 
+class _Readings(NamedTuple):
+    """Scan points as the kernel takes them; as in `Evidence`."""
+
+    points: Array  # (n, 3) [m] in S
+    normals: Array  # (n, 3)
+    sigma: Array  # (n,) [m]
+    independent: Array  # (n,) [-]
+
+
+class _ModelPoints(NamedTuple):
+    """Visible model points as the kernel takes them; as in `ModelSurface`."""
+
+    points: Array  # (m, 3) [m] in T
+    normals: Array  # (m, 3)
+    spacing: float  # [m]
+    radius: float  # [m]
+
+
 def _plane_terms(
     evidence: Evidence,
     model_points: Array,
@@ -390,41 +409,21 @@ def _plane_terms(
     surface: ModelSurface,
 ) -> tuple[Array, Array, float]:
     """Normal equations (7, 7), (7,) of the scan-to-model distances, and their robust rms [m]."""
-    H, g, sums = _plane_sums(
-        evidence.points,
-        evidence.normals,
-        evidence.sigma,
-        evidence.independent,
-        model_points,
-        model_normals,
-        index,
-        X_ST,
-        transform_points(X_ST, surface.center),
-        gate,
-        surface.spacing,
-        surface.radius,
-    )
+    readings = _Readings(evidence.points, evidence.normals, evidence.sigma, evidence.independent)
+    model = _ModelPoints(model_points, model_normals, surface.spacing, surface.radius)
+    H, g, sums = _plane_sums(readings, model, index, X_ST, transform_points(X_ST, surface.center), gate)
     return H, g, float(np.sqrt(sums[1] / sums[0])) if sums[0] > 0.0 else np.inf
 
 
 @njit(cache=True)
 def _plane_sums(
-    points: Array,
-    normals: Array,
-    sigma: Array,
-    independent: Array,
-    model_points: Array,
-    model_normals: Array,
-    index: np.ndarray,
-    X_ST: Array,
-    center: Array,
-    gate: float,
-    spacing: float,
-    radius: float,
+    scan: _Readings, model: _ModelPoints, index: np.ndarray, X_ST: Array, center: Array, gate: float
 ) -> tuple[Array, Array, Array]:
     """Sums over the valid pairs: normal equations as in `_plane_terms`, and weights and weighted squares (2,) [m^2]."""
     H, g, sums, J = np.zeros((7, 7)), np.zeros(7), np.zeros(2), np.empty(7)
     q, m = np.empty(3), np.empty(3)
+    points, normals, sigma, independent = scan.points, scan.normals, scan.sigma, scan.independent
+    model_points, model_normals, spacing, radius = model.points, model.normals, model.spacing, model.radius
     pairs = 0
     for n in range(len(points)):
         i = index[n]

@@ -8,6 +8,7 @@ the scan share that the model explains.
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -72,9 +73,8 @@ class Expected:
         return 0.5 * (trace - 1.0) > np.cos(_ASTRAY)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Views:
-    """The model rendered from v sides, all in T."""
+class _Views(NamedTuple):
+    """The model rendered from v sides, all in T; a tuple, so that kernels take it whole."""
 
     points: Array  # (p, 3) [m]
     normals: Array  # (p, 3)
@@ -88,6 +88,16 @@ class _Views:
     nearest: np.ndarray  # (v, nx, ny, nz) index of the visible point nearest to a cell
     corner: Array  # (3,) [m] of the table
     cell: float  # [m]
+
+
+class _Picture(NamedTuple):
+    """Depth image with its raster of tangents."""
+
+    depth: Array  # (h, w) [m]
+    tangent_x: float  # of the first column
+    tangent_y: float  # of the first row
+    pitch_x: float  # from column to column
+    pitch_y: float  # from row to row
 
 
 @lru_cache(maxsize=16)
@@ -151,6 +161,7 @@ def initial_poses(
         return []
     points = voxel_means(scan.points[mask], _THIN * surface.radius)
     normals = facing_normals(points, 12)
+    picture = _Picture(scan.depth, scan.tangent_x[0], scan.tangent_y[0], *scan.pitches)
     found: list[tuple[float, Array]] = []
     firsts: list[tuple[float, Array]] = []
     for patch in _patches(points, surface.radius):
@@ -161,35 +172,8 @@ def initial_poses(
         for count, gates in (_ROUGH, _CLOSE):
             X = X[np.argsort(-score, kind="stable")[:_TRIED]] if score.any() else X
             some = _some(patch, count)
-            score = _settle(
-                X,
-                points[some],
-                normals[some],
-                sigma,
-                gates * views.radius,
-                views.points,
-                views.normals,
-                views.ways,
-                views.nearest,
-                views.corner,
-                views.cell,
-                views.center,
-                views.radius,
-                views.spacing,
-            )
-            score += _confirmed(
-                X,
-                views.points,
-                views.ways,
-                views.shown,
-                views.center,
-                scan.depth,
-                scan.tangent_x[0],
-                scan.tangent_y[0],
-                scan.pitches[0],
-                scan.pitches[1],
-                2.0 * views.spacing + 3.0 * sigma,
-            )
+            score = _settle(X, points[some], normals[some], sigma, gates * views.radius, views)
+            score += _confirmed(X, views, picture, 2.0 * views.spacing + 3.0 * sigma)
         admitted = expected.admits(X, surface)
         of_patch = sorted(zip(score[admitted].tolist(), X[admitted], strict=True), key=lambda item: -item[0])
         firsts += of_patch[:1]
@@ -249,29 +233,28 @@ def _facing(z: Array) -> Array:
     return rotation_from_z(z, np.eye(3)[int(np.abs(z).argmin())])
 
 
+_Triple = tuple[float, float, float]
+
+
+class _Equations(NamedTuple):
+    """Normal equations of a twist (linear; angular x radius), and a Jacobian row to work in."""
+
+    H: Array  # (6, 6), lower half
+    g: Array  # (6,)
+    row: Array  # (6,)
+
+
 @njit(cache=True)
-def _settle(
-    X_ST: Array,
-    points: Array,
-    normals: Array,
-    sigma: float,
-    gates: Array,
-    model: Array,
-    model_normals: Array,
-    ways: Array,
-    nearest: np.ndarray,
-    corner: Array,
-    cell: float,
-    center: Array,
-    radius: float,
-    spacing: float,
-) -> Array:
+def _settle(X_ST: Array, points: Array, normals: Array, sigma: float, gates: Array, views: _Views) -> Array:
     """Fast ICP of every pose of `X_ST` (n, 4, 4), in place; returns the explained share (n,) of the points.
 
     One Gauss-Newton step for each of `gates` [m]. The share is counted in the last iteration, before its step.
     """
     explained = np.empty(len(X_ST))
-    H, g, row = np.empty((6, 6)), np.empty(6), np.empty(6)
+    equations = _Equations(np.empty((6, 6)), np.empty(6), np.empty(6))
+    H, g = equations.H, equations.g
+    model, model_normals, nearest, ways = views.points, views.normals, views.nearest, views.ways
+    corner, cell, center, radius, spacing = views.corner, views.cell, views.center, views.radius, views.spacing
     nx, ny, nz = nearest.shape[1:]
     reach = 2.0 * (cell + spacing)
     for h in range(len(X_ST)):
@@ -309,12 +292,13 @@ def _settle(
                     count += 1
                 weight = 1.0 / (1.0 + (along / scale) ** 2) ** 2
                 ax, ay, az = (x - center[0]) / radius, (y - center[1]) / radius, (z - center[2]) / radius
-                _add(H, g, row, weight, along, u, v, w, ax, ay, az)
+                at = (ax, ay, az)
+                _add(equations, weight, along, (u, v, w), at)
                 if square > reach * reach:  # no model at this cell: pull along the surface too
                     weight *= _PULL / (1.0 + square / gate**2)
-                    _add(H, g, row, weight, ox, 1.0, 0.0, 0.0, ax, ay, az)
-                    _add(H, g, row, weight, oy, 0.0, 1.0, 0.0, ax, ay, az)
-                    _add(H, g, row, weight, oz, 0.0, 0.0, 1.0, ax, ay, az)
+                    _add(equations, weight, ox, (1.0, 0.0, 0.0), at)
+                    _add(equations, weight, oy, (0.0, 1.0, 0.0), at)
+                    _add(equations, weight, oz, (0.0, 0.0, 1.0), at)
             explained[h] = count / len(points)
             damping = _DAMPING * np.trace(H) + 1e-9
             for a in range(6):
@@ -343,20 +327,10 @@ def _view(X_ST: Array, ways: Array, center: Array) -> int:
 
 
 @njit(cache=True)
-def _add(
-    H: Array,
-    g: Array,
-    row: Array,
-    weight: float,
-    offset: float,
-    u: float,
-    v: float,
-    w: float,
-    x: float,
-    y: float,
-    z: float,
-) -> None:
-    """Add an `offset` [m] along (u, v, w) at (x, y, z) [radii] from the centre to the normal equations (lower half)."""
+def _add(equations: _Equations, weight: float, offset: float, way: _Triple, at: _Triple) -> None:
+    """Add an `offset` [m] along the unit `way` at the place `at` [radii] from the centre to the normal equations."""
+    H, g, row = equations.H, equations.g, equations.row
+    (u, v, w), (x, y, z) = way, at
     row[0], row[1], row[2] = u, v, w
     row[3], row[4], row[5] = y * w - z * v, z * u - x * w, x * v - y * u
     for a in range(6):
@@ -380,33 +354,23 @@ def _move(X_ST: Array, step: np.ndarray, center: Array, radius: float) -> None:
 
 
 @njit(cache=True)
-def _confirmed(
-    X_ST: Array,
-    model: Array,
-    ways: Array,
-    shown: np.ndarray,
-    center: Array,
-    depth: Array,
-    tangent_x: float,
-    tangent_y: float,
-    pitch_x: float,
-    pitch_y: float,
-    tolerance: float,
-) -> Array:
+def _confirmed(X_ST: Array, views: _Views, picture: _Picture, tolerance: float) -> Array:
     """Share (n,) of the visible model confirmed by the scan, less the share it sees through, at the poses (n, 4, 4)."""
     share = np.empty(len(X_ST))
+    model, shown, depth = views.points, views.shown, picture.depth
     height, width = depth.shape
     for h in range(len(X_ST)):
         X = X_ST[h]
         total = 0
-        for m in shown[_view(X, ways, center)]:
+        for m in shown[_view(X, views.ways, views.center)]:
             x, y, z = model[m]
             ahead = X[2, 0] * x + X[2, 1] * y + X[2, 2] * z + X[2, 3]
             if ahead <= 0.0:
                 continue
             column = (X[0, 0] * x + X[0, 1] * y + X[0, 2] * z + X[0, 3]) / ahead
             row = (X[1, 0] * x + X[1, 1] * y + X[1, 2] * z + X[1, 3]) / ahead
-            i, j = round((row - tangent_y) / pitch_y), round((column - tangent_x) / pitch_x)
+            i = round((row - picture.tangent_y) / picture.pitch_y)
+            j = round((column - picture.tangent_x) / picture.pitch_x)
             if 0 <= i < height and 0 <= j < width:
                 behind = depth[i, j] - ahead
                 if abs(behind) < tolerance:

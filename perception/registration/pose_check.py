@@ -20,6 +20,7 @@ from the sensor's noise and resolution. Three further conditions:
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -64,6 +65,22 @@ class Decision(StrEnum):
     REFUSE = "refuse"  # the scan contradicts the model
 
 
+class EdgeFigures(NamedTuple):
+    """Comparison of the sharp depth edges; the figures are NaN without any in view."""
+
+    offset_m: float  # [m] median offset across the edge
+    threshold_m: float  # [m] its limit
+    share: float  # [-] share of the model's edges found in the scan
+    goes_on: float  # [-] share of the model's edges beyond which the scanned surface goes on
+
+
+class Projections(NamedTuple):
+    """Where the rays meet both surfaces."""
+
+    scan: Array  # (k, 3) [m] C_i on the scan, in S
+    model: Array  # (k, 3) [m] C'_i on the model, in S
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseCheck:
     """Figures of the verification with their limits; `reason` is empty if all hold."""
@@ -78,10 +95,7 @@ class PoseCheck:
     coverage: float  # [-] share of all rays on which the scan shows the object
     hidden: float  # [-] share of all rays with an occluder in front of the object
     rays: int  # expected to meet both surfaces
-    edge_m: float  # [m] median offset of sharp depth edges across the edge; NaN without any in view
-    edge_threshold_m: float  # [m]
-    edge_share: float  # [-] share of sharp depth edges found in the scan; NaN without any in view
-    goes_on: float  # [-] share of sharp model edges beyond which the scanned surface goes on
+    edges: EdgeFigures
     beyond: float  # [-] share of the scanned surface connected to the model that the model does not explain
     move_m: float  # [m] rms by which another ICP moves the visible model
     move_threshold_m: float  # [m]
@@ -89,8 +103,7 @@ class PoseCheck:
     size_threshold: float  # [-] by which it may differ from 1
     margin: float  # [nat] log likelihood above that of the best other pose that was tried; inf if none was
     free: Array  # (k, 6) free twists as in `IcpFit`
-    points_scan: Array  # (k, 3) [m] projections C_i on the scan, in S, of rays that meet both surfaces
-    points_model: Array  # (k, 3) [m] projections C'_i on the model, in S
+    projections: Projections
     reason: str  # why the pose was not accepted
 
 
@@ -208,10 +221,7 @@ def check(
         coverage=coverage,
         hidden=float(rays.hidden.mean()),
         rays=len(E),
-        edge_m=edge,
-        edge_threshold_m=edge_threshold,
-        edge_share=edge_share,
-        goes_on=goes_on,
+        edges=EdgeFigures(edge, edge_threshold, edge_share, goes_on),
         beyond=beyond,
         move_m=move,
         move_threshold_m=move_threshold,
@@ -219,8 +229,9 @@ def check(
         size_threshold=size_threshold,
         margin=margin,
         free=rest.free,
-        points_scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both],
-        points_model=rays.C_model[both],
+        projections=Projections(
+            scan=(rays.C_model + np.where(both, E, 0.0)[:, None] * rays.o)[both], model=rays.C_model[both]
+        ),
         reason="; ".join(against + lacking),
     )
 
@@ -317,10 +328,7 @@ def _unmade(reason: str) -> PoseCheck:
         coverage=0.0,
         hidden=np.nan,
         rays=0,
-        edge_m=np.nan,
-        edge_threshold_m=0.0,
-        edge_share=np.nan,
-        goes_on=np.nan,
+        edges=EdgeFigures(np.nan, 0.0, np.nan, np.nan),
         beyond=np.nan,
         move_m=np.nan,
         move_threshold_m=0.0,
@@ -328,7 +336,6 @@ def _unmade(reason: str) -> PoseCheck:
         size_threshold=0.0,
         margin=np.inf,
         free=np.zeros((0, 6)),
-        points_scan=nothing,
-        points_model=nothing,
+        projections=Projections(nothing, nothing),
         reason=reason,
     )

@@ -7,7 +7,16 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
-from controllers.planning.hull_placement import Placement, PlacementSearch, hull_gap, middle_part, place_hull, tool_pose
+from controllers.planning import hull_placement
+from controllers.planning.hull_placement import (
+    Placement,
+    PlacementSearch,
+    Surroundings,
+    hull_gap,
+    middle_part,
+    place_hull,
+    tool_pose,
+)
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects.targets import TargetModel, barrel, pile, ring, vertical
 from models.site import scenes
@@ -50,11 +59,9 @@ def found(
         Vehicle.of(own),
         chain,
         path,
-        obstacle=transform_points(X_WT, target.vertices),
-        hull_box=HULL_BOX,
+        around=Surroundings(obstacle=transform_points(X_WT, target.vertices), hull_box=HULL_BOX, floor=floor),
         force=90.0,
         standoff=STANDOFF,
-        floor=floor,
         travel=travel,
         search=search,
         holding=holding,
@@ -216,7 +223,8 @@ def test_a_path_longer_than_the_arm_is_worked_by_a_hull_that_travels(own, within
     path = ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
     plate = np.array([[x, y, z] for x in (-1.6, 1.6) for y in (-0.2, 0.2) for z in (-0.02, 0.0)])
     chain, vehicle = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"]), Vehicle.of(own)
-    options = {"obstacle": plate, "hull_box": HULL_BOX, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
+    around = Surroundings(obstacle=plate, hull_box=HULL_BOX)
+    options = {"around": around, "force": 90.0, "standoff": STANDOFF, "search": COARSE}
     with pytest.raises(ReachError, match="out of reach"):
         place_hull(vehicle, chain, path, **options)
     placement = place_hull(vehicle, chain, path, travel=1.0, **options)
@@ -251,3 +259,17 @@ def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
         depth = np.minimum(p_B - box[0], box[1] - p_B).min(axis=1)
         expected = outside.min() if outside.min() > 0.0 else -depth.max()
         assert hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)
+
+
+def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
+    """Below the margin by which the kernel decides that a gap need not be computed."""
+    rng = np.random.default_rng(0)
+    hinges = Chain.from_mjcf(own, ARM_BASE_BODY, TIP_SITE, exclude=["pad"])
+    sliding = Chain.from_dh(rng.normal(size=(6, 4)), joint_types="rprrpr")
+    for chain in (hinges, sliding):
+        slides = np.array([kind == "p" for kind in chain.joint_types])
+        for q in rng.uniform(-3.0, 3.0, (20, chain.n)):
+            X_AW, planes, gone = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=(9, 4)), q[:3]
+            centres = hull_placement._joint_centres(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
+            gap = hull_placement._joint_gap(centres, X_AW, planes, gone)
+            within("rounding [m]", gap - hull_placement._arm_gap(chain, q, X_AW, planes, gone), 1e-13)

@@ -191,7 +191,7 @@ def test_result_tells_how_it_came_about(found: Identification, within):
     assert 0 < len(found.model_after) < len(found.model_before)
     assert not found.X_sensor_target.flags.writeable
     within("free angle [rad]", np.linalg.norm(found.X_sensor_target[:3, :3] - VIEW[:3, :3]), 0.5)
-    between = np.linalg.norm(found.check.points_scan - found.check.points_model, axis=1)
+    between = np.linalg.norm(found.check.projections.scan - found.check.projections.model, axis=1)
     within("C_i from C'_i [m]", np.median(between), 5e-3)
 
 

@@ -183,15 +183,15 @@ def drive_tick(record, estimate, reference):
     target_of_joints = JointTarget(motion.q, motion.qd, motion.qdd, since * gains.period)
     soft = SoftAxis(motion.yielding, numbers[SOFTNESS])
     seen = SeenArm(e.q, e.qd, sensed.hull)
-    record.tau[:] = servo_joints(record.arm, gains.drives, seen, target_of_joints, soft, borne, record.integral)
+    tau = servo_joints(record.arm, gains.drives, seen, target_of_joints, soft, borne, record.integral)
     ticks[TICK] += 1
     age = e.time[0] - numbers[BEGAN]
     warm = age > gains.warm_up
     look = update_residuals(record.model, (e.q, e.qd, e.tau), age, warm, record.residuals)
-    record.residuals.tau_motor[:] = record.tau
     total = 0.0
-    for j in range(record.tau.shape[0]):
-        total += 0.0 * record.tau[j]
+    for j in range(tau.shape[0]):
+        record.tau[j] = record.residuals.tau_motor[j] = tau[j]
+        total += 0.0 * tau[j]
     if total != 0.0:  # NaN or infinite
         return BROKEN
     return SUSPECT if warm and look else FINE

@@ -507,11 +507,12 @@ class ArmDynamics:
         hull[16] -= w2 * v0 - w0 * v2
         hull[17] -= w0 * v1 - w1 * v0
         hull[21:] = v_current_W
+        q, qd, qdd = np.array((q, qd, qdd), dtype=np.float64)  # writable: for others the kernel were compiled again
         return inverse_dynamics(tuple(self.parameters), (q, qd, qdd), hull, wrench_tip_G)
 
     def tip(self, q: Array) -> tuple[Array, Array]:
         """Tip pose X_BG (4, 4) in the hull's frame and its Jacobian (6, n), hull axes, at joint angles `q` (n,)."""
-        return _tip(tuple(self.parameters), q)
+        return _tip(tuple(self.parameters), np.array(q, dtype=np.float64))  # writable, as in `inverse`
 
     def wrench_at_rest(self, q: Array) -> Array:
         """Wrench (6,) [N, N m] of the arm on the hull at joint angles `q` (n,), both at rest and level."""

@@ -15,6 +15,7 @@ from sim.evaluation.metrics import Assessment
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer, rollout
 from sim.runs.command_line import Interrupted
+from sim.water.current import Current
 
 REHEARSAL = 0.1  # [s] simulated; loads all compiled code
 LONGEST = 400.0  # [s] simulated, limit of a run
@@ -79,7 +80,7 @@ def rehearse(assembly: Assembly) -> None:
     rollout(plant, parts, duration=REHEARSAL, rng=rng)
     if not reason(assembly.loop.plant, parts, ()):
         compiled = CompiledTicks(plant, Recorder(plant.model, timestep=plant.timestep, full=False)).bind
-        assembly.restart()
+        plant.reset(current=Current(assembly.scenario.site.current), X_WB=assembly.X_WB)  # no gust is drawn
         rollout(plant, parts, duration=REHEARSAL, rng=rng, compiled=compiled)
 
 

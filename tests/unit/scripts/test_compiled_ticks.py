@@ -18,6 +18,7 @@ from scenarios.perturbations.vehicle import Water
 from scenarios.runner import run_through
 from sim.interfaces.messages import FaultKind
 from sim.loop.recording import EVERY_STEP
+from untyped import untyped
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
 
@@ -111,7 +112,7 @@ def test_what_has_no_kernel_is_named():
     assert reason(plant, parts, ()) == ""
     assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
     assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
-    assert "controller" in reason(plant, replace(parts, controller=parts.controller.controller), ())
+    assert "controller" in reason(plant, replace(parts, controller=untyped(parts.controller).controller), ())
     for perturbation, named in (
         (ThrusterFailure(thruster="sway", at=1.0), "plant FaultyPlant"),
         (SensorFailure(sensor="torque", effect="frozen", field="tau", index=1, at=1.0), "JointTorqueSensors"),

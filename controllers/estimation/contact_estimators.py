@@ -13,14 +13,15 @@ import numpy as np
 from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion
 from controllers.arm.joint_servo import FrictionTracking, track_gear_friction
-from controllers.estimation.force_from_torques import Tare, force_covariance
 from controllers.estimation.load_observer import SMOOTHING, LoadObserver, LoadObserverState
 from controllers.estimation.payload_identification import PayloadIdentification, PayloadIdentificationState
 from controllers.estimation.tip_force_estimator import (
     SensedArm,
     SenseTiming,
+    Tare,
     estimate_tip_force,
     force_from_external_torques,
+    force_sigma,
 )
 from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from models.arms.gear_friction import DryFriction
@@ -115,11 +116,6 @@ class _TorqueResidual:
             state.tare.add(state.sensed.tau_e)
             state.bias[:] = state.tare.bias()
 
-    def _sigma(self, state: ContactState, weighed: Array, variance: Array) -> Array:
-        """Standard deviation (3,) [N] of the force; torques have `variance` (n,) and are weighted by `weighed` (n,)."""
-        J_G = state.sensed.X_BG[:3, :3].T @ state.sensed.J_B[:3]
-        return np.sqrt(np.diag(force_covariance(J_G, weighed, np.diag(variance))))
-
 
 class TorqueSensors(_TorqueResidual):
     """Contact force from torque sensors on the gear outputs; the payload is identified while the arm unfolds."""
@@ -180,7 +176,8 @@ class TorqueSensors(_TorqueResidual):
         if slow:
             noise = self._tuning.torque_noise * np.abs(estimate.tau)
             kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force
-            sigma_G = self._sigma(state, state.floor + noise, kept * noise**2 + self._tuning.torque_drift**2)
+            variance = kept * noise**2 + self._tuning.torque_drift**2
+            sigma_G = force_sigma(state.sensed.X_BG, state.sensed.J_B, state.floor + noise, variance)
             state.estimate = replace(state.estimate, sigma_G=sigma_G)
         state.tick += 1
 
@@ -276,6 +273,6 @@ class MomentumObserver(_TorqueResidual):
             known = tuning.friction_known
             dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)
             state.floor = np.hypot(tuning.observer_floor, state.floor)
-            sigma_G = self._sigma(state, state.floor, state.floor**2)
+            sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
         state.tick += 1
         state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=sigma_G)

@@ -1,4 +1,4 @@
-"""Least-squares contact force at the tool from joint torques, in plain form, with covariance and tare.
+"""Least-squares contact force at the tool from joint torques, in plain form, with covariance.
 
 The residual of the torques against the arm model is mapped through J^T. The form that runs in the loop is compiled, in
 `controllers.estimation.tip_force_estimator`.
@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.estimation.tip_force_estimator import PRIOR
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
-
-PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
 
 
 def tip_force(tau_e: Array, J: Array, sigma: Array) -> tuple[Array, Array]:
@@ -118,20 +117,3 @@ def tip_force_closed_form(tau_e: Array, q: Array, lengths: tuple[float, float, f
     Fz = tau_e[3] / l4
     Fx = (tau_e[2] - (1.0 + l3 * c4 / l4) * tau_e[3]) / (l3 * s4)
     return np.array([Fx, tau_e[0] / radius, Fz])
-
-
-@dataclass(slots=True, eq=False)
-class Tare:
-    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in this posture."""
-
-    total: Array  # (n,) [N m] sum of the samples
-    count: int = 0
-
-    def add(self, tau_e: Array) -> None:
-        """Add one sample of external torques `tau_e` (n,) [N m], free of contact."""
-        self.total += tau_e
-        self.count += 1
-
-    def bias(self) -> Array:
-        """Mean (n,) [N m]; zero before the first sample."""
-        return self.total / max(self.count, 1)

@@ -13,10 +13,13 @@ priors on d, b and w. A part whose excess is unobservable keeps its believed mas
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, inverse_dynamics
+from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
 
 
@@ -29,6 +32,15 @@ class PayloadIdentificationState:
     total: Array  # (n, u + 1) sums over the present posture: -G, -I, -H, tau_e
     count: int  # samples in these sums
     q: Array  # (n,) [rad] first angles of the present posture
+
+
+class _Terms(NamedTuple):
+    """Parameters of `newton_euler` for single terms of the arm's dynamics."""
+
+    layout: np.ndarray  # of `ArmParameters`
+    parts: Array  # (nb, k) numbers of the arm in vacuum with the mass of one part only
+    water: Array  # (k,) numbers of added mass and drag alone
+    stations: Array  # drag stations of `ArmParameters`
 
 
 class PayloadIdentification:
@@ -60,18 +72,16 @@ class PayloadIdentification:
         self._arm, self._doubt, self._water, self._step = arm, doubt, water, step
         own = arm.parameters
         nb = own.layout.shape[1]
-        self._parts: list[ArmParameters] = []  # the arm in vacuum with the mass of part k only
-        for k in range(nb):
-            alone = own.numbers.copy()
+        parts = np.tile(own.numbers, (nb, 1))
+        for k, alone in enumerate(parts):
             for masses in arm.of_bodies(alone, "mass", "inertia"):
                 masses[np.arange(nb) != k] = 0.0
             for wet in arm.of_bodies(alone, "added", "linear", "quadratic", "buoyancy"):
                 wet[:] = 0.0
-            self._parts.append(own._replace(numbers=alone, stations=own.stations[:0]))
-        water_alone = own.numbers.copy()  # added mass and drag
+        water_alone = own.numbers.copy()
         for heavy in arm.of_bodies(water_alone, "mass", "com", "inertia", "buoyancy"):
             heavy[:] = 0.0
-        self._of_water = own._replace(numbers=water_alone)
+        self._terms = tuple(_Terms(own.layout, parts, water_alone, own.stations))
         self._prior = np.concatenate([np.full(nb, spread**-2), np.full(arm.n, bias**-2), [water**-2]])
 
     def init(self) -> PayloadIdentificationState:
@@ -90,12 +100,7 @@ class PayloadIdentification:
             hull: (24,) motion of the hull as in `newton_euler`.
             tau_e: (n,) [N m] torques of the model less those measured.
         """
-        nb, n, none = len(self._parts), self._arm.n, np.zeros(6)
-        for k, alone in enumerate(self._parts):
-            state.total[:, k] -= inverse_dynamics(tuple(alone), tuple(joints), hull, none)[0]
-        state.total[:, nb : nb + n] -= np.eye(n)
-        state.total[:, nb + n] -= inverse_dynamics(tuple(self._of_water), tuple(joints), hull, none)[0]
-        state.total[:, -1] += tau_e
+        _add(self._terms, tuple(joints), hull, tau_e, state.total)
         if state.count == 0:
             state.q = joints.q.copy()
         state.count += 1
@@ -116,7 +121,7 @@ class PayloadIdentification:
         if state.count:
             self._take(state)
         found = np.asarray(np.linalg.solve(state.information, state.seen), dtype=np.float64)
-        return found[: len(self._parts)]
+        return found[: len(self._terms[1])]
 
     def weighed(self, excess: Array) -> ArmParameters:
         """The arm with masses and inertias scaled by 1 + `excess` (nb,) [-]."""
@@ -124,3 +129,20 @@ class PayloadIdentification:
         for masses in self._arm.of_bodies(numbers, "mass", "inertia"):
             masses *= (1.0 + excess)[:, None]
         return self._arm.parameters._replace(numbers=numbers)
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _add(terms, joints, hull, tau_e, total):
+    """Add one sample to the sums `total` (n, nb + n + 2): -G, -I, -H, tau_e; `terms` are the fields of `_Terms`."""
+    layout, parts, water, stations = terms
+    nb, n, none = parts.shape[0], tau_e.shape[0], np.zeros(6)
+    for k in range(nb + 1):
+        of_part = k < nb
+        alone = ArmParameters(layout, parts[k], stations[:0]) if of_part else ArmParameters(layout, water, stations)
+        tau, _ = inverse_dynamics(alone, joints, hull, none)
+        for j in range(n):
+            total[j, k if of_part else nb + n] -= tau[j]
+    for j in range(n):
+        total[j, nb + j] -= 1.0
+        total[j, nb + n + 1] += tau_e[j]

@@ -5,15 +5,17 @@ compare the compiled forms here with the plain forms there. Records come as plai
 types faster.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmParameters, JointMotion, newton_euler, tip_kinematics, workspace
-from controllers.estimation.force_from_torques import PRIOR
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
+
+PRIOR = 1e-6  # [1/N^2] weak prior, sigma 1 kN about zero: keeps directions bounded that a posture cannot observe
 
 
 class ArmReadings(NamedTuple):
@@ -75,6 +77,23 @@ class SensedArm(NamedTuple):
             f_B=np.zeros(3),
             f_G=np.zeros(3),
         )
+
+
+@dataclass(slots=True, eq=False)
+class Tare:
+    """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in this posture."""
+
+    total: Array  # (n,) [N m] sum of the samples
+    count: int = 0
+
+    def add(self, tau_e: Array) -> None:
+        """Add one sample of external torques `tau_e` (n,) [N m], free of contact."""
+        self.total += tau_e
+        self.count += 1
+
+    def bias(self) -> Array:
+        """Mean (n,) [N m]; zero before the first sample."""
+        return self.total / max(self.count, 1)
 
 
 @numba.njit(cache=True)
@@ -205,3 +224,39 @@ def _least_squares(J_B, tau_e, tau_scale, errors):
     z = y2 / l22
     y = (y1 - l21 * z) / l11
     return (y0 - l10 * y - l20 * z) / l00, y, z
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def force_sigma(X_BG, J_B, weighed, variance):
+    """Standard deviation (3,) [N] of the estimated force in tool axes, by `force_from_torques.force_covariance`.
+
+    Args:
+        X_BG: (4, 4) tip pose in the hull's frame.
+        J_B: (6, n) Jacobian of the tip, hull axes.
+        weighed: (n,) [N m] standard deviations that weight the torques in the estimate.
+        variance: (n,) [N^2 m^2] variances of their actual errors.
+
+    Returns:
+        The standard deviation of each component.
+    """
+    n = weighed.shape[0]
+    J, stated, out = np.zeros((3, n)), PRIOR * np.eye(3), np.empty(3)
+    for i in range(3):
+        for j in range(n):
+            for k in range(3):
+                J[i, j] += X_BG[k, i] * J_B[k, j]
+    for i in range(3):
+        for k in range(3):
+            for j in range(n):
+                stated[i, k] += J[i, j] * J[k, j] / weighed[j] ** 2
+    stated = np.linalg.inv(stated)
+    for i in range(3):
+        total = 0.0
+        for k in range(3):
+            total += PRIOR * stated[i, k] ** 2
+        for j in range(n):
+            gain = (stated[i, 0] * J[0, j] + stated[i, 1] * J[1, j] + stated[i, 2] * J[2, j]) / weighed[j] ** 2
+            total += gain * gain * variance[j]
+        out[i] = np.sqrt(total)
+    return out

@@ -5,13 +5,8 @@ import numpy as np
 import pytest
 
 import models
-from controllers.estimation.force_from_torques import (
-    Tare,
-    force_covariance,
-    tip_force,
-    tip_force_closed_form,
-    tip_wrench,
-)
+from controllers.estimation.force_from_torques import force_covariance, tip_force, tip_force_closed_form, tip_wrench
+from controllers.estimation.tip_force_estimator import Tare, force_sigma
 from models.naming import TIP_SITE
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
@@ -140,6 +135,16 @@ def test_covariance_of_torques_weighed_wrongly_is_what_repeated_measurements_sho
     right = tip_force(np.zeros(4), J, true)[1]
     assert force_covariance(J, true, np.diag(true**2)) == pytest.approx(right, rel=1e-3)
     assert np.trace(right) < np.trace(stated)
+
+
+def test_the_compiled_sigma_is_that_of_the_covariance():
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        X_BG, J_B = np.eye(4), rng.standard_normal((6, 6))
+        X_BG[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        weighed, variance = rng.uniform(0.1, 1.0, 6), rng.uniform(0.0, 1.0, 6)
+        plain = force_covariance(X_BG[:3, :3].T @ J_B[:3], weighed, np.diag(variance))
+        assert force_sigma(X_BG, J_B, weighed, variance) == pytest.approx(np.sqrt(np.diag(plain)), rel=1e-9)
 
 
 @pytest.mark.parametrize("joints", [3, 5, 6, 7, 9])

@@ -49,21 +49,21 @@ class AbortCode(StrEnum):
     HULL_ADRIFT = "hull adrift"  # it is off its place
     NO_CONTACT = "no contact"  # there is no surface where one is expected
     OBSTACLE = "obstacle"  # contact where none is expected
-    FORCE_NOT_REACHED = "force not reached"
+    FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set one
     FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
     FORCE_LIMIT = "force limit"  # the estimated force is above its limit
-    CONTACT_LOST = "contact lost"
-    HOLE_NOT_FOUND = "hole not found"
+    CONTACT_LOST = "contact lost"  # the estimated force falls to nothing at work
+    HOLE_NOT_FOUND = "hole not found"  # by the spiral search
     JAMMED = "jammed"  # on the way in
     STUCK = "stuck"  # on the way out
-    TUBE_FULL = "tube full"
-    TIME_LIMIT = "time limit"
-    VISION = "vision lost"
-    TORQUE_SENSORS = "torque sensors wrong"
-    ENCODER = "encoder wrong"
-    THRUSTER = "thruster lost"
-    ESTIMATE = "estimate lost"
-    CONTROLLER = "controller failed"
+    TUBE_FULL = "tube full"  # the sampler takes no more
+    TIME_LIMIT = "time limit"  # of a phase
+    VISION = "vision lost"  # for longer than the work may wait
+    TORQUE_SENSORS = "torque sensors wrong"  # two or more; with one the work goes on
+    ENCODER = "encoder wrong"  # of one joint
+    THRUSTER = "thruster lost"  # it gives less than was asked for
+    ESTIMATE = "estimate lost"  # not finite, or too old
+    CONTROLLER = "controller failed"  # its commands are not finite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

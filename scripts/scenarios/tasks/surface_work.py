@@ -1,12 +1,13 @@
 """Surface work: a tool is pressed on an object, or held above it, along a path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.tasks import surface_work
+from controllers.tasks.contact_phases import ApproachLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from perception.clouds.scan import SensorModel
@@ -35,6 +36,7 @@ class SurfaceWorkTask(Task):
     contactless: float | None = None  # [m] distance to keep from the surface; None: press [Konoplin 2019]
     least: float = 1.0  # share of the path that must be within reach
     range: float = 1.25  # [m] from camera to object at the scan
+    approach: ApproachLimits = field(default_factory=ApproachLimits)
 
     def __post_init__(self) -> None:
         finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
@@ -117,6 +119,7 @@ class PlacedSurfaceWork(PlacedTask):
                 force_rate=task.force_rate,
                 force_control="force-control" not in self.scenario.control.without,
                 contactless=task.contactless,
+                approach=task.approach,
             ),
             X_WB_scan=self.X_WB,
             floor=scenes.seabed_height(self.target, self.truth.X_WT),  # the charted depth there

@@ -37,7 +37,7 @@ from sim.interfaces.messages import Reference
 from sim.interfaces.spatial import Array
 
 # Outcome of `drive_tick`
-FINE = 0
+FINE = 0  # done
 UNSOUND = 1  # nothing was done: the estimate is not finite, or too old
 NO_POSE = 2  # nothing was commanded: the tool's target is no pose
 SUSPECT = 3  # done, but a residual of the joints' sensors needs evaluation

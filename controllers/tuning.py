@@ -6,7 +6,7 @@ Each value is a `tuned` field of a frozen dataclass, with its unit and meaning; 
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,11 @@ def table(*tunings: Any) -> Iterator[tuple[str, str, str, str]]:
     """
     for tuning in tunings:
         for each in fields(tuning):
-            about = each.metadata.get("about")
+            about, value = each.metadata.get("about"), getattr(tuning, each.name)
             if about:
-                yield tuning.title, each.name, str(getattr(tuning, each.name)), about
+                yield tuning.title, each.name, str(value), about
+            elif is_dataclass(value):
+                yield from table(value)
 
 
 def check(tuning: Any, title: str, *, positive: Sequence[str], not_negative: Sequence[str] = ()) -> None:
@@ -53,8 +55,33 @@ def check(tuning: Any, title: str, *, positive: Sequence[str], not_negative: Seq
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GearTuning:
+    """Compensation of friction: in the gears, and of the tool on the surface."""
+
+    title = "friction"
+
+    filter: float = tuned(0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard")
+    reversal: float = tuned(0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign")
+    known: float = tuned(0.8, "[-] share of the dry friction that is known while a joint slides")
+    excess: float = tuned(1.5, "[-] most compensated friction over the believed stiction")
+    feedforward: float = tuned(0.8, "[-] share of the tangential tool force that the servo feeds forward")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueNoise:
+    """Standard deviations that the force estimate assumes of joint torques."""
+
+    title = "torques"
+
+    share: float = tuned(0.01, "[-] standard deviation of a torque sensor as a share of its reading")
+    floor: float = tuned(0.1, "[N m] least standard deviation of a torque sensor")
+    drift: float = tuned(0.3, "[N m] standard deviation of the external torques since the tare")
+    observer_floor: float = tuned(0.4, "[N m] least standard deviation of the load observer")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmTuning:
-    """Joint servo, force estimate, and compensation of gear friction."""
+    """Joint servo and force estimate."""
 
     title = "arm"
 
@@ -72,20 +99,14 @@ class ArmTuning:
         0.7, "[-] share of the servo's stiffness that force control removes along the tool axis"
     )
     hardening_time: float = tuned(0.3, "[s] to restore it after force control; a step throws the tool into the surface")
-    friction_feedforward: float = tuned(0.8, "[-] share of the tangential tool force that the servo feeds forward")
-    torque_noise: float = tuned(0.01, "[-] standard deviation of a torque sensor as a share of its reading")
-    torque_floor: float = tuned(0.1, "[N m] least standard deviation of a torque sensor")
-    observer_floor: float = tuned(0.4, "[N m] least standard deviation of the load observer")
-    torque_drift: float = tuned(0.3, "[N m] standard deviation of the external torques since the tare")
     weighing_after: float = tuned(2.0, "[s] after the start at which payload identification begins, filters settled")
-    friction_filter: float = tuned(0.003, "[s] of the estimated gear friction; slower, each reversal presses too hard")
-    friction_reversal: float = tuned(0.01, "[rad/s] wanted speed over which the friction feedforward changes its sign")
-    friction_known: float = tuned(0.8, "[-] share of the dry friction that is known while a joint slides")
-    friction_excess: float = tuned(1.5, "[-] most compensated friction over the believed stiction")
     hover_period: float = tuned(0.02, "[s] of station keeping and allocation")
     task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
     compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
     blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
+
+    gears: GearTuning = field(default_factory=GearTuning)
+    torques: TorqueNoise = field(default_factory=TorqueNoise)
 
     @property
     def servo_gains(self) -> Array:

@@ -122,7 +122,7 @@ class WorkController:
         self.servo.soften(servo, presses)
         borne_G = np.zeros(6)
         if in_contact:
-            borne_G[:3] = self.tuning.friction_feedforward * contact.sensed.f_G
+            borne_G[:3] = self.tuning.gears.feedforward * contact.sensed.f_G
         borne_G[2] = -reference.force if presses else 0.0
         tau = self.servo.step(
             servo,

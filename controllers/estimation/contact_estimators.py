@@ -97,7 +97,7 @@ class _TorqueResidual:
             sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
             tare=Tare(np.zeros(n)),
             bias=np.zeros(n),
-            floor=np.full(n, self._tuning.torque_floor),
+            floor=np.full(n, self._tuning.torques.floor),
             friction=np.zeros(n),
             estimate=ContactEstimate(),
         )
@@ -108,7 +108,7 @@ class _TorqueResidual:
         if e.tau_doubt is not None:
             floor = np.hypot(floor, e.tau_doubt)
         readings = (e.X_WB, e.v_WB_B, e.w_WB_B, e.a_WB_B, current_W, e.q, e.qd, e.tau)
-        errors = (state.bias, floor, self._tuning.torque_noise)
+        errors = (state.bias, floor, self._tuning.torques.share)
         return estimate_tip_force(tuple(state.arm), readings, errors, self.timing, tuple(state.sensed), f_tip_W)
 
     def _tare(self, state: ContactState, reference: Reference) -> None:
@@ -148,8 +148,8 @@ class TorqueSensors(_TorqueResidual):
         self.gears = FrictionTracking(
             armature=np.array(self._vehicle.armature),
             damping=np.array(self._vehicle.joint_damping),
-            most=tuning.friction_excess * (friction or self._vehicle.dry_friction).stiction,
-            share=min(1.0, period / tuning.friction_filter),
+            most=tuning.gears.excess * (friction or self._vehicle.dry_friction).stiction,
+            share=min(1.0, period / tuning.gears.filter),
         )
         self._gear_fields = tuple(self.gears)
 
@@ -174,9 +174,9 @@ class TorqueSensors(_TorqueResidual):
             self._identify_payload(state, state.own, estimate, reference)
         self._tare(state, reference)
         if slow:
-            noise = self._tuning.torque_noise * np.abs(estimate.tau)
+            noise = self._tuning.torques.share * np.abs(estimate.tau)
             kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force
-            variance = kept * noise**2 + self._tuning.torque_drift**2
+            variance = kept * noise**2 + self._tuning.torques.drift**2
             sigma_G = force_sigma(state.sensed.X_BG, state.sensed.J_B, state.floor + noise, variance)
             state.estimate = replace(state.estimate, sigma_G=sigma_G)
         state.tick += 1
@@ -265,14 +265,14 @@ class MomentumObserver(_TorqueResidual):
         )
         errors = (state.bias, state.floor, 0.0)
         normal = force_from_external_torques(estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W)
-        reversal, wanted = tuning.friction_reversal, drives.qd_wanted
+        reversal, wanted = tuning.gears.reversal, drives.qd_wanted
         dry_friction(dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction)
         self._tare(state, reference)
         sigma_G = state.estimate.sigma_G
         if state.tick % self._slow_ticks == 0:
-            known = tuning.friction_known
+            known = tuning.gears.known
             dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)
-            state.floor = np.hypot(tuning.observer_floor, state.floor)
+            state.floor = np.hypot(tuning.torques.observer_floor, state.floor)
             sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
         state.tick += 1
         state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=sigma_G)

@@ -130,6 +130,7 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
     """Extrapolate a tool pose by its velocities, then displace it along its axis and by an offset.
 
@@ -162,6 +163,7 @@ def extrapolated(X_WG, v_WG_W, w_WG_W, since, k, offset_W):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def bumpless(q, qd, q_last, offset, offset_rate, blend_time, most, dt):
     """Bumpless transfer to a new joint reference: a remaining offset decays, critically damped.
 

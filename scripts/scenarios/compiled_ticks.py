@@ -282,7 +282,7 @@ class CompiledTicks:
         """Run `ticks`, the first of them from its estimate on if `begun`; returns how many were completed."""
         assert run.reference is not None
         assert run.command is not None
-        if self._recorder.ready(ticks):
+        if self._recorder.ready(ticks) is not self._world.rows.rows:
             self._pack(run)
         world, drive = self._world, self._drive
         drive.load(run.reference)

@@ -295,13 +295,12 @@ class Recorder:
         """Ticks of the loop between the slower rows; empty if none are kept."""
         return (self._ticks, self._pose_ticks) if self._full else ()
 
-    def ready(self, rows: int) -> bool:
-        """Make room for so many more rows of `write_row`; True if `record` has to be taken anew."""
-        grows = bool(self._written[0] + rows > len(self._rows))
+    def ready(self, rows: int) -> Array:
+        """Make room for so many more rows of `write_row`; the table that they go to, another one if it has grown."""
         while self._written[0] + rows > len(self._rows):
             self._rows = _doubled(self._rows)
             self._record = (self._rows, *self._record[1:])
-        return grows
+        return self._rows
 
     def record(self, truth: Any) -> RecorderRecord:
         """Rows of the loop's rate and arrays of `truth` for `write_row`; the rows are replaced when `ready` grows them.

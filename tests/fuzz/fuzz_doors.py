@@ -793,6 +793,7 @@ SCRIPTS = (
     "studies.seabed",
     "studies.tip_force",
 )
+OPTIONS = {"identify_object": "IdentificationOptions"}  # class of the options, where it is not `Options`
 VALUES = (
     "nan",
     "inf",
@@ -837,8 +838,8 @@ VALUES = (
 
 def _script_door(script: str) -> Door:
     def throw(rng: Rng, folder: Path) -> Any:
-        module = importlib.import_module(script)
-        flags = [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(module.Options)]
+        kind = getattr(importlib.import_module(script), OPTIONS.get(script, "Options"))
+        flags = [f"--{field.name.replace('_', '-')}" for field in dataclasses.fields(kind)]
         args: list[str] = ["--out", str(folder)] if "--out" in flags else []
         if script == "plan_seabed":
             args += ["--cloud", str(folder / "none.txt"), "--targets", str(folder / "none.txt")]
@@ -848,7 +849,7 @@ def _script_door(script: str) -> Door:
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said):
-                options = startup.parse(module.Options, args)
+                options = startup.parse(kind, args)
         except SystemExit as stop:
             text = said.getvalue()
             if stop.code != startup.BAD_INPUT or text.count("\n") != 1 or len(text) > LONGEST_MESSAGE + 10:

@@ -22,7 +22,7 @@ from controllers.safety.safety_wrapper import SafetyWrapper
 from perception.navigation.filter_kernel import put_out, take_sample
 from perception.navigation.strapdown_filter import Navigation
 from sim.interfaces.kernels import keyed_by_imports
-from sim.interfaces.messages import Reference
+from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
 from sim.interfaces.spatial import Array
 from sim.loop.record_box import RecordBox
@@ -273,9 +273,12 @@ class CompiledTicks:
         _, where, _ = run_ticks(self._box, 0, False, True)
         if where == _BEFORE:
             return False
+        self._plant.publish(0)
         run.estimate = state_estimate(self._world.estimate)
         before, reference = run.reference, run.plan()
         run.stage = Stage.PLANNED
+        if reference.state in (WorkState.DONE, WorkState.ABORT):  # the run may end at this tick
+            return False
         return before is not None and reference.state is before.state and self._drive.ready(reference) > 0
 
     def _run(self, run: Rollout, ticks: int, *, begun: bool) -> int:

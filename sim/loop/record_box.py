@@ -24,8 +24,26 @@ class RecordBox(structref.StructRefProxy):
     """Box of one record; compiled functions read it as `box.record`."""
 
     def __new__(cls, record: Any) -> "RecordBox":
-        """Box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared."""
-        return _boxed(record)
+        """Box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared.
+
+        Numbers take the type that the record annotates: a whole number for a float would compile everything anew.
+        """
+        return _boxed(_as_annotated(record))
+
+
+def _as_annotated(record: Any) -> Any:
+    """`record` with its numbers as float, int or bool, as annotated."""
+    kinds = type(record).__annotations__
+    return type(record)(
+        *(
+            _as_annotated(value)
+            if hasattr(value, "_fields")
+            else kinds[name](value)
+            if kinds[name] in (float, int, bool)
+            else value
+            for name, value in zip(record._fields, record, strict=True)
+        )
+    )
 
 
 structref.define_boxing(RecordBoxType, RecordBox)

@@ -74,7 +74,7 @@ def test_doubtful_residuals_are_looked_at_in_every_tick():
         barrel(quick=True, gust=0.05, seed=3),
         barrel(quick=True, path="longitudinal", current=(0.3, 0.1, 0.0)),
         barrel(quick=True, arm_errors=3, calibrated=True),
-        barrel(quick=True, vehicle="uuv_side_arm"),
+        barrel(quick=True, vehicle="uuv_puma_side"),
         replace(barrel(quick=True), perturbations=(Water(spread=0.3), Pad(stiffness=2e5))),
         PileOptions(quick=True).scenario(),
         ObjectOptions().scenario(),

@@ -1,0 +1,39 @@
+"""Boxes of records: shared arrays, and one type whatever the numbers were given as."""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from sim.loop.record_box import RecordBox
+
+
+class Inner(NamedTuple):
+    values: np.ndarray
+    gain: float
+
+
+class Outer(NamedTuple):
+    inner: Inner
+    most: int
+
+
+@numba.njit
+def scaled(box):
+    record = box.record
+    for i in range(record.most):
+        record.inner.values[i] *= record.inner.gain
+
+
+def test_a_kernel_changes_the_arrays_of_the_record_itself():
+    values = np.array([1.0, 2.0, 4.0])
+    box = RecordBox(Outer(Inner(values, 0.5), 2))
+    scaled(box)
+    scaled(box)
+    assert values.tolist() == [0.25, 0.5, 4.0]
+
+
+def test_whole_numbers_make_no_other_type():
+    values = np.zeros(3)
+    one, other = RecordBox(Outer(Inner(values, 2.0), 2)), RecordBox(Outer(Inner(values, 2), 2))
+    assert numba.typeof(one) == numba.typeof(other)

@@ -25,7 +25,7 @@ from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.messages import Reference, WorkState
 from sim.interfaces.records import EstimateRecord, ImuRecord, JointRecord, estimate_record, state_estimate
 from sim.interfaces.spatial import Array
-from sim.loop.record_box import RecordBox
+from sim.loop.record_box import as_annotated, new_box
 from sim.loop.recording import Recorder, RecorderRecord, write_row
 from sim.loop.rollout import Observer, Parts, Rollout, Stage
 from sim.plant.compiled_step import PlantRecord, advance, observe
@@ -70,6 +70,13 @@ class World(NamedTuple):
     thrusters: Array  # (m,) command, normalised
     rows: RecorderRecord
     referred: np.ndarray  # (1,) index of the present reference in the recording
+
+
+@numba.njit(cache=True)
+@keyed_by_imports
+def _box_of(world):
+    """`RecordBox` of a `World`."""
+    return new_box(world)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -234,7 +241,7 @@ class CompiledTicks:
             rows=self._recorder.record(truth),
             referred=np.zeros(1, dtype=np.int64),
         )
-        self._world, self._box = world, RecordBox(world)
+        self._world, self._box = world, _box_of(as_annotated(world))
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
         """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.

@@ -5,7 +5,6 @@ Numba takes each array of a tuple apart at every call from Python. A box is take
 
 from typing import Any
 
-import numba
 from numba import types
 from numba.experimental import structref
 from numba.extending import overload
@@ -21,22 +20,21 @@ class RecordBoxType(types.StructRef):  # pyright: ignore[reportGeneralTypeIssues
 
 
 class RecordBox(structref.StructRefProxy):
-    """Box of one record; compiled functions read it as `box.record`."""
-
-    def __new__(cls, record: Any) -> "RecordBox":
-        """Box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared.
-
-        Numbers take the type that the record annotates: a whole number for a float would compile everything anew.
-        """
-        return _boxed(_as_annotated(record))
+    """Box of one record, as Python holds it."""
 
 
-def _as_annotated(record: Any) -> Any:
-    """`record` with its numbers as float, int or bool, as annotated."""
+structref.define_boxing(RecordBoxType, RecordBox)
+
+
+def as_annotated(record: Any) -> Any:
+    """`record`, a NamedTuple, with its numbers as float, int or bool as it annotates them, and so within.
+
+    A whole number given for a float would else compile everything anew.
+    """
     kinds = type(record).__annotations__
     return type(record)(
         *(
-            _as_annotated(value)
+            as_annotated(value)
             if hasattr(value, "_fields")
             else kinds[name](value)
             if kinds[name] in (float, int, bool)
@@ -46,15 +44,16 @@ def _as_annotated(record: Any) -> Any:
     )
 
 
-structref.define_boxing(RecordBoxType, RecordBox)
+def new_box(record: Any) -> Any:
+    """Compiled code only: a box of `record`, a NamedTuple of arrays, numbers and such tuples; the arrays are shared.
 
-
-def _new_box(record: Any) -> Any:
-    """Compiled code only: a box of `record`."""
+    The function that calls it stands in the module of the record's type: numba's cache of a function names the types of
+    its arguments, and a type that cannot be imported later would make the whole cache of that function unreadable.
+    """
     raise NotImplementedError
 
 
-@overload(_new_box)
+@overload(new_box)
 def _overload_new_box(record: Any) -> Any:
     box = RecordBoxType([("record", types.unliteral(record))])
 
@@ -64,8 +63,3 @@ def _overload_new_box(record: Any) -> Any:
         return made
 
     return new
-
-
-@numba.njit(cache=True)
-def _boxed(record):
-    return _new_box(record)

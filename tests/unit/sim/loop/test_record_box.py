@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from sim.loop.record_box import RecordBox
+from sim.loop.record_box import as_annotated, new_box
 
 
 class Inner(NamedTuple):
@@ -19,6 +19,11 @@ class Outer(NamedTuple):
 
 
 @numba.njit
+def boxed(record):
+    return new_box(record)
+
+
+@numba.njit
 def scaled(box):
     record = box.record
     for i in range(record.most):
@@ -27,7 +32,7 @@ def scaled(box):
 
 def test_a_kernel_changes_the_arrays_of_the_record_itself():
     values = np.array([1.0, 2.0, 4.0])
-    box = RecordBox(Outer(Inner(values, 0.5), 2))
+    box = boxed(Outer(Inner(values, 0.5), 2))
     scaled(box)
     scaled(box)
     assert values.tolist() == [0.25, 0.5, 4.0]
@@ -35,5 +40,5 @@ def test_a_kernel_changes_the_arrays_of_the_record_itself():
 
 def test_whole_numbers_make_no_other_type():
     values = np.zeros(3)
-    one, other = RecordBox(Outer(Inner(values, 2.0), 2)), RecordBox(Outer(Inner(values, 2), 2))
+    one, other = (boxed(as_annotated(Outer(Inner(values, gain), 2))) for gain in (2.0, 2))
     assert numba.typeof(one) == numba.typeof(other)

@@ -1,4 +1,7 @@
-"""Compiled ticks of a `SafetyWrapper` around a `WorkController`: what they take, and what they leave in its state."""
+"""Compiled ticks of a `SafetyWrapper` around a `WorkController`: what they take, and what they leave in its state.
+
+The step of the hull, twenty times slower than the drives or so, stays in Python: `DriveSpan.store` makes it.
+"""
 
 import numpy as np
 
@@ -7,6 +10,7 @@ from controllers.arm.position_force import ForceDisplacement, ForceDisplacementS
 from controllers.drive_tick import (
     BEGAN,
     BROKEN,
+    FINE,
     NORMAL,
     NUMBERS,
     SERVO_COMPLIANCE,
@@ -49,7 +53,7 @@ def replaced_part(controller: Controller) -> str:
 
 
 class DriveSpan:
-    """Ticks of the controller between two steps of the hull, compiled; for one run."""
+    """Compiled ticks of the controller; for one run."""
 
     def __init__(self, wrapper: SafetyWrapper, state: SafetyWrapperState) -> None:
         """Bind the arrays of the state.
@@ -64,6 +68,7 @@ class DriveSpan:
         assert isinstance(inner.tool.force_law, ForceDisplacement)
         assert state.health is not None
         self._wrapper, self._inner, self._state, self._health = wrapper, inner, state, state.health
+        self._estimator = inner.contact
         own: WorkControllerState = state.inner
         law: ForceDisplacementState = own.tool.force
         tuning, contact = inner.tuning, own.contact
@@ -78,6 +83,7 @@ class DriveSpan:
             friction_feedforward=tuning.gears.feedforward,
             torque_noise=tuning.torques.share,
             task_ticks=inner.task_ticks,
+            hull_ticks=inner.hull_ticks,
             period=inner.period,
             warm_up=wrapper.health.limits.warm_up,
             oldest=np.array([wrapper.health.limits.vision_age, np.inf, SAFETY.old_imu]),
@@ -106,15 +112,18 @@ class DriveSpan:
 
     def ready(self, reference: Reference) -> int:
         """Number of ticks that may now run compiled under `reference`; 0 where Python has to take the next one."""
-        state, inner = self._state, self._state.inner
+        state, inner, hull_ticks = self._state, self._state.inner, self._inner.hull_ticks
         if state.stopped is not None or state.blind_for or self._health.faults:
             return 0
         if reference.tare or reference.scan or reference.compliant or inner.tool.compliance.offset_W.any():
             return 0
         if reference.force_control and not inner.tool.servo_compliance:
             return 0
-        done = inner.tick % self._inner.hull_ticks
-        return self._inner.hull_ticks - done if done else 0
+        until = -inner.tick % hull_ticks  # the next step of the hull
+        tool_ticks = self._inner.tool.compliance_ticks * self._inner.task_ticks
+        adopts_payload = inner.contact.own is not None and reference.X_WG is not None
+        renews_compliance = reference.force_control and (inner.tick + until) % tool_ticks == 0
+        return until if adopts_payload or renews_compliance else until + hull_ticks
 
     def load(self, reference: Reference) -> None:
         """Take over what Python has changed since the last ticks."""
@@ -125,7 +134,7 @@ class DriveSpan:
         self.reference.refer(reference)
 
     def store(self, estimate: StateEstimate, reference: Reference, code: int) -> Command:
-        """Leave the ticks done in the state, as if Python had done them; returns the last command.
+        """Leave the ticks done in the state, as if Python had done them, and make the hull's step where it is due.
 
         Args:
             estimate: of the last tick.
@@ -136,7 +145,9 @@ class DriveSpan:
             The command of the last tick.
         """
         state, own, record = self._state, self._state.inner, self.record
-        own.contact.tick += int(record.ticks[TICK]) - own.tick
+        done = int(record.ticks[TICK]) - own.tick
+        hull_due = code != FINE and (own.tick + done - 1) % self._inner.hull_ticks == 0
+        own.contact.tick += done
         own.tick, own.tool.tick = int(record.ticks[TICK]), int(record.ticks[TOOL_TICK])
         own.servo.tau, own.servo.softness = record.tau.copy(), float(record.numbers[SOFTNESS])
         own.tool.k = own.tool.force.k
@@ -144,6 +155,10 @@ class DriveSpan:
         contact.estimate = ContactEstimate(
             force_W=record.f_W.copy(), normal=float(record.numbers[NORMAL]), sigma_G=contact.estimate.sigma_G
         )
+        if hull_due:
+            contact.tick -= 1
+            self._estimator.follow_up(contact, estimate, reference)
+            self._inner.step_hull(own, estimate, reference)
         command = Command(
             time=estimate.time,
             joint_torque=own.servo.tau,
@@ -154,8 +169,10 @@ class DriveSpan:
             believed=own.log,
         )
         state.time = estimate.time
-        if code == BROKEN:
+        if code == BROKEN or (hull_due and not np.isfinite(command.thrusters).all()):
             return self._wrapper.without(state, estimate, FaultKind.CONTROLLER)
         if code == SUSPECT:
             self._wrapper.health.judge_joints(self._health, estimate.time)
+        if hull_due:
+            self._wrapper.health.judge_hull(self._health, estimate, command)
         return self._wrapper.passed(state, estimate, command, tuple(self._health.faults))

@@ -1,7 +1,7 @@
-"""Ticks of the position-force controller between two steps of the hull, compiled as a whole.
+"""Ticks of the position-force controller, compiled as a whole but for the step of the hull.
 
 `WorkController` composes the same kernels in Python; both give the same bits. Here they run for a controller of which
-no part is replaced, where nothing slower than the drives is due: no tare, no step of the hull.
+no part is replaced, and where nothing is tared. Where the hull's step is due, the caller makes it.
 """
 
 from typing import NamedTuple
@@ -42,6 +42,7 @@ UNSOUND = 1  # nothing was done: the estimate is not finite, or too old
 NO_POSE = 2  # nothing was commanded: the tool's target is no pose
 SUSPECT = 3  # done, but a residual of the joints' sensors needs evaluation
 BROKEN = 4  # done, but the torques are not finite
+HULL = 5  # done, and a step of the hull is due
 
 # Entries of `DriveRecord.numbers`
 NORMAL, SOFTNESS, SERVO_COMPLIANCE = 0, 1, 2  # [N] felt; [-] given up along the tool axis; [m/N] along it
@@ -101,6 +102,7 @@ class DriveGains(NamedTuple):
     friction_feedforward: float  # [-] share of the tangential force that is fed forward
     torque_noise: float  # [-] of the torque sensors, share of the reading
     task_ticks: int  # ticks in a period of the tool
+    hull_ticks: int  # ticks in a period of the hull
     period: float  # [s] of the drives
     warm_up: float  # [s] after which residuals count
     oldest: Array  # (3,) [s] largest ages of vision, DVL and IMU
@@ -139,7 +141,7 @@ def drive_tick(record, estimate, reference):
         reference: `ReferenceRecord`.
 
     Returns:
-        FINE, UNSOUND, NO_POSE, SUSPECT or BROKEN.
+        FINE, UNSOUND, NO_POSE, SUSPECT, BROKEN or HULL.
     """
     gains, numbers, ticks, sensed, motion = record.gains, record.numbers, record.ticks, record.sensed, record.motion
     e, follows, closed = estimate, reference.flags[0], reference.flags[1]
@@ -153,7 +155,7 @@ def drive_tick(record, estimate, reference):
     felt = estimate_tip_force(record.arm, readings, errors, gains.timing, sensed, record.f_W)
     track_gear_friction(record.tau, e.tau, e.qd, sensed.qdd, gains.gears, record.friction)
     numbers[NORMAL] = felt
-    since = ticks[TICK] % gains.task_ticks
+    since, hull_due = ticks[TICK] % gains.task_ticks, ticks[TICK] % gains.hull_ticks == 0
     if since == 0:
         age, dt = e.time[0] - reference.time[0], gains.tracking.period
         most = gains.force.speed * dt
@@ -194,4 +196,6 @@ def drive_tick(record, estimate, reference):
         total += 0.0 * tau[j]
     if total != 0.0:  # NaN or infinite
         return BROKEN
-    return SUSPECT if warm and look else FINE
+    if warm and look:
+        return SUSPECT
+    return HULL if hull_due else FINE

@@ -118,10 +118,10 @@ class WorkController:
         since = state.tick % self.task_ticks
         if since == 0:
             self.tool.step(tool, estimate, reference, contact)
-        presses, in_contact = self.tool.presses(reference), reference.force > 0.0 or reference.force_control
+        presses = self.tool.presses(reference)
         self.servo.soften(servo, presses)
         borne_G = np.zeros(6)
-        if in_contact:
+        if in_contact(reference):
             borne_G[:3] = self.tuning.gears.feedforward * contact.sensed.f_G
         borne_G[2] = -reference.force if presses else 0.0
         tau = self.servo.step(
@@ -133,7 +133,7 @@ class WorkController:
             BorneLoad(borne_G, contact.friction),
         )
         if state.tick % self.hull_ticks == 0:
-            self._step_hull(state, estimate, reference, in_contact)
+            self.step_hull(state, estimate, reference)
         state.tick += 1
         return state, Command(
             time=estimate.time,
@@ -145,11 +145,15 @@ class WorkController:
             believed=state.log,
         )
 
-    def _step_hull(
-        self, state: WorkControllerState, estimate: StateEstimate, reference: Reference, in_contact: bool
-    ) -> None:
-        """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin 2022] is cancelled."""
-        contact_B = state.contact.wrench_B() if in_contact else np.zeros(6)
+    def step_hull(self, state: WorkControllerState, estimate: StateEstimate, reference: Reference) -> None:
+        """Thrusters: the arm's wrench C_F_M = C_F_D + A f_e, C_M_M = C_M_D + C_M_e of [Konoplin 2022] is cancelled.
+
+        Args:
+            state: after the joints' part of a step; changed in place.
+            estimate: of the vehicle now.
+            reference: hull pose, set force and mode.
+        """
+        contact_B = state.contact.wrench_B() if in_contact(reference) else np.zeros(6)
         arm_wrench_B = state.contact.sensed.wrench_B + contact_B
         load = ArmLoad(contact_B=contact_B, wrench_B=arm_wrench_B)
         left_out_B = self._feedforward.left_out(load, state.contact, estimate)
@@ -157,6 +161,11 @@ class WorkController:
         self._hull.step(state.hull, estimate, reference, fed_B)
         state.hull_load = HullLoad(arm_wrench_B=arm_wrench_B, current_W=state.hull.current_W)
         state.log = _log(state)
+
+
+def in_contact(reference: Reference) -> bool:
+    """True while the tool is to touch something."""
+    return reference.force > 0.0 or reference.force_control
 
 
 def _log(state: WorkControllerState) -> dict[str, Array]:

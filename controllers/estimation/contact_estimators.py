@@ -169,6 +169,16 @@ class TorqueSensors(_TorqueResidual):
             drives: what they were last asked for.
         """
         self.sense(state, estimate, drives)
+        self.follow_up(state, estimate, reference)
+
+    def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
+        """Rest of a step after `sense`: payload and sigma, where they are due, and tare.
+
+        Args:
+            state: as `sense` left it; changed in place.
+            estimate: of the vehicle now.
+            reference: says when to tare, and when the arm begins its work.
+        """
         slow = state.tick % self._slow_ticks == 0
         if slow and state.own is not None:
             self._identify_payload(state, state.own, estimate, reference)

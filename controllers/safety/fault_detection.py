@@ -164,11 +164,30 @@ class FaultDetection:
         else:
             self._add(state, FaultKind.VISION, "", -1, time)
         state.joints.tau_motor[:] = command.joint_torque
-        load = command.hull_load
-        if load is not None and load is not state.load_seen:
-            state.load_seen = load
-            self._look_at_hull(state, estimate, command, load, warm)
+        self.judge_hull(state, estimate, command)
         return tuple(state.faults)
+
+    def judge_hull(self, state: FaultDetectionState, estimate: StateEstimate, command: Command) -> None:
+        """Balance the hull's momentum, and register a thruster as lost that explains what is missing.
+
+        Args:
+            state: of the detection; changed in place.
+            estimate: of the vehicle now.
+            command: nothing is done unless its `hull_load` is new.
+        """
+        load = command.hull_load
+        if load is None or load is state.load_seen:
+            return
+        state.load_seen = load
+        dt = estimate.time - state.hull_time
+        state.hull_time = estimate.time
+        if dt <= 0.0:
+            return
+        seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
+        _hull(self._hull, seen, dt, self.limits.hull_time, state.hull)
+        state.hull.thrusters[:] = command.thrusters
+        warm = estimate.time - state.began > self.limits.warm_up
+        self._learn_or_suspect(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
 
     def judge_joints(self, state: FaultDetectionState, time: float) -> None:
         """Register the joints' sensors with residuals beyond their bounds as faulty.
@@ -216,19 +235,7 @@ class FaultDetection:
         if not state.has(kind, index):
             state.faults.append(Fault(kind=kind, part=part, index=index, time=time, figures=figures))
 
-    def _look_at_hull(
-        self, state: FaultDetectionState, estimate: StateEstimate, command: Command, load: HullLoad, warm: bool
-    ) -> None:
-        limits, dt = self.limits, estimate.time - state.hull_time
-        state.hull_time = estimate.time
-        if dt <= 0.0:
-            return
-        seen = (estimate.X_WB[:3, :3], estimate.v_WB_B, estimate.w_WB_B, load.current_W, load.arm_wrench_B)
-        _hull(self._hull, seen, dt, limits.hull_time, state.hull)
-        state.hull.thrusters[:] = command.thrusters
-        self._judge_hull(state, estimate.time, dt, float(np.linalg.norm(estimate.v_WB_B)), warm)
-
-    def _judge_hull(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
+    def _learn_or_suspect(self, state: FaultDetectionState, time: float, dt: float, speed: float, warm: bool) -> None:
         limits, hull = self.limits, state.hull
         size, asked, changed, best, share = _explain(self._hull, hull, limits.thruster_leftover)
         bound = limits.hull_force + limits.hull_share * asked + limits.hull_change * changed + limits.hull_speed * speed

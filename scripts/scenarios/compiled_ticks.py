@@ -4,9 +4,9 @@
     rollout(plant, parts, compiled=ticks.bind, ...)
 
 Only this room may wire plant, sensors, navigation and controller. Each of them gives a record of its arrays, and the
-compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Ticks at which
-something slow is due run part by part: station keeping, fixes, frames. So does every tick after a fault, and a whole
-run with a part that has no kernel; `reason` names it.
+compiled functions that its own step in Python calls too; the two ways therefore give the same bits. Planner and
+station keeping are called in Python between two compiled stretches. Ticks at which something else is due run part by
+part: fixes, frames. So does every tick after a fault, and a whole run with a part without a kernel; `reason` names it.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from controllers.drive_span import DriveSpan, replaced_part
-from controllers.drive_tick import BROKEN, FINE, SUSPECT, DriveRecord, ReferenceRecord, drive_tick
+from controllers.drive_tick import FINE, HULL, NO_POSE, UNSOUND, DriveRecord, ReferenceRecord, drive_tick
 from controllers.drive_tick import NORMAL as FELT
 from controllers.safety.safety_wrapper import SafetyWrapper
 from perception.navigation.filter_kernel import put_out, take_sample
@@ -33,7 +33,7 @@ from sim.plant.plant import Plant
 from sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
 from sim.sensors.proprioception import Encoders, Imu, JointTorqueSensors, encode, sense_motion, transmit
 
-_BEFORE, _AFTER = 0, 1  # where the kernel stopped: before the estimate of a tick, or after it
+_NEW, _PLANNED, _COMMANDED = int(Stage.NEW), int(Stage.PLANNED), int(Stage.COMMANDED)
 _DRIVES = (Encoders, JointTorqueSensors, Imu)  # sensors of every tick, in their order
 
 
@@ -81,36 +81,42 @@ def _box_of(world):
 
 @numba.njit(cache=True, nogil=True)
 @keyed_by_imports
-def run_ticks(box, ticks, begun, begin_next):
-    """Run ticks; the last one may end after its estimate, for the planner.
+def run_ticks(box, ticks, begun, onward):
+    """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
 
     Args:
         box: `RecordBox` of a `World`.
         ticks: number of ticks to be completed.
-        begun: True if the estimate of the first one is already made.
-        begin_next: True makes the estimate of the tick after the last one too.
+        begun: stage that the first one has reached; _PLANNED: its estimate is made, and the planner has seen it.
+        onward: stage that the tick after the last one shall reach.
 
     Returns:
-        Number of ticks completed; where the next one stopped, _BEFORE or _AFTER; outcome of its `drive_tick`.
+        Number of ticks completed; stage that the next one has reached; outcome of its `drive_tick`.
     """
     world = box.record
     plant, drive, estimate = world.plant, world.drive, world.estimate
+    stage = begun
     for done in range(ticks + 1):
-        if not (begun and done == 0):
-            if done == ticks and not begin_next:
-                return done, _BEFORE, FINE
+        wanted = onward if done == ticks else _COMMANDED
+        if stage < _PLANNED and wanted > _NEW:
             if observe(plant):
-                return done, _BEFORE, FINE
+                return done, _NEW, FINE
             _perceive(world)
+            stage = _PLANNED
+        if stage < _COMMANDED and wanted == _COMMANDED:
+            outcome = drive_tick(drive, estimate, world.reference)
+            if outcome in (UNSOUND, NO_POSE):
+                return done, _PLANNED, outcome
+            stage = _COMMANDED
+            if outcome != FINE:
+                return done, stage, outcome
         if done == ticks:
-            return done, _AFTER, FINE
-        outcome = drive_tick(drive, estimate, world.reference)
-        if outcome != FINE:
-            return done, _AFTER, outcome
+            break
         _record(world)
         _copy(estimate, world.sound)
         advance(plant, drive.tau, world.thrusters)
-    return ticks, _BEFORE, FINE
+        stage = _NEW
+    return ticks, stage, FINE
 
 
 @numba.njit(cache=True)
@@ -255,30 +261,33 @@ class CompiledTicks:
             The next tick for the run; its stage says how far that has come.
         """
         while tick < end:
-            ready = min(self._ready(run.reference, tick), end - tick)
+            assert run.reference is not None
+            ready, begun = min(self._ready(run.reference), end - tick), _NEW
             if ready <= 0:
                 break
-            begun = tick % run.planner_ticks == 0
-            if begun and not self._plan(run):
-                break
-            ticks = min(ready, run.planner_ticks - tick % run.planner_ticks)
-            done = self._run(run, ticks, begun=begun)
+            if tick % run.planner_ticks == 0:
+                if not self._plan(run):
+                    break
+                ready, begun = min(ready, self._drive.ready(run.reference)), _PLANNED
+            ticks, onward = min(ready, run.planner_ticks - tick % run.planner_ticks), _NEW
+            seen_in = min((-tick % every for every in self._slow_ticks), default=ticks)
+            if seen_in == 0:
+                ticks, onward = 0, _COMMANDED  # the run completes the tick, with its observers
+            done = self._run(run, min(ticks, seen_in), begun, onward)
             tick += done
-            if done < ticks:
+            if run.stage != Stage.NEW or not done:
                 break
         return tick
 
-    def _ready(self, reference: Reference | None, tick: int) -> int:
-        """Number of ticks from `tick` on that may run under `reference`."""
-        assert reference is not None
+    def _ready(self, reference: Reference) -> int:
+        """Number of ticks that may run now under `reference`."""
         noise = (each.ready() for each in self._noise)
-        slow = (-tick % every for every in self._slow_ticks)
-        return min(self._drive.ready(reference), self._plant.ready(), *noise, *slow)
+        return min(self._drive.ready(reference), self._plant.ready(), *noise)
 
     def _plan(self, run: Rollout) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""
-        _, where, _ = run_ticks(self._box, 0, False, True)
-        if where == _BEFORE:
+        _, stage, _ = run_ticks(self._box, 0, _NEW, _PLANNED)
+        if stage == _NEW:
             return False
         self._plant.publish(0)
         run.estimate = state_estimate(self._world.estimate)
@@ -288,25 +297,33 @@ class CompiledTicks:
             return False
         return before is not None and reference.state is before.state and self._drive.ready(reference) > 0
 
-    def _run(self, run: Rollout, ticks: int, *, begun: bool) -> int:
-        """Run `ticks`, the first of them from its estimate on if `begun`; returns how many were completed."""
+    def _run(self, run: Rollout, ticks: int, begun: int, onward: int) -> int:
+        """Run `ticks`, as `run_ticks` does, with the steps of the hull among them; returns how many were completed."""
         assert run.reference is not None
         assert run.command is not None
         if self._recorder.ready(ticks) is not self._world.rows.rows:
             self._pack(run)
-        world, drive = self._world, self._drive
+        world, drive, total = self._world, self._drive, 0
         drive.load(run.reference)
         world.thrusters[:] = run.command.thrusters
         world.referred[0] = self._recorder.refer(run.reference)
-        done, _, outcome = run_ticks(self._box, ticks, begun, False)
-        self._plant.publish(done)
-        if outcome in (SUSPECT, BROKEN):  # Python has to look at this tick's command
-            run.estimate, run.stage = state_estimate(world.estimate), Stage.COMMANDED
-            run.command = drive.store(run.estimate, run.reference, outcome)
-            return done
-        if done:
+        while True:
+            done, stage, outcome = run_ticks(self._box, ticks - total, begun, onward)
+            self._plant.publish(done)
+            total += done
+            if stage != _COMMANDED:
+                break
+            if done or begun == _NEW:
+                run.estimate = state_estimate(world.estimate)
+            run.stage, run.command = Stage.COMMANDED, drive.store(run.estimate, run.reference, outcome)
+            if outcome != HULL or total == ticks or not drive.ready(run.reference):
+                return total
+            world.thrusters[:] = run.command.thrusters
+            begun = _COMMANDED
+        run.stage = Stage.NEW
+        if done > (begun == _COMMANDED):  # more than the rest of a tick that is stored already
             run.estimate = state_estimate(world.estimate if outcome == FINE else world.sound)
-            run.command, run.stage = drive.store(run.estimate, run.reference, FINE), Stage.NEW
+            run.command = drive.store(run.estimate, run.reference, FINE)
         if outcome != FINE:
             run.estimate, run.stage = state_estimate(world.estimate), Stage.PLANNED
-        return done
+        return total

@@ -159,6 +159,7 @@ class DriveSpan:
             contact.tick -= 1
             self._estimator.follow_up(contact, estimate, reference)
             self._inner.step_hull(own, estimate, reference)
+            record.current_W[:] = own.hull.current_W
         command = Command(
             time=estimate.time,
             joint_torque=own.servo.tau,

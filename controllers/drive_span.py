@@ -93,6 +93,7 @@ class DriveSpan:
             arm=contact.arm,
             sensed=contact.sensed,
             bias=contact.bias,
+            tare=contact.tare,
             floor=contact.floor,
             friction=contact.friction,
             force=law.numbers,
@@ -115,7 +116,7 @@ class DriveSpan:
         state, inner, hull_ticks = self._state, self._state.inner, self._inner.hull_ticks
         if state.stopped is not None or state.blind_for or self._health.faults:
             return 0
-        if reference.tare or reference.scan or reference.compliant or inner.tool.compliance.offset_W.any():
+        if reference.scan or reference.compliant or inner.tool.compliance.offset_W.any():
             return 0
         if reference.force_control and not inner.tool.servo_compliance:
             return 0

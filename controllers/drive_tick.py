@@ -1,7 +1,7 @@
 """Ticks of the position-force controller, compiled as a whole but for the step of the hull.
 
 `WorkController` composes the same kernels in Python; both give the same bits. Here they run for a controller of which
-no part is replaced, and where nothing is tared. Where the hull's step is due, the caller makes it.
+no part is replaced. Where the hull's step is due, the caller makes it.
 """
 
 from typing import NamedTuple
@@ -27,7 +27,9 @@ from controllers.estimation.tip_force_estimator import (
     ArmReadings,
     SensedArm,
     SenseTiming,
+    Tare,
     TorqueErrors,
+    add_to_tare,
     estimate_tip_force,
 )
 from controllers.safety.fault_detection import finite
@@ -63,7 +65,7 @@ class ReferenceRecord(NamedTuple):
     q: Array  # (n,) [rad] joint angles to hold
     qd: Array  # (n,) [rad/s]
     force: Array  # (1,) [N] set normal force
-    flags: np.ndarray  # (2,) bool: a tool pose is followed; the force loop is closed
+    flags: np.ndarray  # (3,) bool: a tool pose is followed; the force loop is closed; the torque sensors are tared
 
     @classmethod
     def empty(cls, n: int) -> "ReferenceRecord":
@@ -76,13 +78,13 @@ class ReferenceRecord(NamedTuple):
             np.zeros(n),
             np.zeros(n),
             np.zeros(1),
-            np.zeros(2, np.bool_),
+            np.zeros(3, np.bool_),
         )
 
     def refer(self, reference: Reference) -> None:
         """Take over the set points of `reference`."""
         self.time[0], self.force[0] = reference.time, reference.force
-        self.flags[0], self.flags[1] = reference.X_WG is not None, reference.force_control
+        self.flags[:] = reference.X_WG is not None, reference.force_control, reference.tare
         if reference.X_WG is not None:
             self.X_WG[:] = reference.X_WG
         self.v_WG_W[:], self.w_WG_W[:] = reference.v_WG_W, reference.w_WG_W
@@ -115,6 +117,7 @@ class DriveRecord(NamedTuple):
     arm: ArmParameters  # believed arm
     sensed: SensedArm
     bias: Array  # (n,) [N m] of the external torques
+    tare: Tare
     floor: Array  # (n,) [N m] standard deviation of the external torques
     friction: Array  # (n,) [N m] dry friction in the gears
     force: Array  # of the force loop, see `position_force`
@@ -144,7 +147,7 @@ def drive_tick(record, estimate, reference):
         FINE, UNSOUND, NO_POSE, SUSPECT, BROKEN or HULL.
     """
     gains, numbers, ticks, sensed, motion = record.gains, record.numbers, record.ticks, record.sensed, record.motion
-    e, follows, closed = estimate, reference.flags[0], reference.flags[1]
+    e, follows, closed, taring = estimate, reference.flags[0], reference.flags[1], reference.flags[2]
     for i in range(3):
         if e.ages[i] > gains.oldest[i]:
             return UNSOUND
@@ -154,6 +157,8 @@ def drive_tick(record, estimate, reference):
     errors = TorqueErrors(record.bias, record.floor, gains.torque_noise)
     felt = estimate_tip_force(record.arm, readings, errors, gains.timing, sensed, record.f_W)
     track_gear_friction(record.tau, e.tau, e.qd, sensed.qdd, gains.gears, record.friction)
+    if taring:
+        add_to_tare(record.tare, sensed.tau_e, record.bias)
     numbers[NORMAL] = felt
     since, hull_due = ticks[TICK] % gains.task_ticks, ticks[TICK] % gains.hull_ticks == 0
     if since == 0:

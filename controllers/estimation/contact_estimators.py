@@ -19,6 +19,7 @@ from controllers.estimation.tip_force_estimator import (
     SensedArm,
     SenseTiming,
     Tare,
+    add_to_tare,
     estimate_tip_force,
     force_from_external_torques,
     force_sigma,
@@ -95,7 +96,7 @@ class _TorqueResidual:
         return ContactState(
             arm=own._replace(numbers=own.numbers.copy()),
             sensed=SensedArm.start(estimate.qd, estimate.w_WB_B),
-            tare=Tare(np.zeros(n)),
+            tare=Tare.start(n),
             bias=np.zeros(n),
             floor=np.full(n, self._tuning.torques.floor),
             friction=np.zeros(n),
@@ -113,8 +114,7 @@ class _TorqueResidual:
 
     def _tare(self, state: ContactState, reference: Reference) -> None:
         if reference.tare:
-            state.tare.add(state.sensed.tau_e)
-            state.bias[:] = state.tare.bias()
+            add_to_tare(tuple(state.tare), state.sensed.tau_e, state.bias)
 
 
 class TorqueSensors(_TorqueResidual):
@@ -169,20 +169,20 @@ class TorqueSensors(_TorqueResidual):
             drives: what they were last asked for.
         """
         self.sense(state, estimate, drives)
+        self._tare(state, reference)
         self.follow_up(state, estimate, reference)
 
     def follow_up(self, state: ContactState, estimate: StateEstimate, reference: Reference) -> None:
-        """Rest of a step after `sense`: payload and sigma, where they are due, and tare.
+        """Rest of a step after `sense` and tare: payload and sigma, where they are due.
 
         Args:
             state: as `sense` left it; changed in place.
             estimate: of the vehicle now.
-            reference: says when to tare, and when the arm begins its work.
+            reference: says when the arm begins its work.
         """
         slow = state.tick % self._slow_ticks == 0
         if slow and state.own is not None:
             self._identify_payload(state, state.own, estimate, reference)
-        self._tare(state, reference)
         if slow:
             noise = self._tuning.torques.share * np.abs(estimate.tau)
             kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force

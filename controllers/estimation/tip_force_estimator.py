@@ -5,7 +5,6 @@ compare the compiled forms here with the plain forms there. Records come as plai
 types faster.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numba
@@ -79,21 +78,32 @@ class SensedArm(NamedTuple):
         )
 
 
-@dataclass(slots=True, eq=False)
-class Tare:
+class Tare(NamedTuple):
     """Tare of the torque sensors: mean reading free of contact, which is bias plus model error in this posture."""
 
     total: Array  # (n,) [N m] sum of the samples
-    count: int = 0
+    samples: Array  # (1,) their number
 
-    def add(self, tau_e: Array) -> None:
-        """Add one sample of external torques `tau_e` (n,) [N m], free of contact."""
-        self.total += tau_e
-        self.count += 1
+    @classmethod
+    def start(cls, n: int) -> "Tare":
+        """Tare of `n` joints, without a sample."""
+        return cls(np.zeros(n), np.zeros(1))
 
-    def bias(self) -> Array:
-        """Mean (n,) [N m]; zero before the first sample."""
-        return self.total / max(self.count, 1)
+
+@numba.njit(cache=True)
+def add_to_tare(tare, tau_e, bias):
+    """Add a sample of external torques free of contact; the mean of all samples goes to `bias`.
+
+    Args:
+        tare: fields of `Tare`, in a tuple.
+        tau_e: (n,) [N m] the sample.
+        bias: (n,) [N m] output.
+    """
+    total, samples = tare
+    samples[0] += 1.0
+    for j in range(total.shape[0]):
+        total[j] += tau_e[j]
+        bias[j] = total[j] / samples[0]
 
 
 @numba.njit(cache=True)

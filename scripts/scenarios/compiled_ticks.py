@@ -262,27 +262,27 @@ class CompiledTicks:
         """
         while tick < end:
             assert run.reference is not None
-            ready, begun = min(self._ready(run.reference), end - tick), _NEW
+            ready, begun = self._ready(run.reference), _NEW
             if ready <= 0:
                 break
             if tick % run.planner_ticks == 0:
                 if not self._plan(run):
                     break
                 ready, begun = min(ready, self._drive.ready(run.reference)), _PLANNED
-            ticks, onward = min(ready, run.planner_ticks - tick % run.planner_ticks), _NEW
-            seen_in = min((-tick % every for every in self._slow_ticks), default=ticks)
-            if seen_in == 0:
-                ticks, onward = 0, _COMMANDED  # the run completes the tick, with its observers
-            done = self._run(run, min(ticks, seen_in), begun, onward)
+            observed = (-tick % every for every in self._slow_ticks)
+            planned = run.planner_ticks - tick % run.planner_ticks
+            ticks = min(ready, planned, end - tick, self._plant.ready(), *observed)
+            # 0: `run` completes the tick after its command, with plant and observers
+            done = self._run(run, ticks, begun, _NEW if ticks else _COMMANDED)
             tick += done
             if run.stage != Stage.NEW or not done:
                 break
         return tick
 
     def _ready(self, reference: Reference) -> int:
-        """Number of ticks that may run now under `reference`."""
+        """Number of ticks that sensors and controller may run now under `reference`."""
         noise = (each.ready() for each in self._noise)
-        return min(self._drive.ready(reference), self._plant.ready(), *noise)
+        return min(self._drive.ready(reference), *noise)
 
     def _plan(self, run: Rollout) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""

@@ -92,7 +92,8 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         estimator=placed.estimator(RawNavigation() if "fusion" in without else Navigation()),
         finder=placed.finder(sensor_model, int(sampling.integers(2**31))),
         planner=placed.planner(),
-        controller=controller(
+        controller=placed.controller()
+        or controller(
             scenario.control.controller,
             own.model,
             without=without - {"fusion"},

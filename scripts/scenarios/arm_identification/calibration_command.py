@@ -1,7 +1,7 @@
 """The calibration of an arm as a command runs it: options, input, and what is printed and written."""
 
 import datetime
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,7 +28,9 @@ from scenarios.arm_identification.calibration_input import (
     simulated,
     solve,
 )
-from scenarios.arm_identification.touching import SessionSetting
+from scenarios.arm_identification.touching import TouchingTask
+from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.site import OpenWater, Site
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
 from sim.runs.command_line import ScenarioOptions
@@ -128,23 +130,17 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         return logs[0]
 
     hovering = options.touching == "hovering"
-    setting = SessionSetting(
-        hovering=hovering,
-        nests=points,
-        touches=poses,
-        current=options.current if hovering else (0.0, 0.0, 0.0),
-        gust=options.gust if hovering else 0.0,
+    site = Site(object=OpenWater(), current=options.current, gust=options.gust)
+    scenario = Scenario(
+        name=COMMAND,
+        task=TouchingTask(hovering=hovering, nests=points, touches=poses),
+        seed=options.seed,
+        site=site if hovering else replace(site, current=(0.0, 0.0, 0.0), gust=0.0),
+        vehicle=VehicleSetup(vehicle=options.arm, arm_errors=errors),
     )
+    shown = watch if options.record or options.view else None
     try:
-        return by_contact(
-            source,
-            options.arm,
-            setting,
-            known=known,
-            errors=errors,
-            rng=rng,
-            watch=watch if options.record or options.view else None,
-        )
+        return by_contact(source, scenario, known=known, rng=rng, watch=shown)
     finally:
         for log in logs:
             log.close()

@@ -18,11 +18,10 @@ from calib.simulation import reach, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
-from models.naming import ARM_BASE_BODY, CAMERA_SITE, TIP_SITE, TOOL_GEOM
-from models.site import scenes
+from models.naming import ARM_BASE_BODY, TIP_SITE
 from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
-from scenarios.arm_identification.touching import Session, SessionSetting, touch
-from scenarios.own_vehicle import OwnVehicle
+from scenarios.arm_identification.touching import Session, TouchingTask, touch
+from scenarios.scenario import Scenario
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
 from sim.loop.rollout import Observer
@@ -209,11 +208,9 @@ def simulated(
 
 def by_contact(
     source: ArmSource,
-    vehicle: str,
-    setting: SessionSetting,
+    scenario: Scenario,
     *,
     known: bool,
-    errors: int,
     rng: np.random.Generator,
     watch: Callable[[mujoco.MjModel], Observer] | None = None,
 ) -> CalibrationCase:
@@ -221,25 +218,22 @@ def by_contact(
 
     Args:
         source: Nominal arm.
-        vehicle: Name of the vehicle, or an MJCF file.
-        setting: Nests, touches, hull and flow.
+        scenario: Vehicle with the errors of its arm, water and `TouchingTask`.
         known: Give the distance between the two farthest nests.
-        errors: Seed of the errors with which the arm is built.
-        rng: Draws nests, touches, gusts and sensor noise.
+        rng: Draws the error of that distance.
         watch: Makes a further observer of the loop for the compiled world.
 
     Raises:
         ConfigurationError: The vehicle lacks a part, or fewer than two nests were found.
         ReachError: The arm does not reach enough nests.
     """
-    believed, built = scenes.vehicle_spec(vehicle), scenes.vehicle_spec(vehicle)
-    own = OwnVehicle.of(believed, (CAMERA_SITE, TOOL_GEOM))
+    vehicle, task = scenario.vehicle, scenario.task
+    assert isinstance(task, TouchingTask)
+    session, own = touch(scenario, watch)
     nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
-    true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(errors))
-    dh_geometry.move(built, nominal_arm, true, ARM_BASE_BODY)
-    session = touch(believed, built, setting, rng, watch)
-    hovering = setting.hovering
-    title = f"Calibration of {vehicle} by contact, hull {'hovering' if hovering else 'clamped'}, errors {errors}"
+    true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(vehicle.arm_errors))
+    hull = "hovering" if task.hovering else "clamped"
+    title = f"Calibration of {vehicle.vehicle} by contact, hull {hull}, errors {vehicle.arm_errors}"
     truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
     if len(found) < 2:
@@ -248,7 +242,7 @@ def by_contact(
     kept = replace(
         session, series=tuple(session.series[k] for k in found), hulls=tuple(session.hulls[k] for k in found)
     )
-    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if hovering else None)
+    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if task.hovering else None)
 
 
 def _simulated_case(

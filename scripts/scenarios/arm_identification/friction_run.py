@@ -144,9 +144,6 @@ class FrictionCase(PlacedTask):
         self.model = model
         return [], None
 
-    def finder(self, sensor: SensorModel | None, seed: int) -> None:
-        """Nothing is looked for."""
-
     def planner(self) -> FrictionMotion:
         """Slow swings, then fast ones."""
         seconds = self.task.seconds

@@ -1,7 +1,8 @@
 """Touching session: the built arm presses a pin into nests under water, the hull clamped or hovering."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -12,15 +13,15 @@ from controllers.touch_controller import CompliantTouch
 from models.naming import CAMERA_SITE, TOOL_GEOM
 from models.tools import touch_rig
 from models.vehicle import Vehicle
-from perception.navigation.strapdown_filter import Navigation
+from scenarios.assembly import assemble
 from scenarios.own_vehicle import OwnVehicle
-from scenarios.scenario import Sensing
-from sim import hydrodynamics
+from scenarios.runner import run_through
+from scenarios.scenario import Scenario
+from scenarios.tasks.task import PlacedTask, Task
 from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, inverse, pose
-from sim.loop.rollout import Moment, Observer, Parts, rollout
-from sim.plant.plant import Plant
-from sim.water.current import Current
+from sim.loop.recording import Recorder
+from sim.loop.rollout import Moment, Observer
 
 MISSED = 0.03  # [m] a reading farther than this from the median of its nest missed the nest
 LONGEST_PER_TOUCH = 30.0  # [s] simulated, limit for each touch
@@ -100,107 +101,125 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
     return chosen
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SessionSetting:
-    """What is touched, how often, and how the hull is held."""
+@dataclass(frozen=True, kw_only=True)
+class TouchingTask(Task):
+    """Touch nests with a pin in place of the tool; no key of a scenario's file."""
 
+    spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     hovering: bool  # station keeping with the thrusters; False: the hull is clamped
     nests: int
     touches: int  # of each nest
-    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m/s] steady, in W
-    gust: float = 0.0  # [m/s] standard deviation of the gusts per axis
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedTouching":
+        """The nests before the arm, and the touches; draws both.
+
+        Raises:
+            ReachError: The arm does not reach enough nests or directions.
+        """
+        placing, drawing = rng.spawn(2)
+        X_WB = np.eye(4)
+        nests = place_nests(own.vehicle, own.chain(), X_WB, self.nests, placing)
+        X_AW = inverse(X_WB @ np.array(own.vehicle.X_BA))
+        wanted = draw_touches(own.chain(), X_AW, nests, self.touches, drawing, own.vehicle.q_ready)
+        return PlacedTouching(task=self, own=own, nests=nests, wanted=wanted)
 
 
-def touch(
-    believed: mujoco.MjSpec,
-    built: mujoco.MjSpec,
-    setting: SessionSetting,
-    rng: np.random.Generator,
-    watch: Callable[[mujoco.MjModel], Observer] | None = None,
-) -> Session:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedTouching(PlacedTask):
+    """Nests at their places, the touches, and their readings during a run."""
+
+    exact_start: ClassVar[bool] = True
+    task: TouchingTask
+    own: OwnVehicle
+    nests: list[Nest]
+    wanted: list[Touch]
+    readings: Readings = field(default_factory=Readings)
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Touching, hull {'hovering' if self.task.hovering else 'clamped'}"
+
+    @property
+    def X_WB(self) -> Array:
+        """Pose of the hull: the origin of W."""
+        return np.eye(4)
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Adds pin and nests, and clamps the hull unless it hovers."""
+        touch_rig.add_pin(vehicle)
+        touch_rig.add_nests(vehicle, [nest.p_WN for nest in self.nests], [nest.z_WN for nest in self.nests])
+        if not self.task.hovering:
+            touch_rig.clamp(vehicle, self.X_WB)
+        return vehicle
+
+    def planner(self) -> TouchSequence:
+        """Touch after touch."""
+        return TouchSequence(self.own.vehicle, self.own.chain(), self.nests, self.wanted, self.X_WB)
+
+    def controller(self) -> CompliantTouch:
+        """Compliant touching."""
+        return CompliantTouch(self.own.model, clamped=not self.task.hovering)
+
+    def story(self, recorder: Recorder, log: Any) -> Readings:
+        """Observer that takes the readings."""
+        return self.readings
+
+    def session(self, simulated_s: float) -> Session:
+        """Readings of the run, without the touches that missed; `simulated_s` [s] is its duration."""
+        chain, readings = self.own.chain(), self.readings
+        series: list[list[Array]] = [[] for _ in self.nests]
+        hulls: list[list[Array]] = [[] for _ in self.nests]
+        tips: list[list[Array]] = [[] for _ in self.nests]
+        places: list[Array] = []
+        missed = 0
+        for k in range(len(self.nests)):
+            mine = [i for i, one in enumerate(self.wanted) if one.nest == k and i in readings.q]
+            means = {i: np.mean(readings.q[i], axis=0) for i in mine}
+            poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}
+            found = {i: (poses[i] @ self.own.vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine}
+            middle = np.median(list(found.values()), axis=0) if found else np.zeros(3)
+            for i in mine:
+                ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
+                moves = not self.task.hovering and float(np.linalg.norm(ends[1] - ends[0])) > STILL
+                if moves or float(np.linalg.norm(found[i] - middle)) > MISSED:
+                    missed += 1
+                    continue
+                series[k].append(means[i])
+                hulls[k].append(_mean_pose(readings.X_WB[i]))
+                tips[k].append(np.mean(readings.tip[i], axis=0))
+                places.append(np.mean(readings.hull[i], axis=0))
+        spread = np.concatenate([np.array(one) - np.mean(one, axis=0) for one in tips if one])
+        return Session(
+            series=tuple(np.array(one) for one in series),
+            hulls=tuple(np.array(one) for one in hulls),
+            p_WN=np.array([nest.p_WN for nest in self.nests]),
+            hull_motion=float(np.linalg.norm(np.array(places) - np.mean(places, axis=0), axis=1).max()),
+            tip_spread=float(np.sqrt((spread**2).sum(axis=1).mean())),
+            missed=missed,
+            simulated_s=simulated_s,
+        )
+
+
+def touch(scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None = None) -> tuple[Session, OwnVehicle]:
     """Runs a touching session with the arm as built, controlled by its believed model.
 
     Args:
-        believed: The vehicle as the controller knows it.
-        built: The true vehicle; pin and nests are added to it.
-        setting: Nests, touches, hull and flow.
-        rng: Parent of the streams for nests, touches, gusts and sensors.
+        scenario: Vehicle, water and `TouchingTask`.
         watch: Makes a further observer of the loop for the compiled world.
 
     Returns:
-        Readings and true figures.
+        Readings and true figures, and the vehicle as its controller knows it.
 
     Raises:
-        ReachError: The arm does not reach enough nests or directions.
+        UuvError: The vehicle lacks a part, or the arm does not reach enough nests or directions.
     """
-    own = OwnVehicle.of(believed, (CAMERA_SITE, TOOL_GEOM))
-    vehicle, chain = own.vehicle, own.chain()
-    X_WB = np.eye(4)
-    placing, drawing, gusts, loop = rng.spawn(4)
-    rig = place_nests(vehicle, chain, X_WB, setting.nests, placing)
-    X_AW = inverse(X_WB @ np.array(vehicle.X_BA))
-    wanted = draw_touches(chain, X_AW, rig, setting.touches, drawing, vehicle.q_ready)
-    touch_rig.add_pin(built)
-    touch_rig.add_nests(built, [nest.p_WN for nest in rig], [nest.z_WN for nest in rig])
-    if not setting.hovering:
-        touch_rig.clamp(built, X_WB)
-    model = hydrodynamics.compile(built)
-    flow = Current(setting.current, gust=setting.gust, timestep=model.opt.timestep, rng=gusts)
-    plant = Plant(model, current=flow, X_WB=X_WB)
-    parts = Parts(
-        sensors=Sensing().proprioception(),
-        estimator=Navigation(),
-        finder=None,
-        planner=TouchSequence(vehicle, chain, rig, wanted, X_WB),
-        controller=CompliantTouch(own.model, clamped=not setting.hovering),
-    )
-    readings = Readings()
-    observers: list[Observer] = [readings] if watch is None else [readings, watch(model)]
-    longest = LONGEST_PER_TOUCH * (len(wanted) + 1)
-    last = rollout(plant, parts, duration=longest, rng=loop, observers=observers)
-    return _session(readings, wanted, rig, chain, vehicle, setting.hovering, last.truth.time)
-
-
-def _session(
-    readings: Readings,
-    wanted: list[Touch],
-    rig: list[Nest],
-    chain: Chain,
-    vehicle: Vehicle,
-    hovering: bool,
-    time: float,
-) -> Session:
-    series: list[list[Array]] = [[] for _ in rig]
-    hulls: list[list[Array]] = [[] for _ in rig]
-    tips: list[list[Array]] = [[] for _ in rig]
-    places: list[Array] = []
-    missed = 0
-    for k in range(len(rig)):
-        mine = [i for i, one in enumerate(wanted) if one.nest == k and i in readings.q]
-        means = {i: np.mean(readings.q[i], axis=0) for i in mine}
-        poses = {i: readings.X_WB[i][len(readings.X_WB[i]) // 2] for i in mine}
-        found = {i: (poses[i] @ vehicle.X_BA @ chain.forward(means[i]))[:3, 3] for i in mine}
-        middle = np.median(list(found.values()), axis=0) if found else np.zeros(3)
-        for i in mine:
-            ends = [chain.forward(readings.q[i][at])[:3, 3] for at in (0, -1)]
-            moves = not hovering and float(np.linalg.norm(ends[1] - ends[0])) > STILL
-            if moves or float(np.linalg.norm(found[i] - middle)) > MISSED:
-                missed += 1
-                continue
-            series[k].append(means[i])
-            hulls[k].append(_mean_pose(readings.X_WB[i]))
-            tips[k].append(np.mean(readings.tip[i], axis=0))
-            places.append(np.mean(readings.hull[i], axis=0))
-    spread = np.concatenate([np.array(one) - np.mean(one, axis=0) for one in tips if one])
-    return Session(
-        series=tuple(np.array(one) for one in series),
-        hulls=tuple(np.array(one) for one in hulls),
-        p_WN=np.array([nest.p_WN for nest in rig]),
-        hull_motion=float(np.linalg.norm(np.array(places) - np.mean(places, axis=0), axis=1).max()),
-        tip_spread=float(np.sqrt((spread**2).sum(axis=1).mean())),
-        missed=missed,
-        simulated_s=time,
-    )
+    assembly = assemble(scenario)
+    placed, model = assembly.placed, assembly.plant.model
+    assert isinstance(placed, PlacedTouching)
+    observers: list[Observer] = [placed.readings] if watch is None else [placed.readings, watch(model)]
+    ran = run_through(assembly, observers=observers, longest=LONGEST_PER_TOUCH * (len(placed.wanted) + 1))
+    return placed.session(ran.last.truth.time), placed.own
 
 
 def _mean_pose(X: list[Array]) -> Array:

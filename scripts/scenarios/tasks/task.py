@@ -16,7 +16,7 @@ from scenarios.own_vehicle import OwnVehicle
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
-from sim.interfaces.protocols import Estimator, Planner, Sensor, TargetFinder
+from sim.interfaces.protocols import Controller, Estimator, Planner, Sensor, TargetFinder
 from sim.interfaces.spatial import Array, exp_so3, finite_number, pose
 from sim.loop.recording import Recorder, Recording
 from sim.loop.rollout import Moment, Observer
@@ -40,6 +40,11 @@ class RunResult:
     last: Moment
     wall_s: float
     part_by_part: str = ""  # why every tick was taken part by part; empty: compiled ticks where nothing slow was due
+
+
+@dataclass(frozen=True, slots=True)
+class NoFigures:
+    """Metrics of a task that adds none to those of every run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,29 +97,33 @@ class PlacedTask(ABC):
     def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
         """Adds the site to the spec of the true vehicle, in place, and returns it."""
 
-    @abstractmethod
     def sensors(self, model: mujoco.MjModel) -> tuple[list[Sensor], SensorModel | None]:
         """Sensors that see the site, and the model that perception has of them; None: its default."""
+        return [], None
 
     def estimator(self, navigation: Estimator) -> Estimator:
         """Estimator of the vehicle's state, around `navigation`."""
         return navigation
 
-    @abstractmethod
     def finder(self, sensor: SensorModel | None, seed: int) -> TargetFinder | None:
         """Finder of the object; `seed` is that of its random sampling."""
+        return None
 
     @abstractmethod
     def planner(self) -> Planner:
         """Planner of the task."""
 
-    @abstractmethod
-    def assess(self, ran: RunResult, seed: int) -> Assessment:
-        """Assessment of a run against the truth."""
+    def controller(self) -> Controller | None:
+        """Controller of a test rig, in place of that of the scenario; None: that of the scenario."""
+        return None
 
-    @abstractmethod
+    def assess(self, ran: RunResult, seed: int) -> Assessment:
+        """Assessment of a run against the truth; here, that it ended well."""
+        return Assessment.of(ran.recording, NoFigures(), [], seed=seed, wall_s=ran.wall_s)
+
     def pictures(self, ran: RunResult) -> Pictures:
         """Figures of the report."""
+        return ()
 
     def tables(self) -> "Iterable[Table]":
         """Tables for the terminal beside that of the metrics, once the run is assessed."""

@@ -116,7 +116,8 @@ class DriveSpan:
         state, inner, hull_ticks = self._state, self._state.inner, self._inner.hull_ticks
         if state.stopped is not None or state.blind_for or self._health.faults:
             return 0
-        if reference.scan or reference.compliant or inner.tool.compliance.offset_W.any():
+        x, y, z = inner.tool.compliance.offset_W.tolist()
+        if reference.scan or reference.compliant or x or y or z:
             return 0
         if reference.force_control and not inner.tool.servo_compliance:
             return 0

@@ -1,7 +1,7 @@
 """The way to the work, common to all tasks: settle, scan, come near, unfold, rest, tare."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -12,17 +12,17 @@ from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Settle, Unfold
 from controllers.tasks.monitors import Reaction
 from controllers.tasks.phase import Abort, Context, Decide, Held, Outcome, Phase, PhaseEvent, Setpoint, ToolLine
-from controllers.tasks.pose_fusion import fuse_poses
 from controllers.tasks.task import TaskRow, at_once
 from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import AbortCode, StateEstimate, Target, ToolPath, WorkState
-from sim.interfaces.spatial import Array, exp_so3, transform_points
+from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, readonly, transform_points
 
 # Chooses the hull placement for a path on a target: (placement, part of the path, its share); raises ReachError.
 Standing = Callable[[Target, ToolPath], tuple[Placement, ToolPath, float]]
 # Chooses a nearer hull pose (4, 4) to scan from, given the estimate and the present one; raises ReachError.
 ComingNear = Callable[[StateEstimate, Array], Array]
+_AGREE = (0.05, 0.1)  # [m], [rad] from the last identification; one farther off is of another object, or wrong
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +87,38 @@ class ScanTarget(Phase):
         """Ask for a frame when it is time."""
         del held
         return Setpoint(scan=now.time >= state.look_from)
+
+
+def fuse_poses(finds: Sequence[Target]) -> Target:
+    """Move the last identification, with its path, to the mean of all that agree with it.
+
+    An identification in W has two errors. That of the registration is independent in every frame. That of the believed
+    hull position is correlated over some seconds. The path inherits it unchanged, while the tool is later aimed with a
+    position estimate whose error has become another. Averaging identifications that lie apart in time reduces both.
+
+    Displacements are taken at the middle of the path, or at the object's origin where there is no path. Orientation
+    errors then do not grow with the distance to the origin of W.
+    """
+    last = finds[-1]
+    middle = last.X_WT[:3, 3] if last.path is None else last.path.p.mean(axis=0)
+    moves, turns = [], []
+    for find in finds:
+        R = find.X_WT[:3, :3] @ last.X_WT[:3, :3].T
+        move, turn = find.X_WT[:3, 3] + R @ (middle - last.X_WT[:3, 3]) - middle, log_so3(R)
+        if np.linalg.norm(move) <= _AGREE[0] and np.linalg.norm(turn) <= _AGREE[1]:
+            moves.append(move)
+            turns.append(turn)
+    R = exp_so3(np.mean(turns, axis=0))
+    moved = pose(R, middle + np.mean(moves, axis=0) - R @ middle)
+    path = last.path
+    if path is not None:
+        path = replace(path, p=readonly(transform_points(moved, path.p)), z=_turned(R, path.z), x=_turned(R, path.x))
+    return replace(last, X_WT=readonly(moved @ last.X_WT), path=path)
+
+
+def _turned(R: Array, axes: Array) -> Array:
+    """Rotate axes (N, 3) by `R` (3, 3)."""
+    return readonly(axes @ R.T)
 
 
 @dataclass(slots=True)

@@ -17,10 +17,9 @@ from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
 from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, fine_fit, score
 from perception.registration.initialiser import Expected, initial_poses
-from perception.registration.likelihood import log_likelihood
 from perception.registration.paper_icp import laid_on, paper_fit
-from perception.registration.pose_check import Decision, PoseCheck, check
-from perception.registration.symmetry_resolution import resolve_symmetry
+from perception.registration.pose_check import Decision, PoseCheck, check, log_likelihood
+from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import (
     Array,

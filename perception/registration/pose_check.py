@@ -4,7 +4,7 @@ Curves in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along 
 scan and of the fitted model. The distances E_i between both projections measure how far the surfaces lie apart
 [Konoplin 2022, eq. 2].
 
-The published Q = sqrt(sum E_i^2) (`perception.registration.projection`) grows with the number of rays. It has no rule
+The published Q = sqrt(sum E_i^2) (`perception.registration.paper_check`) grows with the number of rays. It has no rule
 for rays that miss a surface or meet an occluder, and a few rays at edges dominate it. Here each ray of several curves
 is classified. Either both surfaces agree, or the scan lies in front of the model, or behind it (the scan sees through
 the model), or an occluder hides the model, which is no evidence.
@@ -26,22 +26,28 @@ import numpy as np
 from scipy import ndimage
 
 from models.meshes.ray_casting import RayScene
-from perception.clouds.scan import connected_surfaces, triangulate
+from perception.clouds.scan import connected_surfaces, jump, triangulate
 from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
-from perception.registration.likelihood import OCCLUDER, log_likelihood
-from perception.registration.pose_ambiguity import best_alternative
-from perception.registration.projection import ACROSS_EDGES, clear_of_edges, curves, direction
+from perception.registration.symmetry import ambiguous_poses, are_different
 from sim.interfaces.spatial import Array, inverse, transform_points
 
+OCCLUDER = 0.06  # [m] in front of the model: nearer pixels show something else, not the object, fouled or not
 TRIM = 0.15  # [-] share of the largest distances left out of the figure
 MODEL_TOLERANCE = 0.001  # [m] accuracy of the model
 _SURFACE_PIXELS = 40_000  # pixels at most of the scan that is triangulated: finer than the rays lie
+_RAY_STEP = 0.006  # [m] between rays along the curves
+_LINES = 8  # straight lines through the centre, evenly distributed over 180 deg
+_CIRCLES = (0.35, 0.7)  # [-] radii as a share of the object's extent across the line of sight
+_ACROSS_EDGES = 1.5  # [px] by which a ray is moved aside to detect a nearby edge
 _MIN_RAYS = 40  # rays without which there is no verdict
 _TOGETHER = 3.0  # [spacings] between neighbouring points of one surface
 _PART = 0.1  # [-] explained share of a scanned surface, above which all of it should belong to the model
 _PATCHES = 9.0  # [-] model radius over the edge of a patch
 _PATCH_RAYS = 5  # rays in a patch, at least
 _PATCH_TRIM = 0.25  # [-] share of patches that may be fouled or dented
+_LIKELIHOOD_PIXELS = 40_000  # pixels of the thinned scan that the likelihood counts, at most about
+_MOST_COST = 9.0  # [sigma^2] largest cost of a pixel that contradicts the model
+_UNEXPLAINED_COST = 4.0  # [sigma^2] cost of a masked pixel that the model does not cover
 # Limits on shares of rays and edges (0..1) and on figures in units of the noise. They lie between true poses (clean,
 # fouled, up to 66 % hidden) and poses 10 deg or 3 cm off; scripts/studies/decisions.py counts their errors.
 MAX_FIGURE = 1.0  # [sigma]; true poses reach 0.85
@@ -245,7 +251,7 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     on_model = surface.scene.cast(transform_points(X_TS, starts), np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape))
     hit = np.isfinite(on_model["t"])
     hit &= clear_of_edges(
-        surface, X_TS, starts, on_model["t"], o, ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
+        surface, X_TS, starts, on_model["t"], o, _ACROSS_EDGES * scan.pitch * float(np.linalg.norm(H_D))
     )
     t_model, starts = on_model["t"][hit], starts[hit]
     C_model = starts + t_model[:, None] * o
@@ -287,6 +293,79 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     return _Rays(C_model, starts, o, E, sigma, pitch, hidden, near, through, near | through | before)
 
 
+def direction(points: Array) -> tuple[Array, Array]:
+    """Centroid H_D (3,) [m] of the model points (m, 3) [m] in S, and the unit line of sight o (3,) towards it."""
+    H_D = points.mean(axis=0)
+    return H_D, H_D / np.linalg.norm(H_D)  # S is the origin: o = -(S - H_D)/|S - H_D|
+
+
+def across(o: Array) -> tuple[Array, Array]:
+    """Two unit vectors (3,) perpendicular to `o` (3,) and to each other."""
+    u = np.cross(o, [0.0, 1.0, 0.0] if abs(o[1]) < 0.9 else [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    return u, np.cross(o, u)
+
+
+def curves(H_D: Array, o: Array, points: Array) -> Array:
+    """Points c_i of lines and circles in a plane perpendicular to `o`, in front of the object, across all of it.
+
+    Args:
+        H_D: (3,) [m] centroid of the visible model in S.
+        o: (3,) unit line of sight.
+        points: (m, 3) [m] visible model points in S.
+
+    Returns:
+        Points (n, 3) [m] in S.
+    """
+    reach = lateral_reach(H_D, o, points)
+    s = np.arange(-reach, reach + _RAY_STEP, _RAY_STEP)
+    flat = [np.outer(s, [np.cos(angle), np.sin(angle)]) for angle in np.linspace(0.0, np.pi, _LINES, endpoint=False)]
+    flat += [circle(share * reach, max(8, round(2.0 * np.pi * share * reach / _RAY_STEP))) for share in _CIRCLES]
+    return in_plane(H_D, o, points, np.vstack(flat))
+
+
+def clear_of_edges(surface: ModelSurface, X_TS: Array, starts: Array, t: Array, o: Array, margin: float) -> np.ndarray:
+    """Mask (n,) of the rays that meet the same face of the model when moved aside by `margin`.
+
+    Args:
+        surface: Sampled model.
+        X_TS: (4, 4) pose of S in T.
+        starts: (n, 3) [m] start points of the rays in S.
+        t: (n,) [m] distance to the model along `o`.
+        o: (3,) unit direction of the rays in S.
+        margin: [m] by which each ray is moved to four sides.
+
+    Returns:
+        Mask (n,).
+    """
+    clear = np.ones(len(starts), dtype=bool)
+    way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
+    u, v = across(o)
+    for aside in (u, -u, v, -v):
+        beside = surface.scene.distance(transform_points(X_TS, starts + margin * aside), way)
+        with np.errstate(invalid="ignore"):
+            clear &= np.abs(beside - t) < jump(0.0) + 3.0 * margin
+    return clear
+
+
+def circle(radius: float, n: int) -> Array:
+    """Points (n, 2) [m] of a circle about the origin."""
+    angle = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def lateral_reach(H_D: Array, o: Array, points: Array) -> float:
+    """Distance [m] of the outermost of `points` (m, 3) from the line through H_D along `o`."""
+    offset = points - H_D
+    return float(np.linalg.norm(offset - np.outer(offset @ o, o), axis=1).max())
+
+
+def in_plane(H_D: Array, o: Array, points: Array, flat: Array) -> Array:
+    """Lift `flat` (n, 2) [m] into a plane perpendicular to `o`, in front of all `points`: (n, 3) [m] in S."""
+    before = min(float(((points - H_D) @ o).min()) - 0.3, -0.05)
+    return H_D + before * o + flat @ np.stack(across(o))
+
+
 def _trimmed_rms(distances: Array, trim: float) -> float:
     kept = np.sort(np.abs(distances))[: max(1, int((1.0 - trim) * len(distances)))]
     return float(np.sqrt(np.mean(kept**2)))
@@ -313,6 +392,55 @@ def _beyond(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     label = connected_surfaces(evidence.points, _TOGETHER * surface.spacing)
     taken = (np.bincount(label, weights=on_model) > _PART * np.bincount(label))[label]
     return float(1.0 - on_model[taken].mean()) if taken.any() else 0.0
+
+
+def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood of the scan with the model at `X_ST`, up to a constant common to all poses.
+
+    Each pixel's depth is compared with the model's, in units of the sensor's noise. The cost is clipped, which leaves
+    room for growth and dents. A share of points within a tolerance cannot tell a plate from the same plate turned
+    round, because every single difference drowns in noise; a sum of squares over hundreds of pixels can.
+
+    Pixels without depth, and background pixels that the model does not cover, contribute nothing.
+
+    Args:
+        evidence: Scan and mask of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        The log likelihood [nat].
+    """
+    rows, columns = evidence.mask.shape
+    step = int(np.ceil(np.sqrt(max(1.0, rows * columns / _LIKELIHOOD_PIXELS))))
+    scan = evidence.scan.part((slice(0, rows, step), slice(0, columns, step)))
+    depth = surface.seen(X_ST, scan)[0].depth
+    shown = np.isfinite(depth) & np.isfinite(scan.depth)
+    sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
+    behind = np.where(shown, scan.depth - depth, 0.0)
+    shown &= behind > -np.maximum(OCCLUDER, 6.0 * sigma)  # pixels of an occluder carry no information on the model
+    cost = np.where(evidence.mask[::step, ::step] & np.isfinite(scan.depth), _UNEXPLAINED_COST, 0.0)
+    cost[shown] = np.minimum((behind[shown] / sigma[shown]) ** 2, _MOST_COST)
+    return -0.5 * float(evidence.sensor.independent(step) * cost.sum())
+
+
+def best_alternative(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
+    """Log likelihood of the scan at the best fitted pose that looks nearly as `X_ST` does.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+
+    Returns:
+        The log likelihood [nat]; -inf if no such pose exists.
+    """
+    best = -np.inf
+    for G in ambiguous_poses(surface):
+        fitted = fine_fit(evidence, surface, X_ST @ G, rounds=1).X_ST
+        if are_different(surface.target.symmetry, fitted, X_ST):  # else ICP has returned to X_ST
+            best = max(best, log_likelihood(evidence, surface, fitted))
+    return best
 
 
 def _unmade(reason: str) -> PoseCheck:

@@ -14,7 +14,7 @@ from scipy import ndimage
 from perception.clouds.scan import MIN_POINTS, jump, without_flying_pixels
 from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
 from perception.registration.identification import Identification
-from perception.registration.likelihood import OCCLUDER
+from perception.registration.pose_check import OCCLUDER
 from perception.toolpath.path_deviation import POSE_ERROR, SEEN_WELL
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.spatial import Array, inverse, readonly, transform_points

@@ -9,11 +9,15 @@
 Names are imported on first use, so that `scenarios.start` can look at the Python that runs it before anything else.
 """
 
+import os
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+# All matrices are small: a second thread of BLAS saves no time and burns a core. Read when numpy is first imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 if TYPE_CHECKING:
     from scenarios.assembly import Assembly, assemble

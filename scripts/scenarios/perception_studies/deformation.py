@@ -6,7 +6,7 @@ import numpy as np
 
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
-from perception.registration.multi_frame import with_fused_frames
+from perception.target_finder import with_fused_frames
 from perception.toolpath.deformation import map_deformation
 from scenarios.object_scenes import object_scene, target_of
 from scenarios.perception_studies.paths import SCENES

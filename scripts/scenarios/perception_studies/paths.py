@@ -16,7 +16,7 @@ from models.objects.targets import ModelPath, TargetModel, barrel, longitudinal,
 from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
-from perception.registration.multi_frame import Frame, with_fused_frames
+from perception.target_finder import Frame, with_fused_frames
 from perception.toolpath.path_deviation import deviate
 from perception.toolpath.path_planner import carry, densified, plan_path
 from scenarios.site import coarse_detection

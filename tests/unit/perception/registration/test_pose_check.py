@@ -11,9 +11,9 @@ from models.objects.targets import Solid, barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface, fine_fit
 from perception.registration.identification import segment
-from perception.registration.pose_ambiguity import ambiguous_poses
+from perception.registration.paper_check import published_criterion
 from perception.registration.pose_check import Decision, check
-from perception.registration.projection import published_criterion
+from perception.registration.symmetry import ambiguous_poses
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 

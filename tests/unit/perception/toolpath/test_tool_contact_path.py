@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from perception.toolpath.tool_contact_path import lift
+from perception.toolpath.path_planner import lift
 from sim.interfaces.spatial import Array
 
 RADIUS, STEP = 0.06, 0.003  # [m]

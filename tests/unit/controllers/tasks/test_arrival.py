@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.tasks.pose_fusion import fuse_poses
+from controllers.tasks.arrival import fuse_poses
 from sim.interfaces.messages import Target, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose, transform_points
 

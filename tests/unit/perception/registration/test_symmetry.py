@@ -10,7 +10,7 @@ from models.objects.barrel import barrel
 from perception.clouds.scan import Scan, SensorModel
 from perception.registration.fine_fit import Evidence, ModelSurface
 from perception.registration.identification import identify
-from perception.registration.symmetry_resolution import asymmetric_parts, resolve_symmetry
+from perception.registration.symmetry import asymmetric_parts, resolve_symmetry
 from sim.interfaces.spatial import exp_so3
 
 VIEW = seen_from(np.array([0.1, -0.9, 0.75]))

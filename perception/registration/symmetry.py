@@ -1,19 +1,33 @@
-"""Angle about an axis of symmetry, resolved by parts that break the symmetry, such as a bung in a barrel's shell.
+"""Symmetry of a known model: rotations under which it looks nearly the same, and parts in view that break a symmetry.
 
-A target declares the symmetry of its body; parts of its mesh that do not share it may be in view. The model is rendered
-at many angles: the median depth of a pixel over them is that of the featureless body. An angle is accepted if its parts
-explain the scan better than the featureless body does, and better than at every other angle.
+**Near symmetry.** One arm of a starfish further, or a plate turned round. Such rotations are found on the model alone,
+by rotating it about its principal axes. PoseCheck must then separate the fitted pose from them by the scan. Rotations
+declared as symmetry count as the same pose.
+
+**Broken symmetry.** A target declares the symmetry of its body; parts of its mesh that do not share it may be in view,
+such as a bung in a barrel's shell. The model is rendered at many angles: the median depth of a pixel over them is that
+of the featureless body. An angle is accepted if its parts explain the scan better than the featureless body does, and
+better than at every other angle.
 """
 
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from models.objects.target_model import Symmetry
 from perception.clouds.nearest_point import NearestPoint
 from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
+# Near symmetry
+_FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
+_ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
+_COMPARED = 600  # model points compared, about
+_FEW = 10  # every so many of these points, a first test
+_TRIED = 6  # rotations kept, the most similar first
+# Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
 _FINE = np.linspace(-1.0, 1.0, 13)  # [steps] angles tried around the best one
 _PROBES = np.deg2rad([25.0, 60.0, 100.0, 155.0, 205.0, 260.0, 320.0])  # [rad] at which the body must look the same
@@ -27,6 +41,40 @@ _NOISE_AREA = 25.0  # [px] over which the errors of a stereo matcher are correla
 _TELLING = 10.0  # [nat] minimal gain of log likelihood over the featureless body and over every other angle
 _AGREE = 0.7  # [-] least share of the pixels changed by the parts (2 sigma or more) that agree with them (2 sigma)
 _OTHER = np.deg2rad(15.0)  # [rad] beyond which two angles count as different
+
+
+@lru_cache(maxsize=16)
+def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
+    """Poses G (4, 4) in T such that the model at X G looks nearly as at X, most similar first; may be empty.
+
+    Rotations by multiples of 360/n deg, n from `_FOLDS` (2 to 8), about the principal axes and the axes of T. They pass
+    through the centroid of the surface and through the centre of its bounding box.
+    """
+    points = surface.points[:: max(1, len(surface.points) // _COMPARED)]
+    tree = cKDTree(surface.points)
+    symmetry = surface.target.symmetry
+    found: list[tuple[float, Array]] = []
+    for middle in (surface.points.mean(axis=0), surface.center):
+        main = np.linalg.eigh(np.cov((surface.points - middle).T))[1].T
+        for axis in np.vstack([main, np.eye(3)]):
+            for angle in sorted({2.0 * np.pi * k / n for n in _FOLDS for k in range(1, n)}):
+                R = exp_so3(angle * axis)
+                G = pose(R, middle - R @ middle)
+                if not all(are_different(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
+                    continue
+                moved = transform_points(G, points)
+                # The distances of a few points alone exclude most rotations.
+                if np.sum(tree.query(moved[::_FEW])[0] ** 2) > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
+                    continue
+                unlike = float(np.sqrt(np.mean(tree.query(moved)[0] ** 2)))
+                if unlike <= _ALIKE * surface.radius:
+                    found.append((unlike, G))
+    return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
+
+
+def are_different(symmetry: Symmetry, A: Array, B: Array) -> bool:
+    """True if the poses `A` and `B` (4, 4) differ by more than 8 deg, up to the declared symmetry."""
+    return symmetry.error(A, B)[1] > np.deg2rad(8.0)
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,67 @@
+"""Published criterion of a fitted pose, to compare with `perception.registration.pose_check` [Konoplin 2022, eq. 2].
+
+Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of
+model and scan, which they meet in C_i and C'_i.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.meshes.ray_casting import RayScene
+from perception.clouds.scan import triangulate
+from perception.registration.fine_fit import Evidence, ModelSurface
+from perception.registration.pose_check import circle, direction, in_plane, lateral_reach
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PublishedCriterion:
+    """The published criterion of one trajectory, unchanged [Konoplin 2022, eq. 2]."""
+
+    q_m: float  # [m] sqrt(sum |C_i - C'_i|^2) over rays that meet both surfaces: it grows with their number
+    rays: int  # rays that meet both surfaces
+    missed: int  # the other rays of the trajectory; the published criterion has no rule for them
+
+
+def published_criterion(
+    evidence: Evidence, surface: ModelSurface, X_ST: Array, curve: str = "line", n: int = 50
+) -> PublishedCriterion:
+    """Published criterion Q at the pose `X_ST`, for comparison with `perception.registration.pose_check`.
+
+    Args:
+        evidence: Scan of the object.
+        surface: Sampled model.
+        X_ST: (4, 4) pose of T in S.
+        curve: "line" across the object or "circle" on it.
+        n: Number of points of the curve.
+
+    Returns:
+        Q [m] and the number of rays that it is made of [Konoplin 2022, eq. 2].
+
+    Raises:
+        ConfigurationError: For another `curve` or n < 2.
+    """
+    if curve not in ("line", "circle") or n < 2:
+        raise ConfigurationError(f"check trajectory: expected 'line' or 'circle' of n >= 2 points, got {curve!r}, {n}")
+    visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
+    if not visible.any():
+        return PublishedCriterion(q_m=0.0, rays=0, missed=n)
+    points = transform_points(X_ST, surface.points[visible])
+    H_D, o = direction(points)
+    reach = lateral_reach(H_D, o, points)
+    flat = np.outer(np.linspace(-reach, reach, n), [1.0, 0.0]) if curve == "line" else circle(0.5 * reach, n)
+    starts = in_plane(H_D, o, points, flat)
+    X_TS = inverse(X_ST)
+    way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
+    C_model = surface.scene.distance(transform_points(X_TS, starts), way)
+    part = evidence.scan.part(evidence.scan.window(points, 0.05, 10**6))
+    vertices, triangles = triangulate(part, part.depth > 0.0)
+    C_scan = np.full(n, np.inf)
+    if len(triangles):
+        scene = RayScene(vertices, triangles)
+        C_scan = scene.distance(starts, np.broadcast_to(o, starts.shape))
+    both = np.isfinite(C_model) & np.isfinite(C_scan)
+    E = C_scan[both] - C_model[both]
+    return PublishedCriterion(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))

@@ -22,7 +22,7 @@ from controllers.drive_tick import (
     DriveRecord,
     ReferenceRecord,
 )
-from controllers.estimation.contact_estimators import TorqueSensors
+from controllers.estimation.tip_force_estimator import TorqueSensors
 from controllers.safety.safety_wrapper import SafetyWrapper, SafetyWrapperState
 from controllers.tool_control import FromEstimate
 from controllers.tuning import SAFETY

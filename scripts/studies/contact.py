@@ -25,8 +25,7 @@ from scenarios.campaigns.contact_study import (
     draw,
     one_run,
 )
-from scenarios.campaigns.study_report import summarise
-from scenarios.campaigns.study_statistics import METHODS
+from scenarios.campaigns.study_report import METHODS, summarise
 from scenarios.command import command
 from scenarios.study import Row, Study, StudyOptions
 from scenarios.study.options import at_least

@@ -5,29 +5,224 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table as RichTable
 
-from scenarios.study.loaded_code import loaded_files
+from scenarios.study.loaded_code import digests, loaded_files
 from scenarios.study.options import PoolOptions
 from scenarios.study.pool import run_all
-from scenarios.study.row_log import KEY, METRICS, PAGE, TIMING, RowLog
-from scenarios.study.summary import Row, Summary
 from sim.interfaces.errors import ConfigurationError, UuvError
-from sim.runs.provenance import provenance
-from sim.runs.run_folder import RUNS
-from sim.runs.saving import write_json
+from sim.runs.provenance import provenance, versions
+from sim.runs.run_folder import RUNS, alone_in
+from sim.runs.saving import write_json, write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Row = dict[str, Any]  # result of one case, of JSON types
 
 Case = TypeVar("Case")
 NOT_ACCEPTED = 1  # exit code
 DIED = "its process died"
+KEY, TIMING = "case_id", "timing"  # entries that the log adds to a row
+METRICS, PAGE = "metrics.json", "report.html"  # files made from the rows of a log
+_NAMED = 4  # changed files that a message names
+
+
+class RowLog:
+    """results.jsonl of a study, beside study.json: versions and digests of the files that the rows depend on."""
+
+    def __init__(self, folder: Path, *, anew: bool = False) -> None:
+        """Opens the log in `folder`.
+
+        For one process at a time: see `open`.
+
+        Args:
+            folder: Existing folder.
+            anew: Delete old rows.
+
+        Raises:
+            ConfigurationError: The rows were made by other code, or the folder holds other files.
+        """
+        self.folder = folder
+        self._file, self._about = folder / "results.jsonl", folder / "study.json"
+        foreign = [path.name for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")]
+        if foreign and not self._about.exists():
+            raise ConfigurationError(
+                f"{folder} is in use by something else than a study ({', '.join(sorted(foreign))})"
+            )
+        if anew:
+            for name in (self._file.name, METRICS, PAGE):
+                (folder / name).unlink(missing_ok=True)
+        self._code: dict[str, str] = {}
+        if self._file.exists() and self._file.stat().st_size:
+            about = json.loads(self._about.read_text(encoding="utf-8"))
+            self._code = about.get("code", {})
+            if changed := self._changed(about):
+                more = f" and {len(changed) - _NAMED} more" if len(changed) > _NAMED else ""
+                raise ConfigurationError(
+                    f"{folder} holds runs of other code (changed: {', '.join(changed[:_NAMED])}{more}); --anew throws "
+                    "them away, or take another --out"
+                )
+        else:
+            self._write_about()
+        self.rows: dict[str, Row] = {row[KEY]: row for row in _whole_lines(self._file)}
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path, *, anew: bool = False) -> Iterator[Self]:
+        """Context manager: the log in `folder`, created if necessary, locked for this process.
+
+        Args:
+            folder: Folder of the study.
+            anew: Delete old rows.
+
+        Raises:
+            ConfigurationError: As `RowLog` does, or another process works in the folder.
+        """
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(f"--out {folder}: cannot be made a folder ({error.strerror})") from error
+        with alone_in(folder):
+            yield cls(folder, anew=anew)
+
+    def depends_on(self, files: Iterable[str]) -> None:
+        """Adds files, named as by `loaded_files`, to those that the rows depend on."""
+        if new := set(files) - self._code.keys():
+            self._code |= digests(new)
+            self._write_about()
+
+    def add(self, key: str, row: Row, timing: Mapping[str, float | None]) -> None:
+        """Appends a row; it is on the disk when this returns.
+
+        Args:
+            key: Identifies the case.
+            row: Its result, of JSON types.
+            timing: Wall and processor time [s].
+
+        Raises:
+            ConfigurationError: The file cannot be written.
+        """
+        self.rows[key] = {**row, KEY: key, TIMING: timing}
+        try:
+            with self._file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(self.rows[key], allow_nan=False) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise ConfigurationError(f"{self._file}: cannot be written ({error.strerror})") from error
+
+    def _write_about(self) -> None:
+        write_json(self._about, {"versions": versions(), "code": self._code})
+
+    def _changed(self, about: dict[str, Any]) -> list[str]:
+        now = digests(self._code)
+        files = [file for file, digest in self._code.items() if now[file] != digest]
+        return files if about.get("versions") == versions() else [*files, "versions of packages"]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Table of text cells, for the terminal and the report."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    labels: int = 1  # number of leading columns that are text, aligned left
+
+    def printed(self) -> RichTable:
+        """The table for the terminal."""
+        table = RichTable(title=escape(self.title) or None, caption=escape(self.caption) or None, title_justify="left")
+        for i, column in enumerate(self.columns):
+            table.add_column(escape(column), justify="left" if i < self.labels else "right", no_wrap=i == 0)
+        for row in self.rows:
+            table.add_row(*map(escape, row))
+        return table
+
+    def markdown(self) -> str:
+        """The table as markdown."""
+        lines = [self.columns, ["---" if i < self.labels else "---:" for i in range(len(self.columns))], *self.rows]
+        return f"**{self.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """Summary of all rows of a study."""
+
+    metrics: Mapping[str, Any]  # for metrics.json
+    tables: Sequence[Table] = ()
+    lines: Sequence[str] = ()  # printed below the tables
+    pictures: Iterable[tuple[str, str, "Figure"]] = ()  # title, caption and figure, for the report
+    caption: str = ""  # below the title of the report
+    failed: Sequence[str] | None = None  # missed bounds; None: the study has no bounds
+
+    @property
+    def accepted(self) -> bool:
+        """True if no bound was missed."""
+        return not self.failed
+
+    @property
+    def verdict(self) -> dict[str, Any]:
+        """Entries "accepted" and "failed" of metrics.json; empty for a study without bounds."""
+        return {} if self.failed is None else {"accepted": self.accepted, "failed": list(self.failed)}
+
+    def print_to(self, console: Console) -> None:
+        """Prints tables, lines and verdict."""
+        for table in self.tables:
+            console.print(table.printed())
+        for line in self.lines:
+            console.print(line, highlight=False, markup=False)
+        if self.failed is not None:
+            reasons = escape("; ".join(self.failed))
+            said = "[green]accepted[/green]" if self.accepted else f"[red]not accepted[/red]: {reasons}"
+            console.print(said, highlight=False)
+
+    def write_page(self, file: Path, title: str, made_by: Mapping[str, Any], pace: str) -> None:
+        """Writes report.html.
+
+        Args:
+            file: HTML file.
+            title: Title of the page.
+            made_by: Options of the study.
+            pace: Sentence about the computing time.
+
+        Raises:
+            ConfigurationError: The file cannot be written.
+        """
+        from sim.reporting import report_page
+        from sim.reporting.report_page import section, table, text
+
+        verdict = ""
+        if self.failed is not None:
+            word = "accepted" if self.accepted else "not accepted"
+            verdict = f" <span class='{word.replace(' ', '-')}'>{word}</span>"
+        reasons = "".join(f"<li>{text(line)}</li>" for line in self.failed or ())
+        body = [
+            f"<header><h1>{text(title)}{verdict}</h1>",
+            f"<ul class=reasons>{reasons}</ul>" if reasons else "",
+            f"<p class=caption>{text(' '.join(filter(None, (self.caption, pace))))}</p></header>",
+            *(
+                f"<section><h2>{text(each.title)}</h2>{table(each.columns, each.rows)}"
+                f"{f'<p class=caption>{text(each.caption)}</p>' if each.caption else ''}</section>"
+                for each in self.tables
+            ),
+            *(f"<p>{text(line)}</p>" for line in self.lines),
+            *(section(name, figure, caption) for name, caption, figure in self.pictures),
+            f"<section><h2>How the runs were made</h2>{report_page.provenance(made_by)}</section>",
+        ]
+        write_whole(file, report_page.page(title, "\n".join(body)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,3 +377,40 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _whole_lines(file: Path) -> list[Row]:
+    """Rows of a log; a last line that was cut short by an interruption is removed from the file.
+
+    Raises:
+        ConfigurationError: An invalid line is followed by rows. That is no interruption, and those rows are valuable.
+    """
+    if not file.exists():
+        return []
+    rows: list[Row] = []
+    whole = 0  # bytes of valid lines
+    bad = 0  # number of the first invalid line
+    with file.open("rb+") as log:
+        for number, line in enumerate(log, start=1):
+            row = _row(line)
+            if row is None:
+                bad = bad or number
+            elif bad:
+                raise ConfigurationError(
+                    f"{file}: line {bad} is no row of a study, and rows follow it; mend it or take it out (--anew "
+                    "throws all of them away)"
+                )
+            else:
+                rows.append(row)
+                whole += len(line)
+        log.truncate(whole)
+    return rows
+
+
+def _row(line: bytes) -> Row | None:
+    """Row in a line of a log; None for a line that was cut short, also by a power failure."""
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    return row if line.endswith(b"\n") and isinstance(row, dict) and KEY in row else None

@@ -36,7 +36,7 @@ def study() -> Any:
 
 @pytest.fixture
 def told() -> Any:
-    return import_module("scenarios.campaigns.study_statistics")
+    return import_module("scenarios.campaigns.study_report")
 
 
 # -- drawing -----------------------------------------------------------------------------------------------------------

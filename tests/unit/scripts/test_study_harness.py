@@ -18,8 +18,8 @@ import pytest
 
 from pool_tasks import DEADLY, deadly, ignores, refusing, squared, told_dead
 from scenarios.study import Row, Study, StudyOptions, Summary, Table, harness, pool
+from scenarios.study.harness import RowLog
 from scenarios.study.loaded_code import digests, loaded_files
-from scenarios.study.row_log import RowLog
 from sim.interfaces.errors import ConfigurationError, UuvError
 
 TIMED = {"wall_s": 1.0, "cpu_s": 1.0}
@@ -185,7 +185,7 @@ def test_rows_are_stale_once_a_file_that_was_loaded_has_changed(tmp_path, monkey
     __import__("of_user")
     files = loaded_files()
     assert {str(package / "__init__.py"), str(package / "table.csv")} <= files
-    assert "scripts/scenarios/study/row_log.py" in files
+    assert "scripts/scenarios/study/harness.py" in files
     assert not any("numpy" in file for file in files)
     folder = tmp_path / "out"
     folder.mkdir()

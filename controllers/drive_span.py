@@ -6,6 +6,7 @@ The step of the hull, twenty times slower than the drives or so, stays in Python
 import numpy as np
 
 from controllers.arm.compliance import LateralCompliance
+from controllers.arm.kernel_force_law import KernelForceLaw
 from controllers.arm.position_force import ForceDisplacement, ForceDisplacementState
 from controllers.drive_tick import (
     BEGAN,
@@ -22,7 +23,7 @@ from controllers.drive_tick import (
     DriveRecord,
     ReferenceRecord,
 )
-from controllers.estimation.contact_estimators import TorqueSensors
+from controllers.estimation.tip_force_estimator import TorqueSensors
 from controllers.safety.safety_wrapper import SafetyWrapper, SafetyWrapperState
 from controllers.tool_control import FromEstimate
 from controllers.tuning import SAFETY
@@ -41,12 +42,13 @@ def replaced_part(controller: Controller) -> str:
     tool = inner.tool
     for part, kind in (
         (inner.contact, TorqueSensors),
-        (tool.force_law, ForceDisplacement),
         (tool.compliance, LateralCompliance),
         (tool.drift, FromEstimate),
     ):
         if type(part) is not kind:
             return type(part).__name__
+    if type(tool.force_law) not in (ForceDisplacement, KernelForceLaw):
+        return type(tool.force_law).__name__
     if tool.compliance_ticks * inner.task_ticks % inner.hull_ticks:
         return "compliance_period that is no multiple of hover_period"
     return ""
@@ -65,7 +67,8 @@ class DriveSpan:
         inner = wrapper.controller
         assert isinstance(inner, WorkController)
         assert isinstance(inner.contact, TorqueSensors)
-        assert isinstance(inner.tool.force_law, ForceDisplacement)
+        force_law = inner.tool.force_law
+        assert isinstance(force_law, ForceDisplacement)
         assert state.health is not None
         self._wrapper, self._inner, self._state, self._health = wrapper, inner, state, state.health
         self._estimator = inner.contact
@@ -76,7 +79,8 @@ class DriveSpan:
             timing=inner.contact.timing,
             gears=inner.contact.gears,
             tracking=inner.tool.tracking,
-            force=inner.tool.force_law.gains,
+            force=force_law.gains,
+            law=force_law.address if isinstance(force_law, KernelForceLaw) else 0,
             drives=inner.servo.drives,
             softness=tuning.normal_softness,
             hardening=inner.servo.hardening,

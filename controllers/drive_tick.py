@@ -21,6 +21,7 @@ from controllers.arm.joint_servo import (
     servo_joints,
     track_gear_friction,
 )
+from controllers.arm.kernel_force_law import displace_by
 from controllers.arm.position_force import ForceLoopGains, displace, let_go
 from controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
 from controllers.estimation.tip_force_estimator import (
@@ -98,6 +99,7 @@ class DriveGains(NamedTuple):
     gears: FrictionTracking
     tracking: ToolTracking
     force: ForceLoopGains
+    law: int  # address of a `KernelForceLaw`; 0: `ForceDisplacement`
     drives: Drives
     softness: float  # [-] share of the stiffness that force control removes along the tool axis
     hardening: float  # [-] of it restored in a tick
@@ -166,7 +168,11 @@ def drive_tick(record, estimate, reference):
         most = gains.force.speed * dt
         if follows:
             if closed:
-                k = displace(gains.force, record.force, reference.force[0], felt, numbers[SERVO_COMPLIANCE], dt)
+                compliance, bounds = numbers[SERVO_COMPLIANCE], (gains.force.speed, gains.force.limit)
+                if gains.law:
+                    k = displace_by(gains.law, bounds, record.force, reference.force[0], felt, compliance, dt)
+                else:
+                    k = displace(gains.force, record.force, reference.force[0], felt, compliance, dt)
             else:
                 k = let_go(record.force, most, False)
             target = ToolTarget(reference.X_WG, reference.v_WG_W, reference.w_WG_W)

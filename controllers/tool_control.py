@@ -14,8 +14,7 @@ from controllers.arm.compliance import ComplianceState, LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import ForceDisplacement
 from controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
-from controllers.estimation.contact_estimators import ContactState
-from controllers.estimation.tip_force_estimator import SensedArm
+from controllers.estimation.tip_force_estimator import ContactState, SensedArm
 from controllers.mkps import Chain, solve
 from controllers.tuning import ArmTuning
 from models.naming import ARM_BASE_BODY, TIP_SITE

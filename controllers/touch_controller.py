@@ -7,7 +7,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
-from controllers.estimation.contact_estimators import ContactState, DriveState, TorqueSensors
+from controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
 from controllers.hull.hull_control import HullControl, HullControlState
 from controllers.tuning import DRIVE_PERIOD, TouchTuning
 from models.vehicle import Vehicle

@@ -2,7 +2,7 @@
 
 One step at the rate of the drives [Konoplin 2022, section 3]:
   1. Inverse dynamics give the joint torques without contact. The residual of the measured torques is the contact;
-     J^T maps it to the force on the tool, without a force sensor (`controllers.estimation.contact_estimators`).
+     J^T maps it to the force on the tool, without a force sensor (`controllers.estimation.tip_force_estimator`).
   2. The tool's reference is displaced by the force error and corrected by the drift of the hull; MKPS gives the joint
      angles (`controllers.tool_control`).
   3. The drives get the inverse dynamics of the wanted motion, with the contact force (`controllers.arm.joint_servo`).
@@ -20,7 +20,7 @@ import numpy as np
 from controllers.arm.compliance import LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
-from controllers.estimation.contact_estimators import ContactEstimator, ContactState, DriveState, TorqueSensors
+from controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
 from controllers.hull.feedforward import ArmLoad, ArmWrench, Feedforward
 from controllers.hull.hull_control import HullControl, HullControlState
 from controllers.tool_control import DriftCorrection, ForceLaw, ToolControl, ToolControlState

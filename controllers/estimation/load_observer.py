@@ -22,12 +22,21 @@ import mujoco
 import numba
 import numpy as np
 
-from controllers.arm.believed_friction import dry_friction
+from controllers.arm.believed_friction import dry_friction, dry_friction_sigma
 from controllers.arm.inverse_dynamics import ArmDynamics, ArmParameters, JointMotion, newton_euler, workspace
+from controllers.estimation.tip_force_estimator import (
+    ContactState,
+    DriveState,
+    TorqueResidual,
+    force_from_external_torques,
+    force_sigma,
+)
+from controllers.tuning import DRIVE_PERIOD, ArmTuning
 from models.arms.gear_friction import DryFriction
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.kernels import keyed_by_imports
+from sim.interfaces.messages import ContactEstimate, Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting
 
 SMOOTHING = 1e-3  # [rad/s] width of the sign change of dry friction: five times the noise of the encoders' speed
@@ -247,3 +256,75 @@ def momentum(arm, work, p_joint, turning):
             j, k = (i + 1) % 3, (i + 2) % 3
             for m in range(3):
                 h[up, 3 + i] += (p[b, j] * R[b, k, m] - p[b, k] * R[b, j, m]) * h[b, m]
+
+
+class MomentumObserver(TorqueResidual):
+    """Contact force from motor torques by the momentum of arm and hull, without torque sensors [DeLuca 2003]."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        *,
+        arm: ArmDynamics | None = None,
+        tuning: ArmTuning | None = None,
+        period: float = DRIVE_PERIOD,
+        water_error: float = 0.0,
+        friction: DryFriction | None = None,
+    ) -> None:
+        """Set up from the believed model of the vehicle.
+
+        Args:
+            model: believed model, compiled.
+            arm: believed dynamics of the arm; None reads them from `model`.
+            tuning: filters and noise.
+            period: [s] of a step.
+            water_error: [-] share by which added masses and drags are wrong.
+            friction: identified friction of the gears; None: the model's.
+        """
+        tuning = tuning or ArmTuning()
+        super().__init__(model, arm or ArmDynamics(model, water_error=water_error), tuning, period)
+        self._dry = friction or self._vehicle.dry_friction
+        self._observer = LoadObserver(
+            model, period=period, time_constant=tuning.observer_lag, water_error=water_error, friction=friction
+        )
+
+    def init(self, estimate: StateEstimate) -> ContactState:
+        """Initial state: free of contact, no tare, no friction."""
+        state = super().init(estimate)
+        state.own = self._observer.init()
+        return state
+
+    def step(self, state: ContactState, estimate: StateEstimate, reference: Reference, drives: DriveState) -> None:
+        """One sample: leaves force, friction, and motion of arm and hull in `state`.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: of the vehicle now; its torques are not used.
+            reference: says when to tare.
+            drives: what they were last asked for.
+        """
+        tuning, dry, sensed, f_tip_W = self._tuning, self._dry, state.sensed, np.empty(3)
+        load: LoadObserverState = state.own
+        self._sense(state, estimate, drives.current_W, f_tip_W)  # for the motion; the force is overwritten
+        sensed.tau_e[:] = self._observer.step(
+            load,
+            estimate.q,
+            estimate.qd,
+            drives.tau,
+            R_WB=estimate.X_WB[:3, :3],
+            nu_B=sensed.hull[9:15],
+            v_current_W=drives.current_W,
+        )
+        errors = (state.bias, state.floor, 0.0)
+        normal = force_from_external_torques(estimate.X_WB, drives.tau, errors, tuple(sensed), f_tip_W)
+        reversal, wanted = tuning.gears.reversal, drives.qd_wanted
+        dry_friction(dry.coulomb, dry.stiction, dry.stribeck_speed, reversal, wanted, state.friction)
+        self._tare(state, reference)
+        sigma_G = state.estimate.sigma_G
+        if state.tick % self._slow_ticks == 0:
+            known = tuning.gears.known
+            dry_friction_sigma(dry.coulomb, dry.stiction, SMOOTHING, known, sensed.qd_slow, state.floor)
+            state.floor = np.hypot(tuning.torques.observer_floor, state.floor)
+            sigma_G = force_sigma(sensed.X_BG, sensed.J_B, state.floor, state.floor**2)
+        state.tick += 1
+        state.estimate = ContactEstimate(force_W=f_tip_W, normal=normal, sigma_G=sigma_G)

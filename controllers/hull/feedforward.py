@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.wrench_terms import WrenchTerms
-from controllers.estimation.contact_estimators import ContactState
+from controllers.estimation.tip_force_estimator import ContactState
 from sim.interfaces.messages import StateEstimate
 from sim.interfaces.spatial import Array
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import PRIORITIES, Allocation
-from controllers.hull.hull_control import HullControl
-from controllers.hull.thruster_lead import ThrusterLead
+from controllers.hull.hull_control import HullControl, ThrusterLead
 from controllers.tuning import HULL
 from models.naming import HOME_KEY
 from models.vehicle import Vehicle

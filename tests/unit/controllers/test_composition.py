@@ -10,7 +10,7 @@ import pytest
 import models
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import ForceDisplacement
-from controllers.estimation.contact_estimators import MomentumObserver
+from controllers.estimation.load_observer import MomentumObserver
 from controllers.work_controller import WorkController, WorkControllerState
 from models.vehicle import Vehicle
 from scenarios.contact_parts import ablated

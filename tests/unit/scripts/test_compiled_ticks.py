@@ -6,8 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from controllers.arm.kernel_force_law import KernelForceLaw
+from controllers.arm.position_force import ForceDisplacement
 from controllers.safety.safety_wrapper import SafetyWrapper
+from controllers.tool_control import ForceLaw
 from controllers.tuning import FaultLimits
+from controllers.work_controller import WorkController
 from scenarios import Scenario, assemble, barrel
 from scenarios.assembly import Assembly
 from scenarios.compiled_ticks import reason
@@ -15,7 +19,7 @@ from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions
 from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
-from scenarios.runner import run_through
+from scenarios.runner import LONGEST, run_through
 from sim.interfaces.messages import FaultKind
 from sim.loop import recording
 from sim.loop.recording import EVERY_STEP
@@ -107,6 +111,31 @@ def test_whole_runs_have_the_same_bits(scenario):
         result = run_through(assemble(scenario, full=True), part_by_part=part_by_part)
         found.append(result.recording.digest(result.recording.series))
     assert found[0] == found[1]
+
+
+def integrate(memory, wanted, felt, _servo_compliance, dt):
+    """Displacement [m] by an integrator of fixed gain."""
+    memory[0] += 1e-4 * (wanted - felt) * dt
+    return memory[0]
+
+
+def with_force_law(law: ForceLaw) -> Callable[[Assembly], Assembly]:
+    def change(assembly: Assembly) -> Assembly:
+        model = assembly.plant.model
+        controller = SafetyWrapper(WorkController(model, force_law=law), model)
+        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, controller=controller)))
+
+    return change
+
+
+@pytest.mark.long
+def test_a_force_law_of_ones_own_has_the_same_bits():
+    """It runs compiled, and differs from the default one."""
+    law = KernelForceLaw(law=integrate)
+    one, other = digests(barrel(quick=True), LONGEST, with_force_law(law), full=False)
+    usual = run_through(with_force_law(ForceDisplacement())(assemble(barrel(quick=True)))).recording
+    assert one == other
+    assert one != usual.digest(usual.series)
 
 
 class EveryTick:

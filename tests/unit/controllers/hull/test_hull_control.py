@@ -7,7 +7,7 @@ import pytest
 
 import models
 from controllers.hull.allocation import Allocation
-from controllers.hull.thruster_lead import ThrusterLead
+from controllers.hull.hull_control import ThrusterLead
 from models.vehicle import Vehicle
 from models.water.thrusters import SLEW_RATE, TIME_CONSTANT
 from sim.interfaces.errors import ConfigurationError

@@ -28,8 +28,8 @@ from scenarios.arm_identification.calibration_input import (
     simulated,
     solve,
 )
-from scenarios.arm_identification.touching import TouchingTask
-from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.arm_identification.touching import touching_scenario
+from scenarios.scenario import VehicleSetup
 from scenarios.site import OpenWater, Site
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import finite_number, whole_number
@@ -131,12 +131,13 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
 
     hovering = options.touching == "hovering"
     site = Site(object=OpenWater(), current=options.current, gust=options.gust)
-    scenario = Scenario(
-        name=COMMAND,
-        task=TouchingTask(hovering=hovering, nests=points, touches=poses),
+    scenario = touching_scenario(
+        VehicleSetup(vehicle=options.arm, arm_errors=errors),
+        site if hovering else replace(site, current=(0.0, 0.0, 0.0), gust=0.0),
+        hovering=hovering,
+        nests=points,
+        touches=poses,
         seed=options.seed,
-        site=site if hovering else replace(site, current=(0.0, 0.0, 0.0), gust=0.0),
-        vehicle=VehicleSetup(vehicle=options.arm, arm_errors=errors),
     )
     shown = watch if options.record or options.view else None
     try:

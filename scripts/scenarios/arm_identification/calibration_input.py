@@ -20,7 +20,7 @@ from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, farthest, touched
-from scenarios.arm_identification.touching import Session, TouchingTask, touch
+from scenarios.arm_identification.touching import Session, touch
 from scenarios.scenario import Scenario
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, readonly
@@ -218,7 +218,7 @@ def by_contact(
 
     Args:
         source: Nominal arm.
-        scenario: Vehicle with the errors of its arm, water and `TouchingTask`.
+        scenario: As `touching_scenario` makes it.
         known: Give the distance between the two farthest nests.
         rng: Draws the error of that distance.
         watch: Makes a further observer of the loop for the compiled world.
@@ -227,12 +227,11 @@ def by_contact(
         ConfigurationError: The vehicle lacks a part, or fewer than two nests were found.
         ReachError: The arm does not reach enough nests.
     """
-    vehicle, task = scenario.vehicle, scenario.task
-    assert isinstance(task, TouchingTask)
+    vehicle = scenario.vehicle
     session, own = touch(scenario, watch)
     nominal_arm = dh_geometry.read(own.model, ARM_BASE_BODY, TIP_SITE, exclude=own.passive_joints)
     true = dh_geometry.with_errors(nominal_arm, np.random.default_rng(vehicle.arm_errors))
-    hull = "hovering" if task.hovering else "clamped"
+    hull = "hovering" if session.hovering else "clamped"
     title = f"Calibration of {vehicle.vehicle} by contact, hull {hull}, errors {vehicle.arm_errors}"
     truth = TrueArm(arm=true, tcp=np.zeros(3), hangs=True)
     found = [k for k, one in enumerate(session.series) if len(one) > 1]
@@ -242,7 +241,7 @@ def by_contact(
     kept = replace(
         session, series=tuple(session.series[k] for k in found), hulls=tuple(session.hulls[k] for k in found)
     )
-    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if task.hovering else None)
+    return replace(case, session=kept, X_BA=np.array(own.vehicle.X_BA) if session.hovering else None)
 
 
 def _simulated_case(

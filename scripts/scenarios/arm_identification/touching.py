@@ -16,7 +16,8 @@ from models.vehicle import Vehicle
 from scenarios.assembly import assemble
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.runner import run_through
-from scenarios.scenario import Scenario
+from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.site import Site
 from scenarios.tasks.task import PlacedTask, Task
 from sim.interfaces.errors import ReachError
 from sim.interfaces.spatial import Array, inverse, pose
@@ -34,6 +35,7 @@ class Session:
 
     series: tuple[Array, ...]  # (m_i, n) [rad] encoder readings, one array for each nest
     hulls: tuple[Array, ...]  # (m_i, 4, 4) hull pose X_WB as estimated by navigation
+    hovering: bool  # False: the hull was clamped
     p_WN: Array  # (k, 3) [m] true nest positions in W
     hull_motion: float  # [m] largest true distance of the hull from its mean position, over the readings
     tip_spread: float  # [m] RMS of the pin's true centre about its nest's mean
@@ -102,8 +104,8 @@ def place_nests(vehicle: Vehicle, chain: Chain, X_WB: Array, count: int, rng: np
 
 
 @dataclass(frozen=True, kw_only=True)
-class TouchingTask(Task):
-    """Touch nests with a pin in place of the tool; no key of a scenario's file."""
+class _TouchingTask(Task):
+    """Touch nests with a pin in place of the tool; no key of a scenario's file, whose runs may not touch the site."""
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     hovering: bool  # station keeping with the thrusters; False: the hull is clamped
@@ -129,7 +131,7 @@ class PlacedTouching(PlacedTask):
     """Nests at their places, the touches, and their readings during a run."""
 
     exact_start: ClassVar[bool] = True
-    task: TouchingTask
+    task: _TouchingTask
     own: OwnVehicle
     nests: list[Nest]
     wanted: list[Touch]
@@ -193,6 +195,7 @@ class PlacedTouching(PlacedTask):
         return Session(
             series=tuple(np.array(one) for one in series),
             hulls=tuple(np.array(one) for one in hulls),
+            hovering=self.task.hovering,
             p_WN=np.array([nest.p_WN for nest in self.nests]),
             hull_motion=float(np.linalg.norm(np.array(places) - np.mean(places, axis=0), axis=1).max()),
             tip_spread=float(np.sqrt((spread**2).sum(axis=1).mean())),
@@ -201,11 +204,28 @@ class PlacedTouching(PlacedTask):
         )
 
 
+def touching_scenario(
+    vehicle: VehicleSetup, site: Site, *, hovering: bool, nests: int, touches: int, seed: int
+) -> Scenario:
+    """Scenario of a touching session.
+
+    Args:
+        vehicle: The vehicle, with the errors of its arm.
+        site: Current and gusts.
+        hovering: Station keeping with the thrusters; False: the hull is clamped.
+        nests: Number of nests.
+        touches: Touches of each nest.
+        seed: Seed of nests, touches, gusts and sensor noise.
+    """
+    task = _TouchingTask(hovering=hovering, nests=nests, touches=touches)
+    return Scenario(name="touching", task=task, seed=seed, site=site, vehicle=vehicle)
+
+
 def touch(scenario: Scenario, watch: Callable[[mujoco.MjModel], Observer] | None = None) -> tuple[Session, OwnVehicle]:
     """Runs a touching session with the arm as built, controlled by its believed model.
 
     Args:
-        scenario: Vehicle, water and `TouchingTask`.
+        scenario: As `touching_scenario` makes it.
         watch: Makes a further observer of the loop for the compiled world.
 
     Returns:

@@ -1,19 +1,20 @@
-"""Hull paths past an object with folded arm: their clearance, and a path that keeps clear."""
+"""Clearance of hull and arm beside an object, and hull paths with folded arm that keep clear of it."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
+import numba
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
-from controllers.planning.hull_placement import hull_gap, joint_centres, skin_of
 from controllers.planning.trajectories import PoseMove
 from models.vehicle import Vehicle
-from sim.interfaces.spatial import Array, pose, transform_points
+from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
 
 CLEARANCE = 0.2  # [m] of hull, joints and tip to the object; covers the tool's size, marine growth and tracking lag
 _CHECKED = 40  # number of poses along a move at which its clearance is computed
+_SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _BACK = (0.4, 0.8, 1.2)  # [m] detours away from the object, tried in this order where a straight path is too near
 
 
@@ -81,3 +82,102 @@ class HullPath:
         """Position (3,) [m] of a pose, moved horizontally away from the middle of the object by `back` [m]."""
         away = (X_WB[:3, 3] - self._middle) * [1.0, 1.0, 0.0]
         return X_WB[:3, 3] + back * away / max(float(np.linalg.norm(away)), 1e-9)
+
+
+def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
+    """Points (k, 3) [m] on the edges of the convex hull, no further apart than _SKIN_STEP."""
+    edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
+    count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
+    points = [obstacle[hull.vertices]]
+    for n in np.unique(count[count > 1]):
+        share = np.arange(1, n)[:, None, None] / n
+        rows = count == n
+        points.append((start[rows] + share * (end[rows] - start[rows])).reshape(-1, 3))
+    return np.vstack(points)
+
+
+def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
+    """Distance [m] from the hull's box to the nearest point of the object; negative inside.
+
+    Args:
+        X_WB: (4, 4) hull pose.
+        hull_box: (2, 3) [m] corners of the hull's box in B.
+        obstacle: (k, 3) [m] points of the object in W.
+
+    Returns:
+        The distance [m].
+    """
+    p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
+    outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
+    inside = float(outside.max(axis=1).min())
+    return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
+
+
+def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
+    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
+
+    Left out are the first two joints, which hardly move, and the last two, which go with the tool to the contact.
+    """
+    moved = joint_centres(chain, q)[2 : chain.n - 2]
+    if not len(moved):
+        return np.inf
+    p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
+    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
+
+
+def joint_centres(chain: Chain, q: Array) -> Array:
+    """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
+    centres = np.empty((chain.n, 3))  # each moved by the joints before it
+    X = np.eye(4)
+    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
+        centres[i] = X[:3, :3] @ point + X[:3, 3]
+        if kind == "p":
+            X = X @ pose(p=axis * q[i])
+        else:
+            R = exp_so3(axis * q[i])
+            X = X @ pose(R, point - R @ point)
+    return centres
+
+
+@numba.njit(cache=True)
+def joint_gap_kernel(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
+    """As `arm_gap`, of given joint centres (k, 3) [m]."""
+    nearest = np.inf
+    for x, y, z in joints_A:
+        x, y, z = x - X_AW[0, 3], y - X_AW[1, 3], z - X_AW[2, 3]
+        u = X_AW[0, 0] * x + X_AW[1, 0] * y + X_AW[2, 0] * z + gone[0]
+        v = X_AW[0, 1] * x + X_AW[1, 1] * y + X_AW[2, 1] * z + gone[1]
+        w = X_AW[0, 2] * x + X_AW[1, 2] * y + X_AW[2, 2] * z + gone[2]
+        outside = -np.inf
+        for a, b, c, offset in planes:
+            outside = max(outside, a * u + b * v + c * w + offset)
+        nearest = min(nearest, outside)
+    return nearest
+
+
+@numba.njit(cache=True)
+def joint_centres_kernel(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
+    """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
+    centres = np.empty((len(q), 3))
+    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)  # each joint is moved by those before it
+    for i in range(len(q)):
+        for a in range(3):
+            centres[i, a] = R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
+        if slides[i]:
+            for a in range(3):
+                p[a] += (R[a, 0] * axes[i, 0] + R[a, 1] * axes[i, 1] + R[a, 2] * axes[i, 2]) * q[i]
+            continue
+        s, c = np.sin(q[i]), np.cos(q[i])
+        for a in range(3):  # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
+            x, y, z = R[a]
+            u, v, w = axes[i]
+            along = (1.0 - c) * (x * u + y * v + z * w)
+            turned[a, 0] = c * x + s * (y * w - z * v) + along * u
+            turned[a, 1] = c * y + s * (z * u - x * w) + along * v
+            turned[a, 2] = c * z + s * (x * v - y * u) + along * w
+            p[a] = centres[i, a] - (
+                turned[a, 0] * points[i, 0] + turned[a, 1] * points[i, 1] + turned[a, 2] * points[i, 2]
+            )
+        R[:] = turned
+    return centres

@@ -10,7 +10,8 @@ force applied a metre below a hull tilts it, and its thrusters have shorter leve
 
 Where this margin is small the hull may travel while the tool works [Konoplin 2019, section 6]. It moves straight, by a
 share of the way between the ends of the path, at the pace of the tool. The arm then meets every point in nearly the
-posture of the middle, drives stay away from their limits, and the path may be longer than the arm.
+posture of the middle, drives stay away from their limits, and the path may be longer than the arm. `PathStanding`
+chooses this share, and how much of a path is worked.
 """
 
 import itertools
@@ -24,13 +25,16 @@ from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, IkOptions, solve
+from controllers.planning.hull_path import arm_gap, hull_gap, joint_centres_kernel, joint_gap_kernel, skin_of
+from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
-from sim.interfaces.messages import ToolPath
-from sim.interfaces.spatial import Array, exp_so3, inverse, pose
+from sim.interfaces.messages import Target, ToolPath
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 
+_TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares of the line between the path's ends
+_SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _FEW_STEPS = IkOptions(max_iterations=60)
-_SKIN_STEP = 0.15  # [m] largest distance of points on the edges of the object's convex hull
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
 _ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
@@ -309,19 +313,6 @@ class _Mounting:
         return float(np.arctan2(away[1], away[0])) + np.pi - self.forward
 
 
-def skin_of(obstacle: Array, hull: ConvexHull) -> Array:
-    """Points (k, 3) [m] on the edges of the convex hull, no further apart than _SKIN_STEP."""
-    edges = np.unique(np.sort(hull.simplices[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    start, end = obstacle[edges[:, 0]], obstacle[edges[:, 1]]
-    count = np.ceil(np.linalg.norm(end - start, axis=1) / _SKIN_STEP).astype(int)
-    points = [obstacle[hull.vertices]]
-    for n in np.unique(count[count > 1]):
-        share = np.arange(1, n)[:, None, None] / n
-        rows = count == n
-        points.append((start[rows] + share * (end[rows] - start[rows])).reshape(-1, 3))
-    return np.vstack(points)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolTrack:
     """Tool poses along a path, from the stand-off and back to it."""
@@ -376,9 +367,9 @@ class ArmMargins:
             if margin <= floor:
                 return dropped
             # The gap seldom is the smallest margin: the kernel, equal but for rounding, tells where.
-            centres = _joint_centres(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
-            if _joint_gap(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
-                margin = min(margin, _arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
+            centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
+            if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
+                margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)
                 if margin <= floor:
                     return dropped
             if self.holding is not None and track.loads is not None:
@@ -424,93 +415,94 @@ def _seen(poses: list[Array], gone: Array) -> list[Array]:
     return poses
 
 
-def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
-    """Distance [m] from the hull's box to the nearest point of the object; negative inside.
-
-    Args:
-        X_WB: (4, 4) hull pose.
-        hull_box: (2, 3) [m] corners of the hull's box in B.
-        obstacle: (k, 3) [m] points of the object in W.
-
-    Returns:
-        The distance [m].
-    """
-    p_B = (obstacle - X_WB[:3, 3]) @ X_WB[:3, :3]
-    outside = np.maximum(hull_box[0] - p_B, p_B - hull_box[1])
-    inside = float(outside.max(axis=1).min())
-    return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
-
-
-def _arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
-
-    Left out are the first two joints, which hardly move, and the last two, which go with the tool to the contact.
-    """
-    moved = joint_centres(chain, q)[2 : chain.n - 2]
-    if not len(moved):
-        return np.inf
-    p_W = (moved - X_AW[:3, 3]) @ X_AW[:3, :3] + gone
-    return float((planes[:, :3] @ p_W.T + planes[:, 3:]).max(axis=0).min())
-
-
-def joint_centres(chain: Chain, q: Array) -> Array:
-    """Positions (n, 3) [m] of the joints in the arm's base at joint coordinates `q` (n,)."""
-    centres = np.empty((chain.n, 3))  # each moved by the joints before it
-    X = np.eye(4)
-    for i, (kind, axis, point) in enumerate(zip(chain.joint_types, chain.axes, chain.points, strict=True)):
-        centres[i] = X[:3, :3] @ point + X[:3, 3]
-        if kind == "p":
-            X = X @ pose(p=axis * q[i])
-        else:
-            R = exp_so3(axis * q[i])
-            X = X @ pose(R, point - R @ point)
-    return centres
-
-
-@numba.njit(cache=True)
-def _joint_gap(joints_A: Array, X_AW: Array, planes: Array, gone: Array) -> float:
-    """As `_arm_gap`, of given joint centres (k, 3) [m]."""
-    nearest = np.inf
-    for x, y, z in joints_A:
-        x, y, z = x - X_AW[0, 3], y - X_AW[1, 3], z - X_AW[2, 3]
-        u = X_AW[0, 0] * x + X_AW[1, 0] * y + X_AW[2, 0] * z + gone[0]
-        v = X_AW[0, 1] * x + X_AW[1, 1] * y + X_AW[2, 1] * z + gone[1]
-        w = X_AW[0, 2] * x + X_AW[1, 2] * y + X_AW[2, 2] * z + gone[2]
-        outside = -np.inf
-        for a, b, c, offset in planes:
-            outside = max(outside, a * u + b * v + c * w + offset)
-        nearest = min(nearest, outside)
-    return nearest
-
-
-@numba.njit(cache=True)
-def _joint_centres(slides: np.ndarray, axes: Array, points: Array, q: Array) -> Array:
-    """As `joint_centres`, to the rounding; `slides` (n,) tells which joints do."""
-    centres = np.empty((len(q), 3))
-    R, turned, p = np.eye(3), np.empty((3, 3)), np.zeros(3)  # each joint is moved by those before it
-    for i in range(len(q)):
-        for a in range(3):
-            centres[i, a] = R[a, 0] * points[i, 0] + R[a, 1] * points[i, 1] + R[a, 2] * points[i, 2] + p[a]
-        if slides[i]:
-            for a in range(3):
-                p[a] += (R[a, 0] * axes[i, 0] + R[a, 1] * axes[i, 1] + R[a, 2] * axes[i, 2]) * q[i]
-            continue
-        s, c = np.sin(q[i]), np.cos(q[i])
-        for a in range(3):  # Rodrigues' formula on the rows of R: r + sin (r x k) + (1 - cos) ((r . k) k - r)
-            x, y, z = R[a]
-            u, v, w = axes[i]
-            along = (1.0 - c) * (x * u + y * v + z * w)
-            turned[a, 0] = c * x + s * (y * w - z * v) + along * u
-            turned[a, 1] = c * y + s * (z * u - x * w) + along * v
-            turned[a, 2] = c * z + s * (x * v - y * u) + along * w
-            p[a] = centres[i, a] - (
-                turned[a, 0] * points[i, 0] + turned[a, 1] * points[i, 1] + turned[a, 2] * points[i, 2]
-            )
-        R[:] = turned
-    return centres
-
-
 def reach(chain: Chain) -> float:
     """Length [m] of the stretched arm, from joint to joint to the tip."""
     stations = np.vstack([np.zeros(3), chain.points, chain.X_base_tip0[:3, 3]])
     return float(np.linalg.norm(np.diff(stations, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandingLimits:
+    """What a placement must allow."""
+
+    force: float  # [N] largest set force
+    standoff: float  # [m] distance to the surface from which the tool approaches
+    least_share: float = 1.0  # share of the path that must be reached; the rest is cut off equally at both ends
+    roomy: float = 0.8  # placement margin under which the hull travels with the tool
+    cramped: float = 0.6  # placement margin under which part of the path is left out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathStanding:
+    """Hull placement beside a known object, for as much of a path as is within reach."""
+
+    vehicle: Vehicle
+    chain: Chain  # its arm, base to tool
+    model: TargetModel  # of the object
+    hull_box: Array  # (2, 3) [m] corners of the hull in B, kept clear of the object and of the seabed
+    limits: StandingLimits
+    floor: float = -np.inf  # [m] height of the seabed in W
+    search: PlacementSearch | None = None  # hull placements that are tried
+    holding: ThrustMargin | None = None  # thrust margin of the hull beside the object; None: not tested
+
+    def __call__(self, target: Target, whole: ToolPath) -> tuple[Placement, ToolPath, float]:
+        """Best placement, the part of the path worked from it, and its share.
+
+        A placement without thrust margin against the worst friction is accepted as a second choice, marked
+        `held=False`.
+
+        Raises:
+            ReachError: if there is none.
+        """
+        obstacle = transform_points(target.X_WT, self.model.vertices)
+        try:
+            return self._best(obstacle, whole, self.holding)
+        except ReachError:
+            if self.holding is None:
+                raise
+        # Friction may be less than the worst case, and a hull that is pushed off its place retreats.
+        placement, path, worked = self._best(obstacle, whole, self.holding.without_friction())
+        return replace(placement, held=False), path, worked
+
+    def _best(
+        self, obstacle: Array, whole: ToolPath, holding: ThrustMargin | None
+    ) -> tuple[Placement, ToolPath, float]:
+        """Best placement over shares of the path and travels of the hull; raises ReachError if none exists."""
+        limits = self.limits
+        around = Surroundings(obstacle=obstacle, hull_box=self.hull_box, floor=self.floor)
+        best: tuple[Placement, ToolPath, float] | None = None
+        failure: ReachError | None = None
+        for share, travel in self._candidates():
+            if share < 1.0 and best is not None and best[0].margin >= limits.cramped:
+                break
+            shorter = middle_part(whole, share)
+            try:
+                found = place_hull(
+                    self.vehicle,
+                    self.chain,
+                    shorter,
+                    around=around,
+                    force=limits.force,
+                    standoff=limits.standoff,
+                    travel=travel,
+                    search=self.search,
+                    holding=holding,
+                )
+            except ReachError as error:
+                failure = failure or error
+                continue
+            if best is None or found.margin > best[0].margin:
+                best = found, shorter, share
+            if best[0].margin >= limits.roomy:
+                break
+        if best is None:
+            raise failure or ReachError("there is no way to stand")
+        return best
+
+    def _candidates(self) -> Iterator[tuple[float, float]]:
+        """Candidates (share of the path to work, travel of the hull as a share of it), the best first."""
+        yield from ((1.0, travel) for travel in _TRAVELS)
+        share = 1.0 - _SHORTER
+        while share >= self.limits.least_share - 1e-9:
+            yield share, 1.0
+            share -= _SHORTER

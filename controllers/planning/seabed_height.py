@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.hull_placement import ArmMargins, Placement, ToolTrack, joint_centres, reach, tool_poses
+from controllers.planning.hull_path import joint_centres
+from controllers.planning.hull_placement import ArmMargins, Placement, ToolTrack, reach, tool_poses
 from controllers.planning.work_vehicle import WorkVehicle
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import ToolPath

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
-from controllers.planning.hull_placement import PlacementSearch
-from controllers.planning.path_standing import PathStanding, StandingLimits
+from controllers.planning.hull_placement import PathStanding, PlacementSearch, StandingLimits
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ArrivalLimits, WorkSite, around, arrival
 from controllers.tasks.contact_phases import (

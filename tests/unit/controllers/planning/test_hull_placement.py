@@ -7,12 +7,11 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, solve
-from controllers.planning import hull_placement
+from controllers.planning import hull_path
 from controllers.planning.hull_placement import (
     Placement,
     PlacementSearch,
     Surroundings,
-    hull_gap,
     middle_part,
     place_hull,
     tool_pose,
@@ -258,7 +257,7 @@ def test_the_gap_of_a_box_is_that_of_its_nearest_point(rng):
         outside = np.linalg.norm(p_B - np.clip(p_B, *box), axis=1)
         depth = np.minimum(p_B - box[0], box[1] - p_B).min(axis=1)
         expected = outside.min() if outside.min() > 0.0 else -depth.max()
-        assert hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)
+        assert hull_path.hull_gap(X_WB, box, transform_points(X_WB, p_B)) == pytest.approx(expected)
 
 
 def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
@@ -270,6 +269,6 @@ def test_the_kernels_gap_is_the_arms_but_for_rounding(own, within):
         slides = np.array([kind == "p" for kind in chain.joint_types])
         for q in rng.uniform(-3.0, 3.0, (20, chain.n)):
             X_AW, planes, gone = pose(exp_so3(rng.normal(size=3)), rng.normal(size=3)), rng.normal(size=(9, 4)), q[:3]
-            centres = hull_placement._joint_centres(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
-            gap = hull_placement._joint_gap(centres, X_AW, planes, gone)
-            within("rounding [m]", gap - hull_placement._arm_gap(chain, q, X_AW, planes, gone), 1e-13)
+            centres = hull_path.joint_centres_kernel(slides, chain.axes, chain.points, q)[2 : chain.n - 2]
+            gap = hull_path.joint_gap_kernel(centres, X_AW, planes, gone)
+            within("rounding [m]", gap - hull_path.arm_gap(chain, q, X_AW, planes, gone), 1e-13)

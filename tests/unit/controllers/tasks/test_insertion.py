@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from controllers.mkps import Chain
-from controllers.planning import path_standing
+from controllers.planning import hull_placement
 from controllers.planning.hull_placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.insertion import EntryLimits, HoleInsertion, InsertionJob, axis_path
@@ -142,7 +142,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> None:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.7, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
 
 
 def test_a_free_hole_is_entered_along_its_axis_and_left(within):

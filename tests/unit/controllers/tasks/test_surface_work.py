@@ -10,7 +10,7 @@ import pytest
 import models
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain
-from controllers.planning import path_standing
+from controllers.planning import hull_placement
 from controllers.planning.hull_placement import Placement
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.arrival import ScanLimits
@@ -171,7 +171,7 @@ def placed(monkeypatch: pytest.MonkeyPatch) -> list[ToolPath]:
             X_WB=WORK_POSE, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0
         )
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
     return asked
 
 
@@ -187,7 +187,7 @@ def smooth() -> Script:
             margin=1.0,
             reached=1.0,
         )
-        patch.setattr(path_standing, "place_hull", lambda *_, **__: placement)
+        patch.setattr(hull_placement, "place_hull", lambda *_, **__: placement)
         return Script().run()
 
 
@@ -419,7 +419,7 @@ def test_mean_of_several_finds_is_worked(looks, finds, mean):
 @pytest.mark.parametrize("bears", [True, False])
 def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_hold_at_all_refused(bears, monkeypatch):
     asked: list[float] = []
-    arm_alone = path_standing.place_hull
+    arm_alone = hull_placement.place_hull
 
     def place(*args: Any, holding: ThrustMargin, **options: Any) -> Placement:
         asked.append(holding.drag)
@@ -427,7 +427,7 @@ def test_thrusters_that_may_not_hold_against_friction_are_told_and_that_cannot_h
             raise ReachError("out of reach")
         return arm_alone(*args, **options)
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script(holding=ThrustMargin.of(models.load("uuv_puma").compile())).run()
     assert script.end.state is (WorkState.DONE if bears else WorkState.ABORT)
     assert asked[0] == 0.6
@@ -507,7 +507,7 @@ def test_wherever_it_is_to_stand_it_comes_to_stand_there_once(seed: int, monkeyp
     def place(vehicle: Vehicle, *_: Any, **__: Any) -> Placement:
         return Placement(X_WB=X_WB, travel_W=np.zeros(3), roll=0.0, q_start=vehicle.q_ready, margin=1.0, reached=1.0)
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script().run(seconds=200.0)  # half a turn takes 113
     assert script.states == [*JOURNEY, WorkState.DONE]
     assert np.array_equal(script.of(WorkState.TARE)[0].X_WB, X_WB)
@@ -535,21 +535,21 @@ def test_path_out_of_reach(monkeypatch):
     def place(*_: Any, **__: Any) -> Placement:
         raise ReachError("out of reach: at best 40%")
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script().run()
     assert script.states == [WorkState.SETTLE, WorkState.SCAN, WorkState.ABORT]
     assert script.end.note == "out of reach: at best 40%"
 
 
 def test_the_middle_is_worked_where_the_reach_ends_sooner(monkeypatch):
-    reached = path_standing.place_hull
+    reached = hull_placement.place_hull
 
     def place(vehicle: Vehicle, chain: Chain, path: ToolPath, **options: Any) -> Placement:
         if path.s[-1] > 0.105:
             raise ReachError("out of reach")
         return reached(vehicle, chain, path, **options)
 
-    monkeypatch.setattr(path_standing, "place_hull", place)
+    monkeypatch.setattr(hull_placement, "place_hull", place)
     script = Script(job=SurfaceTaskConfig(forces=(60.0,), least_share=0.8)).run()
     assert script.end.state is WorkState.DONE
     assert 0.095 < script.end.path_s < 0.105

@@ -250,7 +250,7 @@ class CompiledTicks:
         self._world, self._box = world, _box_of(as_annotated(world))
 
     def advance(self, run: Rollout, tick: int, end: int) -> int:
-        """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.
+        """Run ticks from `tick` up to `end` as far as possible: up to a frame, a fault, or the end of the work.
 
         Args:
             run: its states and messages change as if its own step had run these ticks.
@@ -262,16 +262,22 @@ class CompiledTicks:
         """
         while tick < end:
             assert run.reference is not None
-            ready, begun = self._ready(run.reference), _NEW
-            if ready <= 0:
+            ready, due = self._ready(run.reference), run.next_due(tick)
+            if ready <= 0 or run.looking:
                 break
+            if tick == due:
+                run.begin(tick)
+                if run.frame is not None:
+                    break
+                due = tick + ready
             if tick % run.planner_ticks == 0:
                 if not self._plan(run):
                     break
-                ready, begun = min(ready, self._drive.ready(run.reference)), _PLANNED
+                ready = min(ready, self._drive.ready(run.reference))
+            begun = _PLANNED if run.stage else _NEW
             observed = (-tick % every for every in self._slow_ticks)
             planned = run.planner_ticks - tick % run.planner_ticks
-            ticks = min(ready, planned, end - tick, self._plant.ready(), *observed)
+            ticks = min(ready, planned, min(due, end) - tick, self._plant.ready(), *observed)
             # 0: `run` completes the tick after its command, with plant and observers
             done = self._run(run, ticks, begun, _NEW if ticks else _COMMANDED)
             tick += done
@@ -286,11 +292,12 @@ class CompiledTicks:
 
     def _plan(self, run: Rollout) -> bool:
         """Estimate and planner of a tick; True if its rest may run compiled."""
-        _, stage, _ = run_ticks(self._box, 0, _NEW, _PLANNED)
-        if stage == _NEW:
-            return False
-        self._plant.publish(0)
-        run.estimate = state_estimate(self._world.estimate)
+        if run.stage == Stage.NEW:
+            _, stage, _ = run_ticks(self._box, 0, _NEW, _PLANNED)
+            if stage == _NEW:
+                return False
+            self._plant.publish(0)
+            run.estimate = state_estimate(self._world.estimate)
         before, reference = run.reference, run.plan()
         run.stage = Stage.PLANNED
         if reference.state in (WorkState.DONE, WorkState.ABORT):  # the run may end at this tick

@@ -142,7 +142,7 @@ def run_through(
 class SignalStop:
     """Last of the observers: ends a run after a whole step once a signal has asked for it."""
 
-    slow_ticks = ()
+    slow_ticks = (250,)  # half a second: a signal is noticed after a tenth of that in wall time
 
     def __init__(self) -> None:
         self.asked: Interrupted | None = None

@@ -118,7 +118,7 @@ class Ticks(Protocol):
     """Compiled ticks of the loop, for the time between those at which something slow is due."""
 
     def advance(self, run: "Rollout", tick: int, end: int) -> int:
-        """Run ticks from `tick` up to `end`, at which nothing slow but the planner is due, as far as possible.
+        """Run ticks from `tick` up to `end` as far as possible.
 
         Args:
             run: its states and messages change as if `Rollout.step` had run these ticks.
@@ -184,21 +184,26 @@ class Rollout:
         self.target: Target | None = None
         self.reference: Reference | None = None
         self.command: Command | None = None
-        self._frame: Look | None = None
+        self.frame: Look | None = None
         self._asked = 0  # tick at which the present request for frames began
         self._seen_from: dict[float, StateEstimate] = {}  # estimate at exposure, by the time stamp of a delayed frame
         self._arrived: list[Measurement] = []  # since the estimator's last step
         self._on_the_way: dict[int, list[Measurement]] = {}
         self._slow = [every for every in self._every if every > 1]
 
+    def begin(self, tick: int) -> None:
+        """Run a tick up to its estimate; `frame` is what a camera or sonar has sent."""
+        if tick:
+            self.truth = self.plant.observe()
+        self._sense(tick)
+        self._estimate(tick)
+        self.stage = Stage.ESTIMATED
+
     def step(self, tick: int) -> Moment:
         """Run the rest of a tick, from the stage that it has reached; returns its snapshot."""
+        if self.stage < Stage.ESTIMATED:
+            self.begin(tick)
         parts, stage = self.parts, self.stage
-        if stage < Stage.ESTIMATED:
-            if tick:
-                self.truth = self.plant.observe()
-            self._sense(tick)
-            self._estimate(tick)
         if stage < Stage.PLANNED and tick % self.planner_ticks == 0:
             self.plan()
         assert self.reference is not None
@@ -218,9 +223,10 @@ class Rollout:
             self.target,
             self.reference,
             command,
-            self._frame if stage < Stage.ESTIMATED else None,
+            self.frame,
             self._finder_state,
         )
+        self.frame = None
         for observer in self.observers:
             observer.observe(moment)
         self.plant.step(command)
@@ -233,9 +239,14 @@ class Rollout:
         )
         return self.reference
 
+    @property
+    def looking(self) -> bool:
+        """True while a frame is requested or on its way."""
+        return self.command is None or self.command.scan or bool(self._seen_from)
+
     def next_due(self, tick: int) -> int:
         """Tick from `tick` on at which a slow sensor measures, a measurement arrives, or a frame is requested."""
-        if self.command is None or self.command.scan or self._seen_from or self._arrived:
+        if self.looking or self._arrived:
             return tick
         due = min((tick + -tick % every for every in self._slow), default=tick + self._look_ticks)
         return min(due, *self._on_the_way) if self._on_the_way else due
@@ -264,14 +275,13 @@ class Rollout:
 
     def _estimate(self, tick: int) -> None:
         """Step the estimator; a frame that has arrived goes to the finder."""
-        self._frame = None
         if tick % self._estimator_ticks == 0:
             self.estimator_state, self.estimate = self.parts.estimator.step(self.estimator_state, self._arrived)
             for measurement in self._arrived:
                 if isinstance(measurement, (DepthImage, SonarScan)):
-                    self._frame = measurement
+                    self.frame = measurement
             self._arrived = []
-        frame, finder = self._frame, self.parts.finder
+        frame, finder = self.frame, self.parts.finder
         if frame is not None and finder is not None:
             then = self._seen_from.pop(frame.time, self.estimate)
             self._finder_state, found = finder.step(self._finder_state, then, frame)
@@ -313,7 +323,7 @@ def rollout(
     ticks = compiled(run) if compiled is not None else None
     while tick < steps and not until(moment):
         if ticks is not None:
-            tick = ticks.advance(run, tick, min(run.next_due(tick), steps - 1))
+            tick = ticks.advance(run, tick, steps - 1)
         moment = run.step(tick)
         tick += 1
     return moment

@@ -78,7 +78,7 @@ class PushFigures:
 
 
 @dataclass(slots=True, eq=False)
-class Push:
+class TipPush:
     """The push as it is now; the judge sets it, plant and controller read it."""
 
     force_W: Array = field(default_factory=lambda: np.zeros(3))
@@ -89,7 +89,7 @@ class Push:
 class PushedPlant:
     """Plant (`sim.loop.rollout.SteppedPlant`) with an external force at the tip, and a thruster that may stop."""
 
-    def __init__(self, plant: Plant, push: Push) -> None:
+    def __init__(self, plant: Plant, push: TipPush) -> None:
         self.plant, self.push, self.timestep = plant, push, plant.timestep
         push.truth = plant.truth
 
@@ -116,7 +116,7 @@ class PushedPlant:
 class _PushOnTip(Perturbation):
     """The push on the tip, and the loss of a thruster."""
 
-    push: Push
+    push: TipPush
 
     def on_loop(self, loop: Loop) -> Loop:
         """Wraps the plant."""
@@ -129,7 +129,7 @@ class HullController:
 
     period = PERIOD
 
-    def __init__(self, case: PushCase, model: mujoco.MjModel, push: Push, rng: np.random.Generator) -> None:
+    def __init__(self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator) -> None:
         self._case, self._push, self._rng = case, push, rng
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
@@ -288,7 +288,7 @@ class _PushTask(Task):
 
     spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
     case: PushCase
-    push: Push
+    push: TipPush
     felt: np.random.Generator  # of bias and noise of the felt force
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedPush":
@@ -345,7 +345,7 @@ class PlacedPush(PlacedTask):
 
 def run(case: PushCase) -> PushFigures:
     """Simulates a case and returns its figures."""
-    push = Push()
+    push = TipPush()
     _, felt, sensors = np.random.default_rng(case.seed).spawn(3)
     scenario = Scenario(
         name="pushing",
@@ -375,7 +375,9 @@ def run(case: PushCase) -> PushFigures:
 class _Judge:
     """Observer that applies the pushes and computes the figures from the truth."""
 
-    def __init__(self, case: PushCase, plant: Plant, push: Push, keeper: HullController, pushed: PushFigures) -> None:
+    def __init__(
+        self, case: PushCase, plant: Plant, push: TipPush, keeper: HullController, pushed: PushFigures
+    ) -> None:
         self._case, self._plant, self._push, self._keeper, self._pushed = case, plant, push, keeper, pushed
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1

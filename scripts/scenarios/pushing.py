@@ -4,8 +4,9 @@ The push is an external force at the tip. Springs in the joints replace the driv
 alone. The felt force is the true force with the lag and noise of an estimate from the arm's torques.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -14,18 +15,21 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.hull.allocation import PRIORITIES, Allocation
 from controllers.hull.hull_control import HullControl, ThrusterLead
 from controllers.tuning import HULL
-from models.naming import HOME_KEY
+from models.naming import CAMERA_SITE, HOME_KEY, TOOL_GEOM
 from models.vehicle import Vehicle
+from models.water import thrusters
 from models.water.thrusters import DEAD_BAND, TIME_CONSTANT
-from perception.navigation.strapdown_filter import Navigation
-from scenarios.own_vehicle import vehicle_spec
-from scenarios.scenario import Sensing
-from sim import hydrodynamics
+from scenarios.assembly import assemble
+from scenarios.own_vehicle import OwnVehicle
+from scenarios.perturbations.perturbation import Loop, Perturbation
+from scenarios.runner import run_through
+from scenarios.scenario import Scenario, VehicleSetup
+from scenarios.site import OpenWater, Site
+from scenarios.tasks.task import PlacedTask, Task
 from sim.interfaces.messages import Command, Reference, StateEstimate, Target, WorkState
 from sim.interfaces.spatial import Array, rotation_angle, skew
-from sim.loop.rollout import Moment, Parts, rollout
+from sim.loop.rollout import Moment
 from sim.plant.plant import Plant, Truth
-from sim.water.current import Current
 
 FELT_LAG = 0.012  # [s] time constant of the felt force
 FELT_NOISE = 0.01  # standard deviation, share of the reading
@@ -73,25 +77,51 @@ class PushFigures:
     command_rate: float  # [1/s] RMS rate of the thruster commands without a push
 
 
-class PushedPlant(Plant):
-    """A plant with an external force at the tip, and a thruster that may stop."""
+@dataclass(slots=True, eq=False)
+class TipPush:
+    """The push as it is now; the judge sets it, plant and controller read it."""
 
-    force_W: Array = np.zeros(3)
-    dead: int | None = None
+    force_W: Array = field(default_factory=lambda: np.zeros(3))
+    dead: int | None = None  # index of a thruster that has stopped
+    truth: Truth | None = None  # of the pushed plant, which sets it
+
+
+class PushedPlant:
+    """Plant (`sim.loop.rollout.SteppedPlant`) with an external force at the tip, and a thruster that may stop."""
+
+    def __init__(self, plant: Plant, push: TipPush) -> None:
+        self.plant, self.push, self.timestep = plant, push, plant.timestep
+        push.truth = plant.truth
+
+    def observe(self) -> Truth:
+        """As `Plant.observe`."""
+        return self.plant.observe()
 
     def step(self, command: Command) -> None:
         """Applies the push, zeroes a stopped thruster, and steps the plant."""
-        self.data.qfrc_applied[:] = 0.0
-        if self.force_W.any():
-            body = int(self.model.site_bodyid[self.vehicle.tip])
-            mujoco.mj_applyFT(
-                self.model, self.data, self.force_W, np.zeros(3), self.truth.p_WG, body, self.data.qfrc_applied
-            )
-        if self.dead is not None:
+        plant, push = self.plant, self.push
+        plant.data.qfrc_applied[:] = 0.0
+        if push.force_W.any():
+            body = int(plant.model.site_bodyid[plant.vehicle.tip])
+            applied = plant.data.qfrc_applied
+            mujoco.mj_applyFT(plant.model, plant.data, push.force_W, np.zeros(3), plant.truth.p_WG, body, applied)
+        if push.dead is not None:
             thrust = command.thrusters.copy()
-            thrust[self.dead] = 0.0
-            command = Command(time=command.time, joint_torque=command.joint_torque, thrusters=thrust, scan=False)
-        super().step(command)
+            thrust[push.dead] = 0.0
+            command = replace(command, thrusters=thrust)
+        plant.step(command)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _PushOnTip(Perturbation):
+    """The push on the tip, and the loss of a thruster."""
+
+    push: TipPush
+
+    def on_loop(self, loop: Loop) -> Loop:
+        """Wraps the plant."""
+        assert isinstance(loop.plant, Plant)
+        return replace(loop, plant=PushedPlant(loop.plant, self.push))
 
 
 class HullController:
@@ -99,8 +129,8 @@ class HullController:
 
     period = PERIOD
 
-    def __init__(self, case: PushCase, model: mujoco.MjModel, plant: PushedPlant, rng: np.random.Generator) -> None:
-        self._case, self._plant, self._rng = case, plant, rng
+    def __init__(self, case: PushCase, model: mujoco.MjModel, push: TipPush, rng: np.random.Generator) -> None:
+        self._case, self._push, self._rng = case, push, rng
         self._vehicle = vehicle = Vehicle.of(model)
         self._arm = ArmDynamics(model, water_error=case.water_error)
         self._model = model
@@ -143,10 +173,11 @@ class HullController:
         Returns:
             State, command.
         """
-        case, truth = self._case, self._plant.truth
+        case, truth = self._case, self._push.truth
+        assert truth is not None
         R_WB = estimate.X_WB[:3, :3]
         share = 1.0 - np.exp(-PERIOD / FELT_LAG)
-        self.felt_W += share * (self._plant.force_W - self.felt_W)
+        self.felt_W += share * (self._push.force_W - self.felt_W)
         noise = FELT_NOISE * np.abs(self.felt_W) * self._rng.standard_normal(3)
         turning = (estimate.w_WB_B - self._w_last_B) / PERIOD
         self._w_last_B = np.array(estimate.w_WB_B)
@@ -251,27 +282,81 @@ def sphere(count: int) -> Array:
     return np.vstack([axes, np.column_stack([r * np.cos(turn), r * np.sin(turn), z])])
 
 
-def run(case: PushCase, keeper: Callable[..., HullController] = HullController) -> PushFigures:
-    """Simulates a case and returns its figures; `keeper` makes the controller."""
-    spec, own = vehicle_spec(case.vehicle), vehicle_spec(case.vehicle).compile()
-    model = hydrodynamics.compile(spec)
-    vehicle = Vehicle.of(model)
-    inertia = 5.0  # [kg m^2] of the order of the arm's inertia about any joint
-    for joint, dof, address, q in zip(vehicle.joints, vehicle.dof, vehicle.qpos, case.q, strict=True):
-        model.jnt_stiffness[joint] = inertia * HOLD**2
-        model.dof_damping[dof] = 2.0 * inertia * HOLD
-        model.qpos_spring[address] = q
-    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, HOME_KEY)
-    model.key_qpos[key, vehicle.qpos] = case.q
-    for told in (model.actuator_user, own.actuator_user):  # plant and controller alike
-        if case.lag is not None:
-            told[vehicle.thruster_actuators, TIME_CONSTANT] = case.lag
-        if case.dead_band is not None:
-            told[vehicle.thruster_actuators, DEAD_BAND] = case.dead_band
-    gusts, noise, loop = np.random.default_rng(case.seed).spawn(3)
-    current = Current(np.array(case.current_W), gust=case.gust, timestep=model.opt.timestep, rng=gusts)
-    plant = PushedPlant(model, current=current)
-    control = keeper(case, own, plant, noise)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PushTask(Task):
+    """Keep station while the tip is pushed; no key of a scenario's file."""
+
+    spares: ClassVar[Collection[str]] = (CAMERA_SITE, TOOL_GEOM)
+    case: PushCase
+    push: TipPush
+    felt: np.random.Generator  # of bias and noise of the felt force
+
+    def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedPush":
+        """Station keeping at W's origin; the controller knows the thrusters of the case."""
+        told = {TIME_CONSTANT: self.case.lag, DEAD_BAND: self.case.dead_band}
+        for column, value in told.items():
+            if value is not None:
+                own.model.actuator_user[own.vehicle.thruster_actuators, column] = value
+        return PlacedPush(task=self, own=own, keeper=HullController(self.case, own.model, self.push, self.felt))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacedPush(PlacedTask):
+    """Station keeping at W's origin, springs in the joints."""
+
+    exact_start: ClassVar[bool] = True
+    task: _PushTask
+    own: OwnVehicle
+    keeper: HullController
+
+    @property
+    def title(self) -> str:
+        """Title of log and report."""
+        return f"Station keeping under pushes of {self.task.case.force:g} N"
+
+    @property
+    def X_WB(self) -> Array:
+        """Pose of the hull: the origin of W."""
+        return np.eye(4)
+
+    def scene(self, vehicle: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Springs hold the joints at the posture, where the arm also starts; the thrusters are those of the case."""
+        case, inertia = self.task.case, 5.0  # [kg m^2] of the order of the arm's inertia about any joint
+        home = next(key for key in vehicle.keys if key.name == HOME_KEY)
+        for name, address, q in zip(self.own.vehicle.joint_names, self.own.vehicle.qpos, case.q, strict=True):
+            joint = vehicle.joint(name)
+            joint.stiffness[0], joint.damping[0] = inertia * HOLD**2, 2.0 * inertia * HOLD
+            joint.springref = home.qpos[address] = q
+        for actuator in vehicle.actuators:
+            if thrusters.carries(np.array(actuator.userdata)):
+                for column, value in ((TIME_CONSTANT, case.lag), (DEAD_BAND, case.dead_band)):
+                    if value is not None:
+                        actuator.userdata[column] = value
+        return vehicle
+
+    def planner(self) -> StayPut:
+        """The posture of the case, at the origin."""
+        return StayPut(self.task.case.q)
+
+    def controller(self) -> HullController:
+        """Controller of the hull alone."""
+        return self.keeper
+
+
+def run(case: PushCase) -> PushFigures:
+    """Simulates a case and returns its figures."""
+    push = TipPush()
+    _, felt, sensors = np.random.default_rng(case.seed).spawn(3)
+    scenario = Scenario(
+        name="pushing",
+        task=_PushTask(case=case, push=push, felt=felt),
+        seed=case.seed,
+        site=Site(object=OpenWater(), current=case.current_W, gust=case.gust),
+        vehicle=VehicleSetup(vehicle=case.vehicle),
+        perturbations=(_PushOnTip(push=push),),
+    )
+    assembly = replace(assemble(scenario), noise=sensors)  # a stream of its own beside the felt force's
+    assert isinstance(assembly.placed, PlacedPush)
     k, every = len(case.directions_B), case.push + case.rest
     pushed = PushFigures(
         excursion=np.zeros(k),
@@ -282,24 +367,18 @@ def run(case: PushCase, keeper: Callable[..., HullController] = HullController) 
         current_error=np.zeros((k, 3)),
         command_rate=0.0,
     )
-    seen = _Judge(case, plant, control, pushed)
-    parts = Parts(
-        sensors=Sensing().proprioception(),
-        estimator=Navigation(),
-        finder=None,
-        planner=StayPut(case.q),
-        controller=control,
-    )
-    seconds = round((case.settle + k * every) / PERIOD) * PERIOD
-    rollout(plant, parts, duration=seconds, rng=loop, observers=[seen])
+    seen = _Judge(case, assembly.plant, push, assembly.placed.keeper, pushed)
+    run_through(assembly, observers=[seen], longest=round((case.settle + k * every) / PERIOD) * PERIOD)
     return seen.done()
 
 
 class _Judge:
     """Observer that applies the pushes and computes the figures from the truth."""
 
-    def __init__(self, case: PushCase, plant: PushedPlant, keeper: HullController, pushed: PushFigures) -> None:
-        self._case, self._plant, self._keeper, self._pushed = case, plant, keeper, pushed
+    def __init__(
+        self, case: PushCase, plant: Plant, push: TipPush, keeper: HullController, pushed: PushFigures
+    ) -> None:
+        self._case, self._plant, self._push, self._keeper, self._pushed = case, plant, push, keeper, pushed
         self._start = (np.zeros(3), np.eye(3))
         self._at = -1
         self._B = plant.vehicle.thruster_wrench
@@ -329,7 +408,7 @@ class _Judge:
                 given_B = self._B[:3] @ truth.thrust - self._before_B
                 self._force.append(np.sum((given_B + rising * case.force * case.directions_B[at]) ** 2))
             if case.lost is not None and at == 0 and inside >= 0.5 * case.push:
-                self._plant.dead = case.lost
+                self._push.dead = case.lost
                 if inside >= 0.5 * case.push + case.noticed:
                     self._keeper.exclude(case.lost)
         elif since > -5.0 and moment.tick % 10 == 0:
@@ -338,7 +417,7 @@ class _Judge:
                 self._rates.append(np.mean((thrust - self._last) ** 2) / PERIOD**2)
             self._last = thrust
         direction = case.directions_B[min(max(at, 0), len(case.directions_B) - 1)]
-        self._plant.force_W = rising * case.force * (truth.R_WB @ direction)
+        self._push.force_W = rising * case.force * (truth.R_WB @ direction)
 
     def _next(self, at: int, truth: Truth) -> None:
         self._close()

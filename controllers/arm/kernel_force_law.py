@@ -14,6 +14,7 @@ from numba.np.numpy_support import carray
 
 from controllers.arm.position_force import NUMBERS, WANTED, ForceDisplacement, ForceDisplacementState, K
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.kernels import keyed_by_imports
 
 # double law(double* memory, double wanted, double felt, double servo_compliance, double dt)
 _LAW = types.float64(types.CPointer(types.float64), *(types.float64,) * 4)
@@ -96,6 +97,7 @@ _call_law = cast(Any, intrinsic(_call))
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def displace_by(law, bounds, numbers, wanted, felt, servo_compliance, dt):
     """Step of `KernelForceLaw`.
 

@@ -109,6 +109,7 @@ class Tare(NamedTuple):
 
 
 @numba.njit(cache=True)
+@keyed_by_imports
 def add_to_tare(tare, tau_e, bias):
     """Add a sample of external torques free of contact; the mean of all samples goes to `bias`.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -229,68 +229,7 @@ class Chain:
             ConfigurationError: for an unknown body, site or joint, a site that is not beyond the body, ball and free
                 joints or other couplings of two joints between them, or a chain without joints.
         """
-        base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
-        site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
-        if isinstance(exclude, str) or not isinstance(exclude, Iterable):
-            raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
-        excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
-        bodies = []
-        body = int(model.site_bodyid[site])
-        while body not in (base, 0):
-            bodies.append(body)
-            body = int(model.body_parentid[body])
-        if body != base:
-            raise ConfigurationError(
-                f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it"
-            )
-        joints = [
-            j
-            for body in reversed(bodies)
-            for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-            if j not in excluded
-        ]
-        names = [model.joint(j).name for j in joints]
-        kinds = [int(model.jnt_type[j]) for j in joints]
-        letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
-        for name, kind in zip(names, kinds, strict=True):
-            if kind not in letters:
-                raise ConfigurationError(f"joint {name!r}: only hinges and slides can be solved for, not ball or free")
-        if not joints:
-            raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
-        data = mujoco.MjData(model)
-        data.qpos[:] = model.qpos0
-        data.qpos[model.jnt_qposadr[joints]] = 0.0
-        followers = _followers(model, joints)
-        for follower, (_, constant, _) in followers.items():
-            data.qpos[model.jnt_qposadr[follower]] = constant
-        mujoco.mj_kinematics(model, data)
-        limits = np.where(model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf])
-        links = np.zeros((len(joints), 3))
-        types = [letters[kind] for kind in kinds]
-        for follower, (leader, constant, ratio) in followers.items():
-            i = joints.index(leader)
-            if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
-                raise ConfigurationError(
-                    f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they carry parallel"
-                )
-            types[i] = "o"
-            links[i] = data.xanchor[follower] - data.xanchor[leader]
-            bounds = np.sort((limits[i + 1] - constant) / ratio)
-            limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
-        own = [i for i, j in enumerate(joints) if j not in followers]
-        ids = [joints[i] for i in own]
-        X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
-        X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
-        R_W_base = X_W_base[:3, :3]
-        return cls(
-            joint_types="".join(types[i] for i in own),
-            axes=readonly(data.xaxis[ids] @ R_W_base),
-            points=readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
-            links=readonly(links[own] @ R_W_base),
-            X_base_tip0=readonly(inverse(X_W_base) @ X_W_tip),
-            limits=_checked_limits(limits[own], len(own)),
-            names=tuple(names[i] for i in own),
-        )
+        return cls(**_mjcf_fields(model, base_body, tip_site, exclude))
 
     @classmethod
     def from_urdf(cls, urdf: str | Path, base_link: str, tip_link: str, exclude: Sequence[str] = ()) -> Self:
@@ -347,6 +286,70 @@ class Chain:
                 set_limits(memory, column, rounded)
             self._single.append(memory)
         return self._single[0]
+
+
+def _mjcf_fields(model: mujoco.MjModel, base_body: str, tip_site: str, exclude: Sequence[str]) -> dict[str, Any]:
+    """Fields of the chain of `Chain.from_mjcf`."""
+    base = _find(model, mujoco.mjtObj.mjOBJ_BODY, base_body, "base_body")
+    site = _find(model, mujoco.mjtObj.mjOBJ_SITE, tip_site, "tip_site")
+    if isinstance(exclude, str) or not isinstance(exclude, Iterable):
+        raise ConfigurationError(f"exclude: expected names of joints, got {shown(exclude)}")
+    excluded = {_find(model, mujoco.mjtObj.mjOBJ_JOINT, name, "exclude") for name in exclude}
+    bodies = []
+    body = int(model.site_bodyid[site])
+    while body not in (base, 0):
+        bodies.append(body)
+        body = int(model.body_parentid[body])
+    if body != base:
+        raise ConfigurationError(f"tip_site: {tip_site!r} must be carried by body {base_body!r} or a body beyond it")
+    joints = [
+        j
+        for body in reversed(bodies)
+        for j in range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        if j not in excluded
+    ]
+    names = [model.joint(j).name for j in joints]
+    kinds = [int(model.jnt_type[j]) for j in joints]
+    letters = {int(mujoco.mjtJoint.mjJNT_HINGE): "r", int(mujoco.mjtJoint.mjJNT_SLIDE): "p"}
+    for name, kind in zip(names, kinds, strict=True):
+        if kind not in letters:
+            raise ConfigurationError(f"joint {name!r}: only hinges and slides can be solved for, not ball or free")
+    if not joints:
+        raise ConfigurationError(f"no joint between body {base_body!r} and site {tip_site!r}")
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    data.qpos[model.jnt_qposadr[joints]] = 0.0
+    followers = _followers(model, joints)
+    for follower, (_, constant, _) in followers.items():
+        data.qpos[model.jnt_qposadr[follower]] = constant
+    mujoco.mj_kinematics(model, data)
+    limits = np.where(model.jnt_limited[joints].astype(bool)[:, None], model.jnt_range[joints], [-np.inf, np.inf])
+    links = np.zeros((len(joints), 3))
+    types = [letters[kind] for kind in kinds]
+    for follower, (leader, constant, ratio) in followers.items():
+        i = joints.index(leader)
+        if np.abs(data.xaxis[leader] + ratio * data.xaxis[follower]).max() > 1e-6:
+            raise ConfigurationError(
+                f"joints {names[i]!r} and {names[i + 1]!r} are coupled, but do not keep what they carry parallel"
+            )
+        types[i] = "o"
+        links[i] = data.xanchor[follower] - data.xanchor[leader]
+        bounds = np.sort((limits[i + 1] - constant) / ratio)
+        limits[i] = max(limits[i, 0], bounds[0]), min(limits[i, 1], bounds[1])
+    own = [i for i, j in enumerate(joints) if j not in followers]
+    ids = [joints[i] for i in own]
+    X_W_base = pose(data.xmat[base].reshape(3, 3), data.xpos[base])
+    X_W_tip = pose(data.site_xmat[site].reshape(3, 3), data.site_xpos[site])
+    R_W_base = X_W_base[:3, :3]
+    return {
+        "joint_types": "".join(types[i] for i in own),
+        "axes": readonly(data.xaxis[ids] @ R_W_base),
+        "points": readonly((data.xanchor[ids] - X_W_base[:3, 3]) @ R_W_base),
+        "links": readonly(links[own] @ R_W_base),
+        "X_base_tip0": readonly(inverse(X_W_base) @ X_W_tip),
+        "limits": _checked_limits(limits[own], len(own)),
+        "names": tuple(names[i] for i in own),
+    }
 
 
 def _scale(chain: Chain) -> float:

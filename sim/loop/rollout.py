@@ -217,14 +217,7 @@ class Rollout:
         if command.scan and not scanned:
             self._asked = tick + 1
         moment = Moment(
-            tick,
-            self.truth,
-            self.estimate,
-            self.target,
-            self.reference,
-            command,
-            self.frame,
-            self._finder_state,
+            tick, self.truth, self.estimate, self.target, self.reference, command, self.frame, self._finder_state
         )
         self.frame = None
         for observer in self.observers:

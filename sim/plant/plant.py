@@ -1,5 +1,7 @@
 """The plant: one vehicle in one MjModel, advanced at the loop's rate, and its ground truth."""
 
+from typing import Self
+
 import mujoco
 import numpy as np
 
@@ -92,6 +94,47 @@ class Truth:
     collision: bool  # another part of the vehicle touched the world in any substep
     vehicle: Vehicle
 
+    @classmethod
+    def of(cls, data: mujoco.MjData, vehicle: Vehicle, thrusters: Thrusters, contacts: Array, pad_site: int) -> Self:
+        """Truth whose arrays are views, made once to avoid lookups in the loop.
+
+        Args:
+            data: state of the simulation.
+            vehicle: the vehicle in it.
+            thrusters: its thrusters.
+            contacts: (CONTACTS,) sums of `sim.plant.readout`.
+            pad_site: site of the pad's face, -1 for none.
+
+        Returns:
+            The truth; its numbers are set by the plant.
+        """
+        truth = cls()
+        truth.vehicle = vehicle
+        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
+        truth.p_WB = data.xpos[vehicle.hull]
+        truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
+        dof = vehicle.hull_dof
+        truth.v_WB_W = data.qvel[dof : dof + 3]
+        truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
+        truth.acceleration = data.qacc[dof : dof + 6]
+        truth.q, truth.qd, truth.qdd = (
+            _view(data.qpos, vehicle.qpos),
+            _view(data.qvel, vehicle.dof),
+            _view(data.qacc, vehicle.dof),
+        )
+        truth.tau_friction = np.zeros(len(vehicle.joints))
+        truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
+        truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
+        truth.propeller_speed, truth.thrust = thrusters.speed, thrusters.thrust
+        truth.current_W = np.zeros(3)
+        truth.arm_wrench_B = np.full(6, np.nan)
+        armed = vehicle.tip >= 0
+        truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
+        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
+        truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
+        truth.contact_force_W = contacts[FORCE : FORCE + 3]
+        return truth
+
 
 class Plant:
     """Vehicle and its world, advanced by commands one `timestep` [s] at a time, in `substeps` steps of the physics."""
@@ -123,14 +166,7 @@ class Plant:
             HydrodynamicsError: `sim.hydrodynamics.check` refuses the model, its contact weights are those of the dry
                 mass, or the wrench cannot be measured.
         """
-        if not isinstance(model, mujoco.MjModel):
-            raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
-        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            raise ConfigurationError(
-                "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
-            )
-        if not isinstance(substeps, int) or substeps < 1:
-            raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+        _check(model, substeps)
         hydrodynamics.install()
         hydrodynamics.check(model)
         hydrodynamics.check_constants(model)
@@ -168,7 +204,7 @@ class Plant:
         if soil is not None and self._pad_geom < 0:
             raise ConfigurationError(f"soil acts on the geom {TOOL_GEOM!r}, which this vehicle does not have")
         self._tool = int(model.geom_bodyid[self._pad_geom]) if soil is not None else -1
-        self.truth = truth = self._bind(pad_site)
+        self.truth = truth = Truth.of(self.data, vehicle, self._thrusters, self._contacts, pad_site)
         dry = vehicle.dry_friction
         self._readout = Readout(
             places=places_of(self.data, model, self._pad_geom),
@@ -206,12 +242,7 @@ class Plant:
         Raises:
             ConfigurationError: `current` is no Current or has another timestep, or `X_WB` is no pose.
         """
-        if not isinstance(current, Current):
-            raise ConfigurationError(f"current: expected a sim.water.current.Current, got {current!r}")
-        if current.timestep not in (None, self.timestep):
-            raise ConfigurationError(
-                f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {self.timestep} s"
-            )
+        _check_current(current, self.timestep)
         if X_WB is not None:
             X_WB = checked_pose(X_WB, "X_WB")
         data, truth = self.data, self.truth
@@ -242,36 +273,6 @@ class Plant:
         self._tick = 0
         gears_and_contacts(self._as_tuples[1], 0, 1)
         self.publish(0)
-
-    def _bind(self, pad_site: int) -> Truth:
-        """Truth whose arrays are views into MjData, made once to avoid lookups in the loop."""
-        data, vehicle = self.data, self.vehicle
-        truth = Truth()
-        truth.vehicle = vehicle
-        truth.xpos, truth.xquat, truth.xmat = data.xpos, data.xquat, data.xmat
-        truth.p_WB = data.xpos[vehicle.hull]
-        truth.R_WB = data.xmat[vehicle.hull].reshape(3, 3)
-        dof = vehicle.hull_dof
-        truth.v_WB_W = data.qvel[dof : dof + 3]
-        truth.w_WB_B = data.qvel[dof + 3 : dof + 6]
-        truth.acceleration = data.qacc[dof : dof + 6]
-        truth.q, truth.qd, truth.qdd = (
-            _view(data.qpos, vehicle.qpos),
-            _view(data.qvel, vehicle.dof),
-            _view(data.qacc, vehicle.dof),
-        )
-        truth.tau_friction = np.zeros(len(vehicle.joints))
-        truth.tau_drive = _view(data.qfrc_actuator, vehicle.dof)
-        truth.armature, truth.joint_damping = vehicle.armature, vehicle.joint_damping
-        truth.propeller_speed, truth.thrust = self._thrusters.speed, self._thrusters.thrust
-        truth.current_W = np.zeros(3)
-        truth.arm_wrench_B = np.full(6, np.nan)
-        armed = vehicle.tip >= 0
-        truth.p_WG = data.site_xpos[vehicle.tip] if armed else truth.p_WB
-        truth.R_WG = data.site_xmat[vehicle.tip].reshape(3, 3) if armed else truth.R_WB
-        truth.p_pad = data.site_xpos[pad_site] if pad_site >= 0 else truth.p_WB
-        truth.contact_force_W = self._contacts[FORCE : FORCE + 3]
-        return truth
 
     def observe(self) -> Truth:
         """Update the kinematics to the current time and return the truth.
@@ -385,6 +386,28 @@ class Plant:
         self._wind[:] = velocity
         self._current_slot[:] = acceleration
         self.truth.current_W[:] = velocity
+
+
+def _check(model: mujoco.MjModel, substeps: int) -> None:
+    """Refuse a model or a number of substeps that the plant cannot advance."""
+    if not isinstance(model, mujoco.MjModel):
+        raise ConfigurationError(f"plant: expected a compiled mujoco.MjModel, got {model!r}")
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        raise ConfigurationError(
+            "the plant splits each step in two, which RK4 cannot: use Euler, implicit or implicitfast"
+        )
+    if not isinstance(substeps, int) or substeps < 1:
+        raise ConfigurationError(f"plant: substeps must be a whole number >= 1, got {substeps!r}")
+
+
+def _check_current(current: Current, timestep: float) -> None:
+    """Refuse a current for another timestep [s]."""
+    if not isinstance(current, Current):
+        raise ConfigurationError(f"current: expected a sim.water.current.Current, got {current!r}")
+    if current.timestep not in (None, timestep):
+        raise ConfigurationError(
+            f"current: its timestep is {current.timestep} s, but the plant's, at which it gusts, {timestep} s"
+        )
 
 
 def _rows_of_friction(model: mujoco.MjModel, vehicle: Vehicle) -> np.ndarray:

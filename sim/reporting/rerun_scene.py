@@ -1,5 +1,6 @@
 """Static content of a visual log: shapes of a model's bodies, and the layout of the viewer."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -7,10 +8,34 @@ import numpy as np
 
 from models.vehicle import Vehicle
 from sim.evaluation.mesh_surface import Surface
+from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array
 from sim.sensors.tessellation import tessellate
 
+StaticLog = Callable[[str, Any], None]  # takes an entity and what it is
+
 TIMELINE = "sim_time"
+LIFT = 0.006  # [m] offset of drawn paths from the surface, which would hide them
+
+# Palette [Okabe 2008]: distinguishable for colour-blind readers, also on a dark background.
+BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, YELLOW, GREY = (
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (213, 94, 0),
+    (240, 228, 66),
+    (160, 160, 160),
+)
+LINES = (SKY, ORANGE, GREEN, VERMILION, PURPLE, YELLOW, BLUE, GREY)
+STATE_COLORS = dict(
+    zip(
+        WorkState,
+        (GREY, SKY, BLUE, GREY, YELLOW, ORANGE, GREEN, YELLOW, ORANGE, PURPLE, PURPLE, SKY, VERMILION),
+        strict=True,
+    )
+)
 
 
 def body_mesh(model: mujoco.MjModel, body: int) -> tuple[Array, Array, np.ndarray] | None:
@@ -110,4 +135,70 @@ def blueprint(middle: Array) -> Any:
         rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
+    )
+
+
+def draw(log: StaticLog, model: mujoco.MjModel, data: mujoco.MjData, vehicle: Vehicle) -> list[tuple[int, str]]:
+    """Log the shape of every body once.
+
+    Args:
+        log: logs an entity that does not change.
+        model: Compiled model.
+        data: With up-to-date kinematics.
+        vehicle: Vehicle of `model`.
+
+    Returns:
+        The vehicle's bodies, whose poses change, with their entities.
+    """
+    import rerun as rr
+
+    moving = []
+    log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    for body in range(model.nbody):
+        name = model.body(body).name or f"body{body}"
+        carried = model.body_rootid[body] == model.body_rootid[vehicle.hull]
+        entity = f"world/vehicle/{name}" if carried else f"world/scene/{name}"
+        mesh = body_mesh(model, body)
+        if mesh is not None:
+            vertices, normals, colors = mesh
+            log(f"{entity}/shape", rr.Mesh3D(vertex_positions=vertices, vertex_normals=normals, vertex_colors=colors))
+        if carried:
+            moving.append((body, entity))
+        else:
+            xyzw = np.roll(data.xquat[body], -1)
+            log(entity, rr.Transform3D(translation=data.xpos[body], quaternion=xyzw))
+    for name, color, radius in (("contact", VERMILION, 0.012), ("arm_on_hull", ORANGE, 0.012), ("current", SKY, 0.02)):
+        style = rr.Arrows3D.from_fields(colors=color, radii=radius, labels=name.replace("_", " "), show_labels=False)
+        log(f"world/arrows/{name}", style)
+    log("world/path/done", rr.LineStrips3D.from_fields(colors=GREEN, radii=0.009))
+    return moving
+
+
+def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
+    """Log names and colours of the series and states.
+
+    Args:
+        log: logs an entity that does not change.
+        vehicle: the vehicle.
+    """
+    import rerun as rr
+
+    names = {
+        "force": ("set [N]", "felt [N]", "true [N]"),
+        "path_error": ("along [mm]", "across [mm]", "deeper [mm]"),
+        "hull_drift": ("x [mm]", "y [mm]", "z [mm]"),
+        "thrust": tuple(f"{name} [N]" for name in vehicle.thruster_names),
+        "joint_angle": tuple(f"{name} [deg]" for name in vehicle.joint_names),
+        "joint_torque": tuple(f"{name} [N m]" for name in vehicle.joint_names),
+    }
+    for name, labels in names.items():
+        colors = [LINES[i % len(LINES)] for i in range(len(labels))]
+        if name == "force":
+            colors = [YELLOW, ORANGE, SKY]
+        log(f"series/{name}", rr.SeriesLines(names=labels, colors=colors, widths=1.5))
+    log(
+        "state/now",
+        rr.StateConfiguration(
+            values=[state.value for state in WorkState], colors=[STATE_COLORS[state] for state in WorkState]
+        ),
     )

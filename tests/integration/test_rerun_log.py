@@ -28,7 +28,7 @@ from sim.interfaces.messages import (
 )
 from sim.interfaces.spatial import pose, transform_points
 from sim.loop.rollout import Moment
-from sim.reporting import rerun_log
+from sim.reporting import rerun_stream
 from sim.reporting.rerun_log import RerunLog
 
 X_WT = pose(p=[1.0, 0.1, -1.5])
@@ -172,8 +172,8 @@ def test_log_that_cannot_be_written_is_given_up_in_one_line(
     file = tmp_path / "run.rrd"
     model = scene()
     if full:
-        monkeypatch.setattr(rerun_log, "ROOM", 100)
-        monkeypatch.setattr(rerun_log.shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
+        monkeypatch.setattr(rerun_stream, "ROOM", 100)
+        monkeypatch.setattr(rerun_stream.shutil, "disk_usage", lambda _: SimpleNamespace(free=0))
     whole = 0
     with RerunLog(file, model) as log:
         for moment in moments(model):
@@ -181,7 +181,7 @@ def test_log_that_cannot_be_written_is_given_up_in_one_line(
             if moment.tick == 500:
                 log.flush()
                 whole = file.stat().st_size
-                monkeypatch.setattr(log, "_stream", FullDisk(log._stream))
+                monkeypatch.setattr(log._stream, "_stream", FullDisk(log._stream._stream))
                 log.flush()
             if moment.truth.time > 2.0:
                 break

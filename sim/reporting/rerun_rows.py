@@ -1,0 +1,149 @@
+"""Rows of a visual log, gathered in memory and sent as columns."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from models.vehicle import Vehicle
+from sim.interfaces.messages import WorkState
+from sim.interfaces.spatial import Array
+from sim.loop.rollout import Moment
+from sim.reporting.rerun_scene import LIFT
+from sim.reporting.rerun_stream import LogStream
+
+FORCE_SCALE = 1 / 150.0  # [m]/[N] of force arrows: those of the tool must be visible beyond the wrist
+CURRENT_SCALE = 3.0  # [m]/[m/s] of the current's arrow
+_NOWHERE = np.full(3, np.nan)
+_STILL = np.zeros(3)
+
+
+class SeriesRows:
+    """Set, felt and true force, path error, drift of the hull, thrusts and joints."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
+        self._widths = (1, 3, 3, 3, 3, 3, m, n, n)
+        self._rows: list[Array] = []
+
+    def add(self, moment: Moment) -> None:
+        """Keep one step."""
+        truth, reference = moment.truth, moment.reference
+        commanded = _NOWHERE
+        if reference.state is WorkState.WORK and reference.X_WG is not None:
+            commanded = reference.X_WG[:3, 3] + (truth.time - reference.time) * reference.v_WG_W
+        self._rows.append(
+            np.concatenate(
+                (
+                    (truth.time, reference.force, moment.command.contact.normal, truth.contact_normal),
+                    truth.p_pad - commanded,
+                    reference.v_WG_W,
+                    truth.R_WG[:, 2],
+                    truth.p_WB - reference.X_WB[:3, 3],
+                    truth.thrust,
+                    truth.q,
+                    truth.tau_drive,
+                )
+            )
+        )
+
+    def send(self, stream: LogStream) -> None:
+        """Send the rows so far, and forget them."""
+        if not self._rows:
+            return
+        parts = _columns(self._rows, self._widths)
+        time, force, error, velocity, axis, drift, thrust, q, tau = parts
+        speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+        tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
+        deviation = [np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)]
+        for name, values in (
+            ("force", force),
+            ("path_error", 1e3 * np.column_stack(deviation)),
+            ("hull_drift", 1e3 * drift),
+            ("thrust", thrust),
+            ("joint_angle", np.degrees(q)),
+            ("joint_torque", tau),
+        ):
+            stream.columns(f"series/{name}", time[:, 0], _rr().Scalars.columns(scalars=values))
+
+
+class PoseRows:
+    """Poses of the vehicle's bodies, arrows of forces and current, and the worked part of the path."""
+
+    def __init__(self, vehicle: Vehicle, moving: Sequence[tuple[int, str]]) -> None:
+        """Take the bodies.
+
+        Args:
+            vehicle: the vehicle.
+            moving: index and entity of each body whose pose changes.
+        """
+        k = len(moving)
+        self._arm_base, self._bodies = vehicle.arm_base, np.array([body for body, _ in moving])
+        self._entities = [entity for _, entity in moving]
+        self._widths = (1, 1, 3 * k, 4 * k, 3, 3, 3, 3, 3, 3, 3)
+        self._rows: list[Array] = []
+        self._tip: Array | None = None
+
+    def add(self, moment: Moment) -> None:
+        """Keep one step."""
+        truth, load = moment.truth, moment.command.hull_load
+        working = moment.reference.state is WorkState.WORK
+        self._rows.append(
+            np.concatenate(
+                (
+                    (truth.time, working),
+                    truth.xpos[self._bodies].ravel(),
+                    truth.xquat[self._bodies].ravel(),
+                    truth.p_pad,
+                    truth.R_WG[:, 2],
+                    truth.contact_force_W,
+                    truth.xpos[self._arm_base],
+                    truth.p_WB,
+                    _STILL if load is None else truth.R_WB @ load.arm_wrench_B[:3],
+                    truth.current_W,
+                )
+            )
+        )
+
+    def send(self, stream: LogStream) -> None:
+        """Send the rows so far, and forget them."""
+        if not self._rows:
+            return
+        rr, rows, k = _rr(), len(self._rows), len(self._entities)
+        parts = _columns(self._rows, self._widths)
+        time, working, p, quat_wxyz, tip, axis, contact, base, hull, arm, current = parts
+        time = time[:, 0]
+        p, quat_wxyz = p.reshape(rows, k, 3), quat_wxyz.reshape(rows, k, 4)
+        for i, entity in enumerate(self._entities):
+            xyzw = np.roll(quat_wxyz[:, i], -1, axis=1)  # Rerun's order
+            stream.columns(entity, time, rr.Transform3D.columns(translation=p[:, i], quaternion=xyzw))
+        above = hull + np.array([0.0, 0.0, 0.6])
+        for name, origin, vector in (
+            ("contact", tip, FORCE_SCALE * contact),
+            ("arm_on_hull", base, FORCE_SCALE * arm),
+            ("current", above, CURRENT_SCALE * current),
+        ):
+            stream.columns(f"world/arrows/{name}", time, rr.Arrows3D.columns(origins=origin, vectors=vector))
+        self._send_done(stream, time, working[:, 0] > 0.0, tip - 2.0 * LIFT * axis)  # over the planned one
+
+    def _send_done(self, stream: LogStream, time: Array, working: np.ndarray, tip: Array) -> None:
+        """Send the path pieces worked since the last pose; the view shows all up to its time."""
+        start = np.vstack([tip[:1] if self._tip is None else self._tip, tip[:-1]])
+        self._tip = tip[-1:]
+        if not working.any():
+            return
+        pieces = np.stack([start, tip], axis=1)[working]
+        stream.columns("world/path/done", time[working], _rr().LineStrips3D.columns(strips=list(pieces)))
+
+
+def _columns(rows: list[Array], widths: Sequence[int]) -> list[Array]:
+    """Columns of a table, which is emptied, as blocks of these widths."""
+    table = np.array(rows)
+    rows.clear()
+    return np.split(table, np.cumsum(widths)[:-1], axis=1)
+
+
+def _rr() -> Any:
+    import rerun  # loaded by then: the stream is open
+
+    return rerun

@@ -21,8 +21,7 @@ from controllers.arm.compliance import LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
 from controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
-from controllers.hull.feedforward import ArmLoad, ArmWrench, Feedforward
-from controllers.hull.hull_control import HullControl, HullControlState
+from controllers.hull.hull_control import ArmLoad, ArmWrench, Feedforward, HullControl, HullControlState
 from controllers.tool_control import DriftCorrection, ForceLaw, ToolControl, ToolControlState
 from controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from models.vehicle import Vehicle

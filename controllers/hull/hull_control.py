@@ -1,5 +1,8 @@
 """Control of the hull: station keeping, allocation to the thrusters and lead compensation of their lag, in one loop.
 
+**Feedforward.** [Konoplin 2022] feeds C_F = C_D + A f_e forward to the thrusters: the wrench of the arm's motion in
+water, and that of the contact. `WithoutTerms` and `WithoutCompensation` leave parts of it out, for a study.
+
 **Lead.** A propeller follows its command with a first-order lag T (`models.water.thrusters`). Its present speed n is
 predicted from past commands. The command u that brings it towards the wanted speed c with a lag T_r < T is
 
@@ -9,14 +12,17 @@ This is the inverse of the lag, filtered by `response` T_r. In the steady state 
 smaller T_r is command activity: noise is amplified by about T / T_r.
 """
 
+from collections.abc import Set
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import mujoco
 import numba
 import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.wrench_terms import WrenchTerms
+from controllers.estimation.tip_force_estimator import ContactState
 from controllers.hull.allocation import PRIORITIES_AFTER_LOSS, Allocation
 from controllers.hull.station_keeping import StationKeeping, StationKeepingState
 from controllers.tuning import HULL
@@ -29,6 +35,8 @@ from sim.interfaces.messages import Reference, StateEstimate
 from sim.interfaces.spatial import Array, fitting, number
 
 _PARTS = 4  # number of instants in a period over which the thrust is averaged
+
+Term = Literal["hydrodynamic", "dynamic", "contact"]
 
 
 @dataclass(slots=True, eq=False)
@@ -213,3 +221,70 @@ class HullControl:
         state.thrusters = self._lead.step(state.propellers, command, through_water, dt)
         state.station.given_B = state.propellers.given_B
         return state.thrusters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmLoad:
+    """Wrench (6,) [N, N m] of the arm on the hull, at the hull's origin in hull axes."""
+
+    contact_B: Array  # part of the contact; zero while free of contact
+    wrench_B: Array  # all of it
+
+
+class Feedforward(Protocol):
+    """Choice of what is fed forward."""
+
+    def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array | None:
+        """Part (6,) [N, N m] of the arm's wrench that is not fed forward, hull axes; None: nothing.
+
+        Args:
+            load: the arm's wrench on the hull.
+            contact: motion of arm and hull.
+            estimate: of the vehicle now.
+        """
+        ...
+
+
+class ArmWrench:
+    """Feed all of the arm's wrench forward."""
+
+    def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> None:
+        """Nothing is left out."""
+
+
+class WithoutCompensation:
+    """Feed only the weight of the arm at home forward, whatever it does."""
+
+    def __init__(self, arm: ArmDynamics, q_home: Array) -> None:
+        self._home_wrench = arm.wrench_at_rest(np.array(q_home))
+
+    def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array:
+        """Everything but the wrench at home."""
+        return load.wrench_B - self._home_wrench
+
+
+class WithoutTerms:
+    """Feed the arm's wrench forward without some of its terms."""
+
+    def __init__(self, arm: ArmDynamics, terms: Set[Term], *, acceleration_filter: float, period: float) -> None:
+        """Choose the terms.
+
+        Args:
+            arm: believed dynamics of the arm.
+            terms: those to leave out.
+            acceleration_filter: [s] of the joint acceleration in the contact estimator.
+            period: [s] of its steps.
+        """
+        self._terms, self._without = WrenchTerms(arm), frozenset(terms)
+        self._lag = max(acceleration_filter - period, period)
+
+    def left_out(self, load: ArmLoad, contact: ContactState, estimate: StateEstimate) -> Array:
+        """Sum of the terms."""
+        left_out = load.contact_B.copy() if "contact" in self._without else np.zeros(6)
+        q, qd, sensed = estimate.q, estimate.qd, contact.sensed
+        qdd = (qd - sensed.qd_slow) / self._lag  # the estimator has moved qd_slow on by one period
+        if "hydrodynamic" in self._without:
+            left_out += self._terms.hydrodynamic(sensed.hull, q, qd, qdd)
+        if "dynamic" in self._without:
+            left_out += self._terms.dynamic(sensed.hull, q, qd, qdd)
+        return left_out

@@ -12,7 +12,7 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import NominalStiffness
-from controllers.hull.feedforward import Term, WithoutCompensation, WithoutTerms
+from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
 from controllers.tuning import DRIVE_PERIOD, ArmTuning

@@ -1,6 +1,7 @@
-"""Cache keys for numba kernels that depend on code or constants in other files."""
+"""Numba's on-disk cache: keys for kernels that depend on other files, and files that two processes may write."""
 
 import hashlib
+import importlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
@@ -17,8 +18,29 @@ def keyed_by_imports(function: F) -> F:
     that of all it calls. It names its cache files by `__qualname__`. With `imports_stamp` in that name, a change
     elsewhere leads to new files.
     """
+    name_files_by_key()
     function.__qualname__ += f".{imports_stamp(function.__globals__)}"
     return function
+
+
+@cache
+def name_files_by_key() -> None:
+    """Let numba name its code files by their key, and write them before the index that names them.
+
+    Numba numbers the code files of a function and writes the index first. Of two processes that compile different
+    signatures at the same time, one may then load the machine code of the other's.
+    """
+    caching = importlib.import_module("numba.core.caching")  # loaded by then, for the decorator above
+    caching.IndexDataCacheFile.save = _save
+
+
+def _save(file: Any, key: Any, data: Any) -> None:
+    """`IndexDataCacheFile.save`; an index entry that is lost in a race only costs another compilation."""
+    name = f"{file._index_name.removesuffix('.nbi')}.{hashlib.sha256(file._dump(key)).hexdigest()[:12]}.nbc"
+    file._save_data(name, data)
+    overloads = file._load_index()
+    overloads[key] = name
+    file._save_index(overloads)
 
 
 def imports_stamp(namespace: Mapping[str, Any]) -> str:

@@ -11,9 +11,11 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
-from sim.interfaces.kernels import imports_stamp
+from sim.interfaces.kernels import imports_stamp, name_files_by_key
 from sim.runs.command_line import ROOMS
+from untyped import untyped
 
 ROOT = Path(__file__).resolve().parents[4]
 
@@ -117,3 +119,35 @@ def test_every_kept_loop_is_keyed_by_what_its_file_takes_from_others(path):
 def test_the_stamp_sees_numbers_and_no_order():
     assert imports_stamp({"A": 1.0, "B": 2}) == imports_stamp({"B": 2, "A": 1.0})
     assert imports_stamp({"A": 1.0}) != imports_stamp({"A": 1.5})
+
+
+def test_code_of_another_signature_is_never_loaded(tmp_path):
+    """Two processes compile two signatures at once; the slower has read the index before the faster one wrote it."""
+    name_files_by_key()
+    slow, fast, reader = (IndexDataCacheFile(str(tmp_path), "f", "stamp") for _ in range(3))
+    seen, write_index, write_code = [], slow._save_index, slow._save_data
+
+    def index_late(overloads: dict[str, str]) -> None:
+        fast.save("float", "code for float")
+        write_index(overloads)
+
+    def code_after_a_look(name: str, data: str) -> None:
+        seen.append(reader.load("int"))
+        write_code(name, data)
+
+    untyped(slow)._save_index, untyped(slow)._save_data = index_late, code_after_a_look
+    slow.save("int", "code for int")
+    assert seen == [None]
+    assert reader.load("int") == "code for int"
+    assert reader.load("float") in (None, "code for float")  # an entry may be lost
+
+
+def test_stale_code_is_not_loaded_after_the_source_has_changed(tmp_path):
+    name_files_by_key()
+    old, new = (IndexDataCacheFile(str(tmp_path), "f", stamp) for stamp in ("yesterday", "today"))
+    old.save("int", "old code")
+    assert new.load("int") is None
+    new.save("float", "new code for float")
+    assert new.load("int") is None
+    new.save("int", "new code")
+    assert new.load("int") == "new code"

@@ -11,6 +11,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.tuning import table
 from scenarios.assembly import assemble
+from scenarios.compiled_ticks import run_ticks
 from scenarios.runner import LONGEST, Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
@@ -46,7 +47,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
         Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
     console = Console()
-    if not kernel_cache.is_kept("joint_servo"):
+    if not kernel_cache.is_kept(run_ticks):
         console.print("first start: the inner loops are compiled, once; this takes a minute or so")
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assemble(scenario, full=options.record)

@@ -41,12 +41,15 @@ def folders() -> list[Path]:
 def _sources() -> list[Path]:
     """Folders of the packages that have kernels, and their subpackages."""
     rooms = [HOME / room for room in ROOMS_WITH_LOOPS]
-    return [*rooms, *(file.parent for room in rooms for file in sorted(room.glob("*/__init__.py")))]
+    wiring = [path for path in (HOME / "scenarios", HOME / "scripts" / "scenarios") if path.is_dir()]  # wheel, checkout
+    return [*rooms, *(file.parent for room in rooms for file in sorted(room.glob("*/__init__.py"))), *wiring]
 
 
-def is_kept(module: str) -> bool:
-    """Return True if machine code of a file `module`.py is cached."""
-    return any(any(folder.glob(f"{module}.*.nbi")) for folder in folders())
+def is_kept(kernel: Any) -> bool:
+    """Return True if machine code of a kernel `keyed_by_imports` is cached, made from the present sources."""
+    function = kernel.py_func
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}-*.nbi"
+    return any(any(folder.glob(name)) for folder in folders())
 
 
 def mend(folder: Path) -> None:

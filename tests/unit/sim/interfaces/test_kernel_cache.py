@@ -5,10 +5,12 @@ import pickle
 import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from sim.interfaces import kernel_cache
+from sim.interfaces.kernels import keyed_by_imports
 
 LOOP = """
 import numba
@@ -101,3 +103,19 @@ def test_a_disk_that_does_not_tell_its_room_cannot_be_written(tmp_path, monkeypa
 
     monkeypatch.setattr(kernel_cache.shutil, "disk_usage", untold)
     assert not kernel_cache._writable(tmp_path)
+
+
+def test_a_kernel_is_kept_while_its_sources_are_the_same(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_cache, "folders", lambda: [tmp_path])
+
+    @keyed_by_imports
+    def loop(x):
+        return x
+
+    kernel = SimpleNamespace(py_func=loop)
+    name = f"{loop.__module__.rpartition('.')[2]}.{loop.__qualname__}"
+    assert not kernel_cache.is_kept(kernel)
+    (tmp_path / f"{name}x-3.py311.nbi").touch()  # of an older source
+    assert not kernel_cache.is_kept(kernel)
+    (tmp_path / f"{name}-3.py311.nbi").touch()
+    assert kernel_cache.is_kept(kernel)

@@ -151,9 +151,12 @@ class Assessment:
         checks = (*checks, Requirement("collision", run.collision_s, 0.0, "s"))
         failed = [*filter(None, (check.failure for check in checks)), *others]
         if recording.interrupted:
-            failed.append(f"the run was interrupted {note}")
+            failed.insert(0, f"the run was interrupted {note}")
+        elif final.state is WorkState.ABORT and len(recording.events) > 1:
+            before = recording.events[-2].state.value
+            failed.insert(0, f"the work was broken off in {before} at {final.time:.1f} s: {note}")
         elif final.state is not WorkState.DONE:
-            failed.append(f"the run ended in state {state}{f': {note}' if note else ''}")
+            failed.insert(0, f"the run ended in state {state}{f': {note}' if note else ''}")
         every_run = EveryRun(run=run, accepted=not failed, failed=failed, timings=timings)
         metrics = {**asdict(figures), **asdict(every_run)}
         del metrics["provenance"]  # see `made_by`

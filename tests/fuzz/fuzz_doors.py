@@ -793,7 +793,10 @@ SCRIPTS = (
     "studies.seabed",
     "studies.tip_force",
 )
-OPTIONS = {"identify_object": "IdentificationOptions"}  # class of the options, where it is not `Options`
+OPTIONS = {
+    "identify_object": "IdentificationOptions",
+    "calibrate_arm": "CalibrationOptions",
+}  # class of the options, where it is not `Options`
 VALUES = (
     "nan",
     "inf",

@@ -48,7 +48,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
     """
     console = Console()
     if not kernel_cache.is_kept(run_ticks):
-        console.print("first start: the inner loops are compiled, once; this takes a minute or so")
+        console.print("first start: the inner loops are compiled, once; this takes some two minutes")
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assemble(scenario, full=options.record)
     if assembly.said:

@@ -6,11 +6,13 @@
 
 from scenarios.start import parse, run_scenario  # isort: skip
 
+import itertools
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, UseAppendAction
 
 from scenarios.command import command
 from scenarios.scenario_file import read_scenario, with_values
@@ -25,7 +27,7 @@ class Options(RunOptions):
     """Scenario file (TOML)."""
     seed: int | None = None
     """Seed instead of that in the file."""
-    set: tuple[str, ...] = ()
+    set: Annotated[tuple[tuple[str, ...], ...], UseAppendAction] = ()
     """Values instead of those in the file, by its keys and in its units: KEY=VALUE, such as task.speed=0.03."""
 
 
@@ -33,7 +35,7 @@ def main() -> int:
     """Runs the scenario and returns the exit code."""
     started = time.perf_counter()
     options = parse(Options)
-    scenario = with_values(read_scenario(options.file), options.set)
+    scenario = with_values(read_scenario(options.file), tuple(itertools.chain(*options.set)))
     if options.seed is not None:
         scenario = replace(scenario, seed=options.seed)
     return command(scenario, options, started)

@@ -10,8 +10,10 @@ from types import SimpleNamespace
 import mujoco
 import numpy as np
 import pytest
+import tyro
 
 import models
+import run_scenario
 from models.objects.targets import OBJECTS
 from scenarios import Perturbation, Scenario, assemble, barrel, read_scenario, run, write_scenario
 from scenarios.options import (
@@ -135,6 +137,12 @@ def test_values_are_set_by_the_keys_of_the_file():
     assert scenario.belief.arm == "a=b.yaml"  # absent in the file of the base
     back = replace(scenario, seed=3, task=barrel().task, site=barrel().site, belief=barrel().belief)
     assert back == barrel(seed=3)
+
+
+def test_set_may_be_repeated_and_takes_several():
+    options = tyro.cli(run_scenario.Options, args=["s.toml", "--set", "seed=5", "--set", "task.speed=1", "seed=6"])
+    assert options.set == (("seed=5",), ("task.speed=1", "seed=6"))
+    assert tyro.cli(run_scenario.Options, args=["s.toml"]).set == ()
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,9 @@ from scipy.stats import chi2
 
 from calib import kernels
 from calib.parameters import Parameters
-from models.arms.kinematics import NO_JACOBIAN, ROW, THETA, D, tips
+from models.arms.kinematics import ROW, THETA, D
 from models.arms.serial_arm import SerialArm
+from models.arms.tip_places import NO_JACOBIAN, tips
 from sim.interfaces.spatial import Array
 
 FIRST_NOISE = 1e-4  # [m] initial noise of a touch, kept where too few touches are left to estimate it

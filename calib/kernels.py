@@ -8,7 +8,8 @@ import math
 import numpy as np
 from numba import boolean, float64, int64, njit, types
 
-from models.arms.kinematics import ALPHA, BETA, ROW, A, D, cross_into, frame_step
+from models.arms.kinematics import ALPHA, BETA, ROW, A, D, frame_step
+from models.arms.tip_places import cross_into
 from sim.interfaces.kernels import keyed_by_imports
 
 # Explicit signatures: each kernel compiles once, for read-only and writable arrays alike.

@@ -83,20 +83,20 @@ class _Tree:
         return np.concatenate([np.ravel(block) for block in blocks])
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True)
 def _cross(a, b, out):
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True)
 def _rotate(R, a, out):
     for i in range(3):
         out[i] = R[i, 0] * a[0] + R[i, 1] * a[1] + R[i, 2] * a[2]
 
 
-@numba.njit(cache=True, inline="always")
+@numba.njit(cache=True)
 def _rotate_back(R, a, out):
     for i in range(3):
         out[i] = R[0, i] * a[0] + R[1, i] * a[1] + R[2, i] * a[2]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.arms import kinematics
-from models.arms.kinematics import ALPHA, BETA, NO_JACOBIAN, ROW, THETA, A, D
+from models.arms.kinematics import ALPHA, BETA, ROW, THETA, A, D
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
     Array,
@@ -253,14 +253,18 @@ class SerialArm:
 
     def tips(self, q: ArrayLike, tcp: ArrayLike) -> Array:
         """Tips (M, 3) [m] in the base for joint values `q` (M, n) and a tool point `tcp` (3,) [m] in the flange."""
+        from models.arms.tip_places import NO_JACOBIAN, tips
+
         values = np.ascontiguousarray(q, dtype=np.float64)
         point = np.ascontiguousarray(tcp, dtype=np.float64)
-        return kinematics.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN)
+        return tips(self.table, self.slides, self.X_base_0, self.X_n_flange, point, values, NO_JACOBIAN)
 
     def tips_and_jacobian(self, q: Array, tcp: Array) -> tuple[Array, Array]:
         """Tips (M, 3) [m] and their derivatives (M, 5 n + 3, 3) by the table, row by row, then by the tool point."""
+        from models.arms.tip_places import tips
+
         J = np.empty((len(q), ROW * self.n + 3, 3))
-        return kinematics.tips(self.table, self.slides, self.X_base_0, self.X_n_flange, tcp, q, J), J
+        return tips(self.table, self.slides, self.X_base_0, self.X_n_flange, tcp, q, J), J
 
     def with_table(self, table: Array) -> Self:
         """Copy of the arm with another table (n, 5)."""

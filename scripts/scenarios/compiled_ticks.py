@@ -72,14 +72,14 @@ class World(NamedTuple):
     referred: np.ndarray  # (1,) index of the present reference in the recording
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, no_cfunc_wrapper=True)
 @keyed_by_imports
 def _box_of(world):
     """`RecordBox` of a `World`."""
     return new_box(world)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, no_cfunc_wrapper=True)
 @keyed_by_imports
 def run_ticks(box, ticks, begun, onward):
     """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
@@ -119,7 +119,7 @@ def run_ticks(box, ticks, begun, onward):
     return ticks, stage, FINE
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 @keyed_by_imports
 def _perceive(world):
     """Samples of the sensors into the filter, and its estimate."""
@@ -132,7 +132,7 @@ def _perceive(world):
     put_out(world.filter, joints, world.estimate)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 @keyed_by_imports
 def _record(world):
     """Write one row of the recording."""
@@ -148,7 +148,7 @@ def _record(world):
     write_row(world.rows, time, scalars, world.referred[0], drive.f_W, felt)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 def _copy(one, other):
     """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of slices."""
     other.time[0] = one.time[0]

@@ -23,7 +23,6 @@ from models.registry import Registry
 from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
-from scenarios.arm_identification import deck_calibration as _deck_calibration
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
 from scenarios.scenario import Belief, VehicleSetup
 from scenarios.tasks.task import Task
@@ -62,11 +61,13 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
         true = dh_geometry.with_errors(arm, np.random.default_rng(vehicle.arm_errors))
         dh_geometry.move(built, arm, true, ARM_BASE_BODY)
     known, said = arm, ""
+    if belief.calibrated or belief.arm is not None:
+        from scenarios.arm_identification import deck_calibration  # only here: its kernels compile on import
     if belief.calibrated:
         rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
-        known, said = _deck_calibration.calibrate_on_deck(arm, true, rng)
+        known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
     elif belief.arm is not None:
-        known, said = _deck_calibration.from_file(Path(belief.arm), arm)
+        known, said = deck_calibration.from_file(Path(belief.arm), arm)
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
     return believed, built, said

@@ -206,37 +206,37 @@ def _refuse(model: mujoco.MjModel) -> None:
         raise HydrodynamicsError(f"reaction: not known with {', '.join(names)}")
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _three(values, first):
     return values[first], values[first + 1], values[first + 2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _sum(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _scaled(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _turned(R, a):
     return _dot(R[0:3], a), _dot(R[3:6], a), _dot(R[6:9], a)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _turned_back(R, a):
     return _dot(R[0::3], a), _dot(R[1::3], a), _dot(R[2::3], a)
 

@@ -190,7 +190,7 @@ class ToolControl:
         solved, X_AG = track_tool(
             self._tracking_fields,
             tuple(state.motion),
-            (X_WG, reference.v_WG_W, reference.w_WG_W),
+            (X_WG, np.array(reference.v_WG_W), np.array(reference.w_WG_W)),  # read-only ones would be compiled anew
             since,
             (state.k, offset_W),
             self.drift.hull_pose(estimate, reference),

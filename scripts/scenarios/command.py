@@ -10,13 +10,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from controllers.tuning import table
+from scenarios import first_start
 from scenarios.assembly import assemble
-from scenarios.compiled_ticks import run_ticks
 from scenarios.runner import LONGEST, Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
 from sim.evaluation.metrics import Assessment
-from sim.interfaces import kernel_cache
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import WorkState
 from sim.loop.recording import Recorder
@@ -47,8 +46,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
         Interrupted: A signal asked for the end; raised after all results are written. A second signal ends at once.
     """
     console = Console()
-    if not kernel_cache.is_kept(run_ticks):
-        console.print("first start: the inner loops are compiled, once; this takes some two minutes")
+    first_start.build()
     folder = new_folder(scenario.name, options.out, scenario.seed)  # before the work: the folder may be unusable
     assembly = assemble(scenario, full=options.record)
     if assembly.said:

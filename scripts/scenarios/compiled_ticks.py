@@ -269,7 +269,7 @@ class CompiledTicks:
                 run.begin(tick)
                 if run.frame is not None:
                     break
-                due = tick + ready
+                due = min(tick + ready, run.next_due(tick + 1))
             if tick % run.planner_ticks == 0:
                 if not self._plan(run):
                     break
@@ -278,10 +278,16 @@ class CompiledTicks:
             observed = (-tick % every for every in self._slow_ticks)
             planned = run.planner_ticks - tick % run.planner_ticks
             ticks = min(ready, planned, min(due, end) - tick, self._plant.ready(), *observed)
-            # 0: `run` completes the tick after its command, with plant and observers
-            done = self._run(run, ticks, begun, _NEW if ticks else _COMMANDED)
+            after = tick + ticks
+            if ticks == 0:  # `run` completes the tick after its command, with plant and observers
+                onward = _COMMANDED
+            elif ticks == planned and ticks < ready and after < min(due, end) and self._plant.ready() > ticks:
+                onward = _PLANNED  # the planner comes next: its estimate is made in the same call
+            else:
+                onward = _NEW
+            done = self._run(run, ticks, begun, onward)
             tick += done
-            if run.stage != Stage.NEW or not done:
+            if run.stage > Stage.ESTIMATED or not done:
                 break
         return tick
 
@@ -329,8 +335,9 @@ class CompiledTicks:
             begun = _COMMANDED
         run.stage = Stage.NEW
         if done > (begun == _COMMANDED):  # more than the rest of a tick that is stored already
-            run.estimate = state_estimate(world.estimate if outcome == FINE else world.sound)
+            run.estimate = state_estimate(world.estimate if stage == _NEW else world.sound)
             run.command = drive.store(run.estimate, run.reference, FINE)
-        if outcome != FINE:
-            run.estimate, run.stage = state_estimate(world.estimate), Stage.PLANNED
+        if stage == _PLANNED:
+            run.estimate = state_estimate(world.estimate)
+            run.stage = Stage.ESTIMATED if outcome == FINE else Stage.PLANNED
         return total

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from scenarios import first_start
 from scenarios.assembly import Assembly, assemble
 from scenarios.compiled_ticks import CompiledTicks, reason
 from scenarios.scenario import Scenario
@@ -61,6 +62,7 @@ def run(
     Raises:
         UuvError: The scenario cannot be assembled, or the motion diverges.
     """
+    first_start.build()
     assembly = assemble(scenario, full=True) if isinstance(scenario, Scenario) else scenario
     result = run_through(assembly, recorder, observers, longest)
     return Run(assembly=assembly, result=result, assessment=assessed(assembly, result))

@@ -10,6 +10,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
+from scenarios import first_start
+
 Task = TypeVar("Task")
 Row = TypeVar("Row")
 
@@ -32,6 +34,7 @@ def run_all(
     Yields:
         Task, result.
     """
+    first_start.build()  # else every worker would compile the same
     waiting: list[Task] = list(reversed(tasks))
     suspects: list[Task] = []
     while waiting or suspects:

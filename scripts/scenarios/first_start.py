@@ -1,0 +1,307 @@
+"""First start: compiles the kernels of the loop on all cores, before one process would do it one after the other.
+
+    ./uvw run python -m scenarios.first_start      # lists them anew, into first_start.json: after a change of kernels
+
+The list says which kernels a contact job needs, what they take, and which of them call which. It only saves time: a
+kernel that is missing, or that takes something else by now, is compiled where it is first called.
+"""
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import event
+from numba.core.registry import CPUDispatcher
+from numba.np import numpy_support
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from sim.interfaces import kernel_cache
+from sim.interfaces.errors import UuvError
+from sim.loop.record_box import RecordBoxType
+
+LIST = Path(__file__).with_suffix(".json")
+WATER = "sim.hydrodynamics:install"  # a function to call, no kernel
+ROOMS = ("models", "sim", "controllers", "perception", "scenarios")
+_config: Any = importlib.import_module("numba.core.config")  # its names are made at run time
+MOST = 8  # processes; more would wait for each other
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One kernel to compile."""
+
+    kernel: str  # module:name
+    takes: Any  # encoded types of its arguments; None: a function to call
+    after: tuple[int, ...]  # rows of the list that it calls
+    seconds: float  # [s] of one core, without those; where the list was made
+
+    def do(self) -> None:
+        """Compile it into the cache on disk."""
+        module, name = self.kernel.split(":")
+        kernel = getattr(importlib.import_module(module), name)
+        if self.takes is None:
+            kernel()
+        else:
+            kernel.compile(tuple(decoded(each) for each in self.takes))
+
+
+def jobs() -> list[Job]:
+    """The list; those that a job calls stand before it."""
+    rows = json.loads(LIST.read_text(encoding="utf-8"))
+    return [Job(row["kernel"], row["takes"], tuple(row["after"]), row["seconds"]) for row in rows]
+
+
+def encoded(kind: Any) -> Any:
+    """Numba's type `kind` as values of JSON.
+
+    Raises:
+        UuvError: There is no word for such a type.
+    """
+    types = numba.types
+    if isinstance(kind, types.Array):
+        flags = ("" if kind.mutable else "readonly ") + ("" if kind.aligned else "unaligned ")
+        return {f"{flags}{kind.ndim}{kind.layout}": encoded(kind.dtype)}
+    if isinstance(kind, types.Record):
+        return {"record": np.lib.format.dtype_to_descr(numpy_support.as_dtype(kind))}
+    if isinstance(kind, (types.NamedTuple, types.NamedUniTuple)):
+        of = kind.instance_class
+        return {f"{of.__module__}:{of.__qualname__}": [encoded(each) for each in kind.types]}
+    if isinstance(kind, (types.Tuple, types.UniTuple)):
+        return [encoded(each) for each in kind.types]
+    if isinstance(kind, RecordBoxType):
+        return {"box": encoded(kind.field_dict["record"])}
+    if isinstance(kind, types.Literal):
+        return {"literal": kind.literal_value}
+    if isinstance(kind, (types.Number, types.Boolean)):
+        return str(kind)
+    raise UuvError(f"no word for numba's type {kind}")
+
+
+def decoded(value: Any) -> Any:
+    """Numba's type, from what `encoded` made of it."""
+    types = numba.types
+    if isinstance(value, str):
+        return getattr(types, {"bool": "boolean"}.get(value, value))
+    if isinstance(value, list):
+        return types.BaseTuple.from_types([decoded(each) for each in value])
+    ((word, inner),) = value.items()
+    if word == "record":
+        return numba.from_dtype(np.lib.format.descr_to_dtype(_as_descr(inner)))
+    if word == "box":
+        return RecordBoxType([("record", decoded(inner))])
+    if word == "literal":
+        return types.literal(inner)
+    if ":" in word:
+        module, name = word.split(":")
+        return types.BaseTuple.from_types(
+            [decoded(each) for each in inner], getattr(importlib.import_module(module), name)
+        )
+    *flags, form = word.split()
+    return types.Array(
+        decoded(inner), int(form[:-1]), form[-1], readonly="readonly" in flags, aligned="unaligned" not in flags
+    )
+
+
+def _as_descr(rows: Any) -> Any:
+    """Description of a numpy dtype after JSON, which knows no tuples."""
+    if not isinstance(rows, list):
+        return rows
+    return [tuple(tuple(part) if i == 2 else _as_descr(part) for i, part in enumerate(row)) for row in rows]
+
+
+class _Worker:
+    """Process that compiles one kernel after the other."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "scenarios.first_start", "--worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def compile(self, row: int) -> bool:
+        """Compile one; False if that failed, or the process has died."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(f"{row}\n")
+            self._process.stdin.flush()
+            return self._process.stdout.readline().strip() == "done"
+        except OSError:
+            return False
+
+    def end(self) -> None:
+        """Stop the process, whatever it is doing."""
+        self._process.kill()
+        self._process.communicate()
+
+
+def build() -> None:
+    """Compile what the loop needs, unless it is there; shows its progress on stderr.
+
+    A kernel that cannot be compiled here is left to its first call, which tells why.
+    """
+    from scenarios.compiled_ticks import run_ticks
+
+    if _config.DISABLE_JIT or kernel_cache.is_kept(run_ticks):
+        return
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    todo, workers = jobs(), SimpleQueue[_Worker]()
+    started = [_Worker() for _ in range(min(MOST, cores))]
+    for worker in started:
+        workers.put(worker)
+
+    def compile_one(row: int) -> bool:
+        worker = workers.get()
+        try:
+            return worker.compile(row)
+        finally:
+            workers.put(worker)
+
+    columns = (TextColumn("[progress.description]{task.description}"), BarColumn(), TimeElapsedColumn())
+    try:
+        with Progress(*columns, console=Console(stderr=True)) as bar, ThreadPoolExecutor(len(started)) as pool:
+            task = bar.add_task("first start: compiling the inner loops", total=sum(job.seconds for job in todo))
+            failed = 0
+            for row, fine in _in_order(todo, pool, compile_one, len(started)):
+                failed += not fine
+                bar.advance(task, todo[row].seconds)
+            if failed:
+                bar.console.print(f"{failed} of {len(todo)} kernels are left to their first call")
+    finally:
+        for worker in started:
+            worker.end()
+
+
+def _in_order(todo: list[Job], pool: ThreadPoolExecutor, do: Any, most: int) -> Iterator[tuple[int, bool]]:
+    """Run `do` for every row, each after those that it calls, at most `most` at once; the longest way to the end first.
+
+    Yields:
+        Row, and what `do` returned.
+    """
+    longest = [job.seconds for job in todo]
+    for row in reversed(range(len(todo))):
+        for before in todo[row].after:
+            longest[before] = max(longest[before], todo[before].seconds + longest[row])
+    left, done, running = set(range(len(todo))), set[int](), dict[Future[bool], int]()
+    while left or running:
+        ready = [row for row in left if done.issuperset(todo[row].after)]
+        for row in sorted(ready, key=lambda row: -longest[row])[: most - len(running)]:
+            left.discard(row)
+            running[pool.submit(do, row)] = row
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            row = running.pop(future)
+            done.add(row)
+            yield row, future.result()
+
+
+def kernels() -> Iterator[tuple[str, CPUDispatcher]]:
+    """All kernels of the project that are imported, with their names module:name."""
+    for module in list(sys.modules.values()):
+        if getattr(module, "__name__", "").partition(".")[0] in ROOMS:
+            for name, value in list(vars(module).items()):
+                if isinstance(value, CPUDispatcher) and value.py_func.__module__ == module.__name__:
+                    yield f"{module.__name__}:{name}", value
+
+
+def _work() -> None:
+    """Compile the rows of the list that come on stdin."""
+    answers, sys.stdout = sys.stdout, sys.stderr
+    todo = jobs()
+    for line in sys.stdin:
+        try:
+            todo[int(line)].do()
+            answers.write("done\n")
+        except Exception as error:  # whatever it is, the kernel's first call says it
+            answers.write(f"{type(error).__name__}\n")
+        answers.flush()
+
+
+class _Stopwatch(event.Listener):
+    """Seconds of each compilation, without those of the project's kernels within it."""
+
+    def __init__(self) -> None:
+        self.spent: dict[tuple[int, Any], float] = {}  # by dispatcher and arguments
+        self._open: list[tuple[float, list[float]]] = []
+
+    def on_start(self, event: event.Event) -> None:
+        self._open.append((time.process_time(), []))
+
+    def on_end(self, event: event.Event) -> None:
+        began, inner = self._open.pop()
+        data: Any = event.data
+        whole, kernel = time.process_time() - began, data["dispatcher"]
+        ours = kernel.py_func.__module__.partition(".")[0] in ROOMS
+        self.spent[id(kernel), data["args"]] = whole - sum(inner)
+        if self._open:
+            self._open[-1][1].extend([whole] if ours else inner)
+
+
+def _can_be_told(args: Any) -> bool:
+    """True if types can be listed; a kernel with others, such as the water's, is compiled with those that call it."""
+    try:
+        return all(decoded(json.loads(json.dumps(encoded(each)))) == each for each in args)
+    except UuvError:
+        return False
+
+
+def listed() -> list[Job]:
+    """What a job of clean_barrel.py compiles; slow, and it needs an empty cache."""
+    from scenarios import assemble, barrel
+    from scenarios.runner import run_through
+
+    watch = _Stopwatch()
+    with event.install_listener("numba:compile", watch):
+        run_through(assemble(barrel(quick=True)))
+    made = [
+        (name, args, kernel)
+        for name, kernel in kernels()
+        for args in kernel.overloads
+        if kernel._can_compile and _can_be_told(args)
+    ]
+    rows = {id(kernel.overloads[args].library): row for row, (_, args, kernel) in enumerate(made)}
+
+    def called(library: Any) -> set[int]:
+        found = set[int]()
+        for each in library._linking_libraries:
+            found |= {rows[id(each)]} if id(each) in rows else called(each)
+        return found
+
+    after = [called(kernel.overloads[args].library) - {row} for row, (_, args, kernel) in enumerate(made)]
+    order: list[int] = []
+    while len(order) < len(made):  # those that a job calls before it
+        order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
+    found = [Job(WATER, None, (), 10.0)]
+    for row in order:
+        name, args, kernel = made[row]
+        before = tuple(sorted(1 + order.index(each) for each in after[row]))
+        seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
+        found.append(Job(name, [encoded(each) for each in args], before, seconds))
+    return found
+
+
+def _write() -> None:
+    with tempfile.TemporaryDirectory() as empty:
+        _config.CACHE_DIR = os.environ[kernel_cache.VARIABLE] = empty
+        rows = [json.dumps(asdict(job)) for job in listed()]
+    LIST.write_text("[\n" + ",\n".join(rows) + "\n]\n", encoding="utf-8")
+    print(f"{len(rows)} kernels listed in {LIST}")
+
+
+if __name__ == "__main__":
+    _work() if "--worker" in sys.argv else _write()

@@ -1,0 +1,87 @@
+"""First start: the list of kernels, the order in which they are compiled, and processes that die."""
+
+import json
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from scenarios import first_start
+from scenarios.first_start import Job, decoded, encoded
+
+REHEARSED = """
+import json
+from scenarios import assemble, barrel
+from scenarios.first_start import encoded, kernels
+from scenarios.runner import rehearse
+rehearse(assemble(barrel(quick=True)))
+print(json.dumps([(name, [encoded(kind) for kind in args]) for name, kernel in kernels() for args in kernel.overloads
+                  if "water" not in name]))
+"""
+
+
+@pytest.fixture(scope="module")
+def jobs() -> list[Job]:
+    return first_start.jobs()
+
+
+def test_every_type_of_the_list_is_read_and_told_the_same(jobs):
+    for job in jobs:
+        for each in job.takes or []:
+            assert json.loads(json.dumps(encoded(decoded(each)))) == each, job.kernel
+
+
+def test_a_kernel_stands_after_those_that_it_calls_and_the_ticks_are_among_them(jobs):
+    assert all(before < row for row, job in enumerate(jobs) for before in job.after)
+    (ticks,) = (job for job in jobs if job.kernel == "scenarios.compiled_ticks:run_ticks")
+    assert "controllers.drive_tick:drive_tick" in {jobs[row].kernel for row in ticks.after}
+
+
+def test_the_list_holds_what_a_job_loads(jobs):
+    """A kernel that is not listed would be compiled alone, without a word; `python -m scenarios.first_start`."""
+    done = subprocess.run([sys.executable, "-c", REHEARSED], capture_output=True, text=True, timeout=400, check=False)
+    assert done.returncode == 0, done.stderr
+    told = {(job.kernel, json.dumps(job.takes)) for job in jobs}
+    missing = [name for name, takes in json.loads(done.stdout) if (name, json.dumps(takes)) not in told]
+    assert not missing
+
+
+def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_first():
+    todo = [Job("a", None, (), 1.0), Job("b", None, (), 9.0), Job("c", None, (0,), 20.0), Job("d", None, (1, 2), 1.0)]
+    began: list[int] = []
+    lock, most = threading.Semaphore(2), 2
+
+    def do(row: int) -> bool:
+        assert lock.acquire(blocking=False), "more than two at once"
+        began.append(row)
+        lock.release()
+        return row != 2
+
+    with ThreadPoolExecutor(4) as pool:
+        ended = list(first_start._in_order(todo, pool, do, most))
+    assert began[:2] == [0, 1]  # 0 leads to the 20 seconds of 2
+    assert sorted(ended) == [(0, True), (1, True), (2, False), (3, True)]
+    assert [row for row, _ in ended].index(2) < [row for row, _ in ended].index(3)
+
+
+def test_a_worker_compiles_says_what_fails_and_may_die(jobs):
+    row = next(row for row, job in enumerate(jobs) if job.kernel == "controllers.safety.fault_detection:finite")
+    worker = first_start._Worker()
+    try:
+        assert worker.compile(row)
+        assert not worker.compile(len(jobs))  # there is no such row
+        assert worker.compile(row)
+        worker._process.kill()
+        worker._process.wait()
+        assert not worker.compile(row)
+    finally:
+        worker.end()
+
+
+def test_what_has_no_word_is_refused():
+    import numba
+
+    with pytest.raises(first_start.UuvError, match="no word for numba's type none"):
+        encoded(numba.types.none)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.arm.inverse_dynamics import ArmDynamics
+from controllers.arm.inverse_dynamics import ArmDynamics, inverse_dynamics
 from controllers.hull.station_keeping import StationKeeping
 from models.vehicle import Vehicle
 from models.water.thrusters import FORWARD, REVERSE
@@ -39,14 +39,14 @@ class ThrustMargin:
         if not vehicle.thruster_wrench.size:
             raise ConfigurationError("the vehicle has no thrusters to hold it")
         self.drag = drag
-        self._arm, self._static = arm, checked(static_B, (6,), "static_B").copy()
+        self._static = checked(static_B, (6,), "static_B").copy()
         forward, reverse = vehicle.thruster_table[:, FORWARD], vehicle.thruster_table[:, REVERSE]
         most = np.maximum(forward, reverse)
         # Least-norm allocation in shares of each thruster's own strength; six thrusters leave a single solution.
         self._shares = np.linalg.pinv(vehicle.thruster_wrench * most)
         with np.errstate(divide="ignore"):
             self._forward, self._reverse = most / forward, most / reverse
-        self._still = np.zeros(arm.n)
+        self._parameters, self._still = tuple(arm.parameters), np.zeros(arm.n)
 
     @classmethod
     def of(cls, model: mujoco.MjModel, *, drag: float = 0.6) -> Self:
@@ -71,10 +71,9 @@ class ThrustMargin:
         Returns:
             The share [-]; above 1 the thrusters cannot hold the hull.
         """
-        zero, wrench = np.zeros(6), np.zeros(6)
-        wrench[:3] = f_tip_G
-        arm_B = self._arm.inverse(
-            q, self._still, self._still, R_WB=R_WB, nu_B=zero, a_B=zero, v_current_W=zero[:3], wrench_tip_G=wrench
-        )[1]
+        hull, wrench = np.zeros(24), np.zeros(6)  # the hull at rest: its attitude alone
+        hull[:9], wrench[:3] = R_WB.ravel(), f_tip_G
+        joints = (np.array(q, dtype=np.float64), self._still, self._still)
+        arm_B = inverse_dynamics(self._parameters, joints, hull, wrench)[1]
         shares = self._shares @ -(arm_B + self._static)
         return float(np.where(shares > 0.0, shares * self._forward, -shares * self._reverse).max())

@@ -6,6 +6,7 @@ own.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,7 @@ def _make_entries(stamp: int) -> dict[str, tuple[Any, tuple[Any, ...]]]:
 _ENTRIES = _make_entries(int(imports_stamp(globals()), 16))
 
 
+@cache
 def entry(name: str, precision: DTypeLike = np.float64) -> Any:
     """Return the entry `name`, compiled for memory of `precision` or loaded from numba's cache.
 

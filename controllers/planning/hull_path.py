@@ -114,6 +114,24 @@ def hull_gap(X_WB: Array, hull_box: Array, obstacle: Array) -> float:
     return inside if inside < 0.0 else float(np.sqrt((np.maximum(outside, 0.0) ** 2).sum(axis=1).min()))
 
 
+@numba.njit(cache=True)
+def hull_gap_kernel(X_WB: Array, hull_box: Array, obstacle: Array, away: Array, enough: float) -> float:
+    """As `hull_gap` of an obstacle displaced by -`away` (3,) [m], to the rounding; any value below `enough` ends it."""
+    nearest = np.inf
+    for x, y, z in obstacle:
+        x, y, z = x - away[0] - X_WB[0, 3], y - away[1] - X_WB[1, 3], z - away[2] - X_WB[2, 3]
+        deepest, square = -np.inf, 0.0
+        for k in range(3):
+            p_B = x * X_WB[0, k] + y * X_WB[1, k] + z * X_WB[2, k]
+            outside = max(hull_box[0, k] - p_B, p_B - hull_box[1, k])
+            deepest = max(deepest, outside)
+            square += max(outside, 0.0) ** 2
+        nearest = min(nearest, deepest if deepest < 0.0 else np.sqrt(square))
+        if nearest < enough:
+            break
+    return nearest
+
+
 def arm_gap(chain: Chain, q: Array, X_AW: Array, planes: Array, gone: Array) -> float:
     """Distance [m] from the arm's joint centres to the object's convex hull; negative inside, inf without joints.
 

@@ -25,7 +25,14 @@ from scipy.spatial import ConvexHull
 
 from controllers.hull.thrust_margin import ThrustMargin
 from controllers.mkps import Chain, IkOptions, solve
-from controllers.planning.hull_path import arm_gap, hull_gap, joint_centres_kernel, joint_gap_kernel, skin_of
+from controllers.planning.hull_path import (
+    arm_gap,
+    hull_gap,
+    hull_gap_kernel,
+    joint_centres_kernel,
+    joint_gap_kernel,
+    skin_of,
+)
 from models.objects.targets import TargetModel
 from models.vehicle import Vehicle
 from sim.interfaces.errors import ReachError
@@ -104,6 +111,7 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
 
 
 _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation
+_SINGULAR = 0.12  # smallest singular value of the weighted Jacobian that gives a margin of 1
 _HALF_STEP = 2e-3  # [m] half step of the central differences along the path
 
 
@@ -147,6 +155,55 @@ def _frame(path, s, roll):
     R = np.empty((3, 3))
     R[:, 0], R[:, 1], R[:, 2] = c * x + sn * y, c * y - sn * x, z
     return R, p
+
+
+@numba.njit(cache=True)
+def _step_and_room(before, q, low, high):
+    """Largest change of a joint from `before` to `q`, and the smallest distance of `q` to the limits; (n,) each."""
+    jump, room = 0.0, np.inf
+    for j in range(q.shape[0]):
+        jump = max(jump, abs(q[j] - before[j]))
+        room = min(room, min(q[j] - low[j], high[j] - q[j]))
+    return jump, room
+
+
+@numba.njit(cache=True)
+def _are_above(margin, J, push, torque_limits):
+    """True if the margins of torque and of singular postures are above `margin` by more than rounding.
+
+    Args:
+        margin: [-]
+        J: (6, n) Jacobian of the tip.
+        push: (3,) [N] force on it, same axes.
+        torque_limits: (n,) [N m]
+    """
+    n = J.shape[1]
+    for j in range(n):
+        load = abs(J[0, j] * push[0] + J[1, j] * push[1] + J[2, j] * push[2]) / torque_limits[j]
+        if 3.0 * (1.0 - load) < margin + 1e-9:
+            return False
+    # The smallest singular value is above t where the Gram matrix less t^2 has a Cholesky factorisation.
+    k, t = min(6, n), _SINGULAR * margin * (1.0 + 1e-6)
+    L, trace = np.empty((k, k)), 0.0
+    for a in range(k):
+        for b in range(a + 1):
+            total = -t * t if a == b else 0.0
+            for m in range(max(6, n)):
+                if n < 6:
+                    total += J[m, a] * J[m, b] * _SCALE[m, 0] * _SCALE[m, 0]
+                else:
+                    total += J[a, m] * J[b, m] * _SCALE[a, 0] * _SCALE[b, 0]
+            if a == b:
+                trace += total
+            for m in range(b):
+                total -= L[a, m] * L[b, m]
+            if a == b:
+                if not total > 1e-12 * abs(trace):
+                    return False
+                L[a, a] = np.sqrt(total)
+            else:
+                L[a, b] = total / L[b, b]
+    return True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -221,6 +278,13 @@ def place_hull(
     best: Placement | None = None
     best_yaw, furthest = 0.0, 0.0
 
+    def too_close(X_WB: Array, away_W: Array) -> bool:
+        """True if the hull, displaced by `away_W` (3,) [m], is nearer to the object than its clearance."""
+        gap = hull_gap_kernel(X_WB, around.hull_box, skin, away_W, search.clearance - _ROUNDING)
+        if abs(gap - search.clearance) <= _ROUNDING:  # the kernel cannot tell
+            gap = hull_gap(X_WB, around.hull_box, skin - away_W)
+        return gap < search.clearance
+
     def consider(base: Array, yaw: float) -> bool:
         """Try all tool rolls from this position of the arm's base (3,) [m] with this hull yaw [rad]; True if better."""
         nonlocal best, best_yaw, furthest
@@ -228,7 +292,7 @@ def place_hull(
         X_WB = pose(R_WB, base - R_WB @ vehicle.X_BA[:3, 3])
         if X_WB[2, 3] - 0.5 * abs(travel_W[2]) + around.hull_box[0, 2] < around.floor + search.clearance:
             return False
-        if any(hull_gap(X_WB, around.hull_box, skin - way * travel_W) < search.clearance for way in ways):
+        if any(too_close(X_WB, way * travel_W) for way in ways):
             return False
         better = False
         for roll, track in zip(rolls, tracks, strict=True):
@@ -352,21 +416,23 @@ class ArmMargins:
         for i, X_WG in enumerate(track.poses):
             dropped = 0.0, i / len(track.poses), None
             result = solve(self.chain, X_AW @ X_WG, q, 1e-4, 1e-3, branch="keep", options=_FEW_STEPS)
-            if not result.converged or (i and np.abs(result.q - q).max() > 0.8):
+            jump, room = _step_and_room(q, result.q, low, high)
+            if not result.converged or (i and jump > 0.8):
                 return dropped
             q = result.q
-            margin = min(margin, float(np.minimum(q - low, high - q).min()) / 0.5)
+            margin = min(margin, room / 0.5)
             if margin <= floor:  # cheap margins first: most candidates are rejected here
                 return dropped
             X_AG, J = self.chain.kinematics(q)
-            torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
-            margin = min(margin, 3.0 * torque)
-            if margin <= floor:
-                return dropped
-            margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / 0.12)
-            if margin <= floor:
-                return dropped
-            # The gap seldom is the smallest margin: the kernel, equal but for rounding, tells where.
+            # These two, and the gap, seldom are the smallest margin: kernels, equal but for rounding, tell where.
+            if not _are_above(margin, J, X_AG[:3, 2] * self.force, self.vehicle.torque_limits):
+                torque = 1.0 - np.abs(J[:3].T @ (X_AG[:3, 2] * self.force) / self.vehicle.torque_limits).max()
+                margin = min(margin, 3.0 * torque)
+                if margin <= floor:
+                    return dropped
+                margin = min(margin, np.linalg.svd(J * _SCALE, compute_uv=False)[-1] / _SINGULAR)
+                if margin <= floor:
+                    return dropped
             centres = joint_centres_kernel(slides, self.chain.axes, self.chain.points, q)[2 : self.chain.n - 2]
             if joint_gap_kernel(centres, X_AW, self.planes, track.gone[i]) < margin * self.clearance + _ROUNDING:
                 margin = min(margin, arm_gap(self.chain, q, X_AW, self.planes, track.gone[i]) / self.clearance)

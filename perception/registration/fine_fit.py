@@ -139,14 +139,21 @@ class ModelSurface:
         Returns:
             The rendered scan, and cosines of incidence (h, w).
         """
-        width, height = len(scan.tangent_x), len(scan.tangent_y)
-        rays = np.stack([*np.meshgrid(scan.tangent_x, scan.tangent_y), np.ones((height, width))], axis=-1)
-        X_TS = inverse(X_ST)
+        rays, X_TS = scan.rays, inverse(X_ST)
         rays_T = rays @ X_TS[:3, :3].T
         hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
         return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
+
+    def depth(self, X_ST: Array, scan: Scan) -> Array:
+        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is missed."""
+        depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
+        corners = transform_points(X_ST, self.target.vertices)
+        window = scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
+        t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
+        depth[window] = np.where(np.isfinite(t), t, np.nan)
+        return depth
 
 
 @lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check

@@ -324,7 +324,7 @@ def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     behind = measured - points[:, 2]
     agree = float(np.mean(np.abs(behind) < tolerance))
     through = float(np.mean(behind > 2.0 * tolerance))
-    return agree - through + float(np.mean(_near(evidence, surface, points)))
+    return agree - through + float(np.mean(explained(evidence, surface, X_ST)))
 
 
 def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndarray:
@@ -338,16 +338,20 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
     Returns:
         Mask (n,).
     """
+    return _explained(evidence, surface, X_ST.tobytes())
+
+
+@lru_cache(maxsize=4)  # the accepted pose is judged by the check and by its score
+def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
+    X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
-    return _near(evidence, surface, transform_points(X_ST, surface.points[visible]))
-
-
-def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
-    """Mask (n,) of the scan points near one of `points` (m, 3) [m] in S, within noise and spacing."""
-    if not len(points):
+    if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
+    points = transform_points(X_ST, surface.points[visible])
     limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
-    return NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
+    mask = NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
+    mask.setflags(write=False)
+    return mask
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:

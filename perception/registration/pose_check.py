@@ -278,7 +278,10 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
     # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line of sight shows it.
-    first = np.where(np.isfinite(scan.depth), scan.depth, np.inf)
+    top, left = max(0, int(row.min()) - 2), max(0, int(column.min()) - 2)
+    first = scan.depth[top : int(row.max()) + 3, left : int(column.max()) + 3]
+    first = np.where(np.isfinite(first), first, np.inf)
+    row, column = row - top, column - left
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)

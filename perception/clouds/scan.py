@@ -14,6 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from models.meshes.ray_casting import RayScene
 from perception.clouds.cloud_grid import jump, lattice_grid, organised_grid, scatter_grid
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage
@@ -27,6 +28,9 @@ _FACET = 0.056  # [rad] width of surface (31 px of the usual camera) for a local
 _ALIGNED = np.cos(np.deg2rad(20.0))  # cosine: least agreement of a local normal with its plane's
 _FACTORS = np.array([0x1E3779B97F4A7C15, 0x3F58476D1CE4E5B9, 0x14D049BB133111EB])  # large odd factors of `row_hash`
 _SEAM = 5  # [px] without depth between an occluder and the surface behind it
+_COUNTED = 1e6  # cubes up to which `voxel_means` counts the points of each
+_RAY_CELLS = 400  # cells along the longer side of a grid of parallel rays
+_SINGLE = 1e-5  # [m] more than the rounding of rays in single precision
 _EDGE_WIDTH = 2.0  # [px] of the Gaussian for the direction across an edge
 
 
@@ -90,6 +94,12 @@ class Scan:
     def pitch(self) -> float:
         """Angle between neighbouring pixels, as a tangent; the geometric mean where they are not square."""
         return float(np.sqrt(self.pitches.prod()))
+
+    @property
+    def rays(self) -> Array:
+        """Lines of sight (h, w, 3) of the pixels, scaled to a depth of 1."""
+        x, y = np.meshgrid(self.tangent_x, self.tangent_y)
+        return np.stack([x, y, np.ones_like(x)], axis=-1)
 
     def pixels(self, points: Array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Row and column (n,) of points (n, 3) [m] in S, clipped to the grid, and the mask of those within it."""
@@ -205,22 +215,65 @@ def triangulate(scan: Scan, mask: np.ndarray) -> tuple[Array, np.ndarray]:
     vertices = scan.points[mask]
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     faces = np.concatenate([np.stack([a, c, b], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
-    faces = faces[(faces >= 0).all(axis=1)]
-    z = vertices[faces, 2]
-    return vertices, faces[np.ptp(z, axis=1) < jump(z.min(axis=1))]
+    a, b, c = faces.T
+    faces = faces[(a >= 0) & (b >= 0) & (c >= 0)]
+    a, b, c = vertices[:, 2][faces.T]
+    nearest = np.minimum(np.minimum(a, b), c)
+    return vertices, faces[np.maximum(np.maximum(a, b), c) - nearest < jump(nearest)]
+
+
+def distances_along(scan: Scan, starts: Array, way: Array) -> Array | None:
+    """Distances from points to the triangulated surface of a scan, all in one direction.
+
+    Args:
+        scan: The scan.
+        starts: (n, 3) [m] in S.
+        way: (3,) unit direction in S.
+
+    Returns:
+        Distances (n,) [m], inf where the surface is missed; None if the scan has no surface.
+    """
+    vertices, triangles = triangulate(scan, np.isfinite(scan.depth))
+    if not len(triangles):
+        return None
+    # Most of a scan lies between the rays, and building a ray caster takes longer than casting.
+    triangles = triangles[_may_be_met(vertices, triangles, starts, way)]
+    used = np.zeros(len(vertices), dtype=bool)
+    used[triangles] = True
+    scene = RayScene(vertices[used], (np.cumsum(used) - 1)[triangles])
+    return scene.distance(starts, np.broadcast_to(way, starts.shape))
+
+
+def _may_be_met(vertices: Array, triangles: np.ndarray, starts: Array, way: Array) -> np.ndarray:
+    """Mask (t,) of the triangles whose bounding rectangle, seen along `way` (3,), holds one of the `starts` (n, 3)."""
+    across = np.linalg.svd(way[None])[2][1:].T
+    rays, seen = starts @ across, vertices @ across
+    corner, extent = rays.min(axis=0), np.ptp(rays, axis=0)
+    cell = max(float(extent.max()) / _RAY_CELLS, _SINGLE)
+    shape = (extent / cell).astype(int) + 1
+    counts = np.zeros(shape + 1, dtype=np.int32)
+    np.add.at(counts, tuple(((rays - corner) / cell).astype(int).T + 1), 1)
+    before = counts.cumsum(axis=0).cumsum(axis=1)  # rays in all cells below a corner of the grid
+    low = np.clip((seen - _SINGLE - corner) / cell, 0, shape).astype(np.int32)
+    high = np.clip((seen + _SINGLE - corner) / cell + 1.0, 0, shape).astype(np.int32)
+    a, b, c = triangles.T
+    (left, top), (right, bottom) = (
+        np.minimum(np.minimum(low[a], low[b]), low[c]).T,
+        np.maximum(np.maximum(high[a], high[b]), high[c]).T,
+    )
+    return before[right, bottom] - before[left, bottom] - before[right, top] + before[left, top] > 0
 
 
 def without_flying_pixels(scan: Scan) -> np.ndarray:
     """Mask (h, w) of pixels that share their surface with at least 3 of their 8 neighbours."""
     z = scan.depth
-    padded = np.pad(z, 1, constant_values=np.nan)
     step = jump(z)
     support = np.zeros(z.shape, dtype=np.int8)
-    height, width = z.shape
-    for dy in (0, 1, 2):
-        for dx in (0, 1, 2):
-            if (dy, dx) != (1, 1):
-                support += np.abs(padded[dy : dy + height, dx : dx + width] - z) < step
+    right, down, up = (np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]), (np.s_[1:, :-1], np.s_[:-1, 1:])
+    for here, there in (right, down, up, (np.s_[:-1, :-1], np.s_[1:, 1:])):
+        apart = np.abs(z[here] - z[there])
+        support[here] += apart < step[here]
+        support[there] += apart < step[there]
     return support >= 3
 
 
@@ -353,9 +406,17 @@ def connected_surfaces(points: Array, reach: float) -> np.ndarray:
 
 def voxel_means(points: Array, size: float) -> Array:
     """Mean (m, 3) of the points (n, 3) in each occupied cube of edge `size` [m], in a fixed order."""
-    cells = np.floor((points - points.min(axis=0)) / size).astype(np.int64)
-    key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
-    _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    low = np.array([axis.min() for axis in points.T])  # much faster than over axis 0 of narrow rows
+    cells = np.floor((points - low) / size).astype(np.int64)
+    shape = np.array([axis.max() for axis in cells.T]) + 1
+    if np.prod(shape.astype(float)) < _COUNTED:  # counting is faster than sorting
+        cube = (cells[:, 0] * shape[1] + cells[:, 1]) * shape[2] + cells[:, 2]
+        every = np.bincount(cube)
+        number = np.cumsum(every > 0) - 1
+        inverse, count = number[cube], every[every > 0]
+    else:
+        key = (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+        _, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
     return np.column_stack([np.bincount(inverse, weights=points[:, i]) for i in range(3)]) / count[:, None]
 
 

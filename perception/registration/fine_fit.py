@@ -139,14 +139,21 @@ class ModelSurface:
         Returns:
             The rendered scan, and cosines of incidence (h, w).
         """
-        width, height = len(scan.tangent_x), len(scan.tangent_y)
-        rays = np.stack([*np.meshgrid(scan.tangent_x, scan.tangent_y), np.ones((height, width))], axis=-1)
-        X_TS = inverse(X_ST)
+        rays, X_TS = scan.rays, inverse(X_ST)
         rays_T = rays @ X_TS[:3, :3].T
         hit = self.scene.cast(X_TS[:3, 3], rays_T)
         depth = np.where(np.isfinite(hit["t"]), hit["t"], np.nan).astype(np.float64)
         cosine = np.abs(np.einsum("hwi,hwi->hw", hit["normal"], rays_T)) / np.linalg.norm(rays, axis=-1)
         return Scan(points=rays * depth[..., None], tangent_x=scan.tangent_x, tangent_y=scan.tangent_y), cosine
+
+    def depth(self, X_ST: Array, scan: Scan) -> Array:
+        """Depth (h, w) [m] of the model at `X_ST` (4, 4) in the pixels of `scan`, NaN where it is missed."""
+        depth, X_TS = np.full(scan.depth.shape, np.nan), inverse(X_ST)
+        corners = transform_points(X_ST, self.target.vertices)
+        window = scan.window(corners, 0.0, scan.depth.size) if corners[:, 2].min() > 0.0 else np.s_[:, :]
+        t = self.scene.distance(X_TS[:3, 3], scan.part(window).rays @ X_TS[:3, :3].T)
+        depth[window] = np.where(np.isfinite(t), t, np.nan)
+        return depth
 
 
 @lru_cache(maxsize=8)  # one pose is judged several times: by its score, by ICP and by the check
@@ -317,7 +324,7 @@ def score(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> float:
     behind = measured - points[:, 2]
     agree = float(np.mean(np.abs(behind) < tolerance))
     through = float(np.mean(behind > 2.0 * tolerance))
-    return agree - through + float(np.mean(_near(evidence, surface, points)))
+    return agree - through + float(np.mean(explained(evidence, surface, X_ST)))
 
 
 def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndarray:
@@ -331,16 +338,20 @@ def explained(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> np.ndar
     Returns:
         Mask (n,).
     """
+    return _explained(evidence, surface, X_ST.tobytes())
+
+
+@lru_cache(maxsize=4)  # the accepted pose is judged by the check and by its score
+def _explained(evidence: Evidence, surface: ModelSurface, pose_bytes: bytes) -> np.ndarray:
+    X_ST = np.frombuffer(pose_bytes).reshape(4, 4)
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence)
-    return _near(evidence, surface, transform_points(X_ST, surface.points[visible]))
-
-
-def _near(evidence: Evidence, surface: ModelSurface, points: Array) -> np.ndarray:
-    """Mask (n,) of the scan points near one of `points` (m, 3) [m] in S, within noise and spacing."""
-    if not len(points):
+    if not visible.any():
         return np.zeros(len(evidence.points), dtype=bool)
+    points = transform_points(X_ST, surface.points[visible])
     limit = 2.0 * surface.spacing + 3.0 * evidence.sigma
-    return NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
+    mask = NearestPoint.of(points, surface.spacing).query(evidence.points, float(limit.max()))[0] < limit
+    mask.setflags(write=False)
+    return mask
 
 
 def edge_offsets(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> tuple[Array, float, float]:

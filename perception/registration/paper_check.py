@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.meshes.ray_casting import RayScene
-from perception.clouds.scan import triangulate
+from perception.clouds.scan import distances_along
 from perception.registration.fine_fit import Evidence, ModelSurface
 from perception.registration.pose_check import circle, direction, in_plane, lateral_reach
 from sim.interfaces.errors import ConfigurationError
@@ -57,11 +56,9 @@ def published_criterion(
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     C_model = surface.scene.distance(transform_points(X_TS, starts), way)
     part = evidence.scan.part(evidence.scan.window(points, 0.05, 10**6))
-    vertices, triangles = triangulate(part, part.depth > 0.0)
-    C_scan = np.full(n, np.inf)
-    if len(triangles):
-        scene = RayScene(vertices, triangles)
-        C_scan = scene.distance(starts, np.broadcast_to(o, starts.shape))
+    C_scan = distances_along(part, starts, o)
+    if C_scan is None:
+        return PublishedCriterion(q_m=0.0, rays=0, missed=n)
     both = np.isfinite(C_model) & np.isfinite(C_scan)
     E = C_scan[both] - C_model[both]
     return PublishedCriterion(q_m=float(np.sqrt(np.sum(E**2))), rays=int(both.sum()), missed=int((~both).sum()))

@@ -25,8 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from models.meshes.ray_casting import RayScene
-from perception.clouds.scan import connected_surfaces, jump, triangulate
+from perception.clouds.scan import connected_surfaces, distances_along, jump
 from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, edge_offsets, explained, fine_fit
 from perception.registration.symmetry import ambiguous_poses, are_different
 from sim.interfaces.spatial import Array, inverse, transform_points
@@ -269,10 +268,9 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     row, column = row[expected], column[expected]
 
     part = scan.part(scan.window(C_model, 0.05, _SURFACE_PIXELS))
-    vertices, triangles = triangulate(part, part.depth > 0.0)
-    if not len(triangles):
+    t_scan = distances_along(part, starts, o)
+    if t_scan is None:
         return "the scan has no surface"
-    t_scan = RayScene(vertices, triangles).distance(starts, np.broadcast_to(o, starts.shape))
     met = np.isfinite(t_scan)
     E = np.where(met, t_scan - t_model, np.inf)
     z = C_model[:, 2]
@@ -280,7 +278,10 @@ def _cast(evidence: Evidence, surface: ModelSurface, X_ST: Array, points: Array)
     slope = np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) / cosine
     sigma = np.sqrt(sensor.sigma(z) ** 2 + (pitch * slope) ** 2 + MODEL_TOLERANCE**2)
     # The ray starts in front of the object and an occluder may lie nearer: only the sensor's line of sight shows it.
-    first = np.where(np.isfinite(scan.depth), scan.depth, np.inf)
+    top, left = max(0, int(row.min()) - 2), max(0, int(column.min()) - 2)
+    first = scan.depth[top : int(row.max()) + 3, left : int(column.max()) + 3]
+    first = np.where(np.isfinite(first), first, np.inf)
+    row, column = row - top, column - left
     around = ndimage.minimum_filter(first, 3)[row, column]
     occluder = np.maximum(OCCLUDER, 6.0 * sigma)
     hidden = (around < z - occluder) | (-occluder > E)
@@ -414,7 +415,7 @@ def log_likelihood(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> fl
     rows, columns = evidence.mask.shape
     step = int(np.ceil(np.sqrt(max(1.0, rows * columns / _LIKELIHOOD_PIXELS))))
     scan = evidence.scan.part((slice(0, rows, step), slice(0, columns, step)))
-    depth = surface.seen(X_ST, scan)[0].depth
+    depth = surface.depth(X_ST, scan)
     shown = np.isfinite(depth) & np.isfinite(scan.depth)
     sigma = evidence.sensor.sigma(np.where(shown, depth, 1.0))
     behind = np.where(shown, scan.depth - depth, 0.0)

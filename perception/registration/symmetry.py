@@ -25,7 +25,7 @@ from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_poin
 _FOLDS = (2, 3, 4, 5, 6, 8)  # n of the rotations by multiples of 360/n deg
 _ALIKE = 0.06  # [-] rms distance between the surfaces, as a share of the radius, up to which a rotation is tried
 _COMPARED = 600  # model points compared, about
-_FEW = 10  # every so many of these points, a first test
+_FEW = 10  # shares in which these points are compared, until they exclude the rotation
 _TRIED = 6  # rotations kept, the most similar first
 # Broken symmetry
 _STEP = np.deg2rad(3.0)  # [rad] between the angles tried
@@ -63,12 +63,16 @@ def ambiguous_poses(surface: ModelSurface) -> tuple[Array, ...]:
                 if not all(are_different(symmetry, G, Y) for Y in (np.eye(4), *(Y for _, Y in found))):
                     continue
                 moved = transform_points(G, points)
-                # The distances of a few points alone exclude most rotations.
-                if np.sum(tree.query(moved[::_FEW])[0] ** 2) > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
-                    continue
-                unlike = float(np.sqrt(np.mean(tree.query(moved)[0] ** 2)))
-                if unlike <= _ALIKE * surface.radius:
-                    found.append((unlike, G))
+                distance, total = np.empty(len(moved)), 0.0
+                for k in range(_FEW):  # the distances of a few points alone exclude most rotations
+                    distance[k::_FEW] = tree.query(moved[k::_FEW])[0]
+                    total += float(np.sum(distance[k::_FEW] ** 2))
+                    if total > 1.01 * len(moved) * (_ALIKE * surface.radius) ** 2:
+                        break
+                else:
+                    unlike = float(np.sqrt(np.mean(distance**2)))
+                    if unlike <= _ALIKE * surface.radius:
+                        found.append((unlike, G))
     return tuple(G for _, G in sorted(found, key=lambda item: item[0]))[:_TRIED]
 
 

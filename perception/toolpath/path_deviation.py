@@ -14,9 +14,8 @@ import numpy as np
 from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
 
-from models.meshes.ray_casting import RayScene
 from models.objects.targets import ModelPath
-from perception.clouds.scan import jump, triangulate
+from perception.clouds.scan import distances_along, jump
 from perception.registration.fine_fit import Evidence, ModelSurface
 from sim.interfaces.errors import PerceptionError
 from sim.interfaces.spatial import Array, inverse, transform_points
@@ -182,11 +181,8 @@ def _project_on_scan(evidence: Evidence, near: Array, starts: Array, o: Array) -
     part = evidence.scan.part(evidence.scan.window(near, 0.1, 10**6))
     if min(part.depth.shape) < 2:
         return np.full(len(starts), np.inf)
-    vertices, triangles = triangulate(part, np.isfinite(part.depth))
-    if not len(triangles):
-        return np.full(len(starts), np.inf)
-    scene = RayScene(vertices, triangles)
-    return scene.cast(starts, np.broadcast_to(o, starts.shape))["t"]
+    found = distances_along(part, starts, o)
+    return np.full(len(starts), np.inf) if found is None else found
 
 
 def _in_plain_view(evidence: Evidence, surface: ModelSurface, X_ST: Array, rays: Array, face: np.ndarray) -> np.ndarray:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from models.meshes.ray_casting import RayScene
 from perception.clouds import scan as scans
-from perception.clouds.scan import Scan, SensorModel, contour, facing_normals
+from perception.clouds.scan import Scan, SensorModel, contour, distances_along, facing_normals, triangulate, voxel_means
 from sim.interfaces.spatial import Array, exp_so3
 
 
@@ -94,3 +95,30 @@ def test_a_square_before_a_wall_has_an_edge_on_each_side_midway() -> None:
     flat = scan_of(depth)
     assert not len(contour(flat, np.ones_like(mask), flat.depth).rows)
     assert not len(contour(flat, mask, flat.depth).rows)
+
+
+def test_rays_meet_a_scan_as_they_meet_its_whole_triangulated_surface(rng: np.random.Generator) -> None:
+    tangents = np.linspace(-0.4, 0.4, 60)
+    for _ in range(10):
+        depth = 1.5 + 0.3 * rng.random() * np.sin(9.0 * tangents + tangents[:, None]) + 0.01 * rng.normal(size=(60, 60))
+        depth[rng.random((60, 60)) < 0.1] = np.nan
+        scan = Scan.of_grid(depth, tangents, tangents)
+        way = exp_so3(rng.uniform(-0.6, 0.6, 3))[:, 2]
+        starts = rng.uniform(-0.6, 0.6, (400, 3)) * [1.0, 1.0, 0.1]
+        found = distances_along(scan, starts, way)
+        whole = RayScene(*triangulate(scan, np.isfinite(depth))).distance(starts, np.broadcast_to(way, starts.shape))
+        assert found is not None
+        assert 0 < np.isfinite(whole).sum() < len(starts)
+        np.testing.assert_array_equal(found, whole)
+    assert (
+        distances_along(Scan.of_grid(np.full((60, 60), np.nan), tangents, tangents), np.zeros((1, 3)), np.eye(3)[2])
+        is None
+    )
+
+
+def test_counted_cubes_have_the_means_of_sorted_ones(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    points = rng.normal(size=(3000, 3)) * [1.0, 0.3, 0.1] - 5.0
+    counted = voxel_means(points, 0.05)
+    monkeypatch.setattr(scans, "_COUNTED", 0.0)
+    np.testing.assert_array_equal(counted, voxel_means(points, 0.05))
+    assert 100 < len(counted) < len(points)

@@ -34,6 +34,8 @@ from sim.plant.readout import COLLISION, LEAST, MOST, NORMAL
 from sim.sensors.proprioception import Encoders, Imu, JointTorqueSensors, encode, sense_motion, transmit
 
 _NEW, _PLANNED, _COMMANDED = int(Stage.NEW), int(Stage.PLANNED), int(Stage.COMMANDED)
+# Called by other kernels only: entries from Python would take a third of the time of compiling `run_ticks`.
+_WITHIN: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _DRIVES = (Encoders, JointTorqueSensors, Imu)  # sensors of every tick, in their order
 
 
@@ -72,14 +74,14 @@ class World(NamedTuple):
     referred: np.ndarray  # (1,) index of the present reference in the recording
 
 
-@numba.njit(cache=True, no_cfunc_wrapper=True)
+@numba.njit(cache=True)
 @keyed_by_imports
 def _box_of(world):
     """`RecordBox` of a `World`."""
     return new_box(world)
 
 
-@numba.njit(cache=True, nogil=True, no_cfunc_wrapper=True)
+@numba.njit(cache=True, nogil=True)
 @keyed_by_imports
 def run_ticks(box, ticks, begun, onward):
     """Run ticks, from any `Stage` of the first one to any stage of the tick after the last one.
@@ -119,7 +121,7 @@ def run_ticks(box, ticks, begun, onward):
     return ticks, stage, FINE
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@numba.njit(cache=True, **_WITHIN)
 @keyed_by_imports
 def _perceive(world):
     """Samples of the sensors into the filter, and its estimate."""
@@ -132,7 +134,7 @@ def _perceive(world):
     put_out(world.filter, joints, world.estimate)
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@numba.njit(cache=True, **_WITHIN)
 @keyed_by_imports
 def _record(world):
     """Write one row of the recording."""
@@ -148,7 +150,7 @@ def _record(world):
     write_row(world.rows, time, scalars, world.referred[0], drive.f_W, felt)
 
 
-@numba.njit(cache=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@numba.njit(cache=True, **_WITHIN)
 def _copy(one, other):
     """Copy one EstimateRecord into another, by loops: numba compiles them in a tenth of the time of slices."""
     other.time[0] = one.time[0]

@@ -33,7 +33,12 @@ from sim.interfaces.errors import UuvError
 from sim.loop.record_box import RecordBoxType
 
 LIST = Path(__file__).with_suffix(".json")
-WATER = "sim.hydrodynamics:install"  # a function to call, no kernel
+CALLS = (  # functions that compile something: their argument, roughly their seconds, and the kernels that come first
+    ("sim.hydrodynamics:install", (), 8.0, "sim.water."),
+    ("controllers.ik.entries:entry", ("kinematics",), 0.5, "controllers.ik."),
+    ("controllers.ik.entries:entry", ("keep",), 2.0, "controllers.ik."),
+    ("controllers.ik.entries:entry", ("hybrid",), 4.0, "controllers.ik."),
+)
 ROOMS = ("models", "sim", "controllers", "perception", "scenarios")
 _config: Any = importlib.import_module("numba.core.config")  # its names are made at run time
 MOST = 8  # processes; more would wait for each other
@@ -41,10 +46,11 @@ MOST = 8  # processes; more would wait for each other
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One kernel to compile."""
+    """One kernel to compile, or a function to call that compiles some."""
 
     kernel: str  # module:name
-    takes: Any  # encoded types of its arguments; None: a function to call
+    takes: list[Any] | None  # encoded types of its arguments; None: a function to call
+    given: tuple[str, ...]  # to the function
     after: tuple[int, ...]  # rows of the list that it calls
     seconds: float  # [s] of one core, without those; where the list was made
 
@@ -53,7 +59,7 @@ class Job:
         module, name = self.kernel.split(":")
         kernel = getattr(importlib.import_module(module), name)
         if self.takes is None:
-            kernel()
+            kernel(*self.given)
         else:
             kernel.compile(tuple(decoded(each) for each in self.takes))
 
@@ -61,7 +67,7 @@ class Job:
 def jobs() -> list[Job]:
     """The list; those that a job calls stand before it."""
     rows = json.loads(LIST.read_text(encoding="utf-8"))
-    return [Job(row["kernel"], row["takes"], tuple(row["after"]), row["seconds"]) for row in rows]
+    return [Job(**row | {"given": tuple(row["given"]), "after": tuple(row["after"])}) for row in rows]
 
 
 def encoded(kind: Any) -> Any:
@@ -210,7 +216,7 @@ def _in_order(todo: list[Job], pool: ThreadPoolExecutor, do: Any, most: int) -> 
             yield row, future.result()
 
 
-def kernels() -> Iterator[tuple[str, CPUDispatcher]]:
+def kernels() -> Iterator[tuple[str, Any]]:
     """All kernels of the project that are imported, with their names module:name."""
     for module in list(sys.modules.values()):
         if getattr(module, "__name__", "").partition(".")[0] in ROOMS:
@@ -267,6 +273,8 @@ def listed() -> list[Job]:
 
     watch = _Stopwatch()
     with event.install_listener("numba:compile", watch):
+        for name, given, *_ in CALLS:
+            Job(name, None, given, (), 0.0).do()
         run_through(assemble(barrel(quick=True)))
     made = [
         (name, args, kernel)
@@ -286,12 +294,15 @@ def listed() -> list[Job]:
     order: list[int] = []
     while len(order) < len(made):  # those that a job calls before it
         order += [row for row in range(len(made)) if row not in order and after[row].issubset(order)]
-    found = [Job(WATER, None, (), 10.0)]
+    found: list[Job] = []
     for row in order:
         name, args, kernel = made[row]
-        before = tuple(sorted(1 + order.index(each) for each in after[row]))
+        before = tuple(sorted(order.index(each) for each in after[row]))
         seconds = round(watch.spent.get((id(kernel), args), 0.0), 2)
-        found.append(Job(name, [encoded(each) for each in args], before, seconds))
+        found.append(Job(name, [encoded(each) for each in args], (), before, seconds))
+    for name, given, seconds, needs in CALLS:
+        before = tuple(row for row, job in enumerate(found) if job.kernel.startswith(needs))
+        found.append(Job(name, None, given, before, seconds))
     return found
 
 

@@ -7,7 +7,7 @@ from dh_product import drawn_arm, link_frames
 from sim.interfaces.spatial import Array
 from uncompiled import uncompiled
 
-_, kernels = uncompiled("models.arms.kinematics", "calib.kernels")
+*_, kernels = uncompiled("models.arms.kinematics", "models.arms.tip_places", "calib.kernels")
 
 
 def test_the_size_is_the_root_of_summed_squares(rng: np.random.Generator) -> None:

@@ -23,6 +23,7 @@ from scenarios.runner import LONGEST, run_through
 from sim.interfaces.messages import FaultKind
 from sim.loop import recording
 from sim.loop.recording import EVERY_STEP
+from sim.sensors.proprioception import Dvl
 from untyped import untyped
 
 EARLY = 4.0  # [s] of a short run: settled, and identified
@@ -60,6 +61,17 @@ def test_lost_vision_is_found_at_the_same_tick():
     """Vision falls silent; its age passes the limit between two slow ticks, and the fault ends the compiled ones."""
     silent = SensorFailure(sensor="vision", effect="lost", at=1.0)
     one, other = digests(replace(barrel(quick=True), perturbations=(silent,)), EARLY)
+    assert one == other
+
+
+def test_a_fix_between_two_ticks_of_the_planner_is_taken_at_its_own_tick():
+    """The Doppler log measures every 3 ticks, the planner comes every 5: after a fix of vision, a log is due within."""
+
+    def often(assembly: Assembly) -> Assembly:
+        sensors = [replace(s, period=0.006) if isinstance(s, Dvl) else s for s in assembly.parts.sensors]
+        return replace(assembly, loop=replace(assembly.loop, parts=replace(assembly.parts, sensors=sensors)))
+
+    one, other = digests(barrel(quick=True), 1.5, often)
     assert one == other
 
 

@@ -49,7 +49,12 @@ def test_the_list_holds_what_a_job_loads(jobs):
 
 
 def test_rows_run_after_those_that_they_call_two_at_a_time_and_the_longest_way_first():
-    todo = [Job("a", None, (), 1.0), Job("b", None, (), 9.0), Job("c", None, (0,), 20.0), Job("d", None, (1, 2), 1.0)]
+    todo = [
+        Job("a", None, (), (), 1.0),
+        Job("b", None, (), (), 9.0),
+        Job("c", None, (), (0,), 20.0),
+        Job("d", None, (), (1, 2), 1.0),
+    ]
     began: list[int] = []
     lock, most = threading.Semaphore(2), 2
 

@@ -6,7 +6,7 @@ from dh_product import drawn_arm, link_frames
 from sim.interfaces.spatial import Array, exp_so3
 from uncompiled import uncompiled
 
-(kinematics,) = uncompiled("models.arms.kinematics")
+kinematics, tip_places = uncompiled("models.arms.kinematics", "models.arms.tip_places")
 
 
 def test_frames_are_products_of_elementary_moves(rng: np.random.Generator) -> None:
@@ -35,9 +35,9 @@ def test_tips_and_their_derivatives(rng: np.random.Generator) -> None:
 
     J = np.zeros((3, 5 * n + 3, 3))
     np.testing.assert_allclose(
-        kinematics.tips(table, slides, X_base, X_flange, tcp, q, J), tips(table, tcp), atol=1e-12
+        tip_places.tips(table, slides, X_base, X_flange, tcp, q, J), tips(table, tcp), atol=1e-12
     )
-    none = kinematics.tips(table, slides, X_base, X_flange, tcp, q, kinematics.NO_JACOBIAN)
+    none = tip_places.tips(table, slides, X_base, X_flange, tcp, q, tip_places.NO_JACOBIAN)
     np.testing.assert_allclose(none, tips(table, tcp), atol=1e-12)
     h = 1e-6
     for i in range(5 * n + 3):

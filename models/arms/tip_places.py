@@ -18,6 +18,7 @@ _FLAGS = types.Array(boolean, 1, "C", readonly=True)
 
 
 @njit(cache=True)
+@keyed_by_imports
 def cross_into(out, a, b, c):
     """Write a x (b - c) into `out` (3,)."""
     x, y, z = b[0] - c[0], b[1] - c[1], b[2] - c[2]

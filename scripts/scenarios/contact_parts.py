@@ -63,11 +63,12 @@ def believed_and_built(vehicle: VehicleSetup, belief: Belief, task: Task) -> tup
     known, said = arm, ""
     if belief.calibrated or belief.arm is not None:
         from scenarios.arm_identification import deck_calibration  # only here: its kernels compile on import
-    if belief.calibrated:
-        rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
-        known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
-    elif belief.arm is not None:
-        known, said = deck_calibration.from_file(Path(belief.arm), arm)
+
+        if belief.calibrated:
+            rng = np.random.default_rng([vehicle.arm_errors or 0, 1])
+            known, said = deck_calibration.calibrate_on_deck(arm, true, rng)
+        elif belief.arm is not None:
+            known, said = deck_calibration.from_file(Path(belief.arm), arm)
     if known is not arm:
         dh_geometry.move(believed, arm, known, ARM_BASE_BODY)
     return believed, built, said

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import mujoco
 import numpy as np
 
-from controllers.arm.compliance import ComplianceState, LateralCompliance
+from controllers.arm.compliance import LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import ForceDisplacement
 from controllers.arm.tool_motion import ToolMotion, ToolTracking, hold_joints, track_tool
@@ -52,6 +52,33 @@ class ForceLaw(Protocol):
         ...
 
 
+class SideDisplacement(Protocol):
+    """Displacement of the tool across its axis, for an estimated force."""
+
+    def init(self) -> Any:
+        """Initial state: no displacement; its `offset_W` (3,) [m] is the present one."""
+        ...
+
+    def acts(self, reference: Reference) -> bool:
+        """True while the loop is closed under `reference`."""
+        ...
+
+    def step(self, state: Any, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
+        """Displacement (3,) [m], W, with the loop closed.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            f_tip_W: (3,) [N] force of the world on the tip, W.
+            z_WG: (3,) unit tool axis, W.
+            dt: [s] since the last step.
+        """
+        ...
+
+    def release(self, state: Any, dt: float) -> Array:
+        """Displacement (3,) [m], W, on its way back to zero."""
+        ...
+
+
 class DriftCorrection(Protocol):
     """Hull pose by which the arm places the tool."""
 
@@ -90,7 +117,7 @@ class ToolControlState:
     """State of tool control."""
 
     force: Any  # of the force law
-    compliance: ComplianceState
+    compliance: Any  # of the displacement across the tool axis
     k: float  # [m] displacement along the tool axis
     motion: ToolMotion
     servo_compliance: float = 0.0  # [m/N] of the tip along the tool axis
@@ -107,7 +134,7 @@ class ToolControl:
         tuning: ArmTuning,
         *,
         force_law: ForceLaw | None = None,
-        compliance: LateralCompliance | None = None,
+        compliance: SideDisplacement | None = None,
         drift: DriftCorrection | None = None,
     ) -> None:
         """Set up for the arm of the vehicle in `model`.
@@ -117,12 +144,12 @@ class ToolControl:
             arm: its arm's dynamics.
             tuning: gains of the arm.
             force_law: force loop along the tool axis; None: `ForceDisplacement`.
-            compliance: lateral compliance; None: the default one.
+            compliance: displacement across the tool axis; None: `LateralCompliance`.
             drift: drift correction; None: `FromEstimate`.
         """
         vehicle = Vehicle.of(model)
         self.force_law: ForceLaw = force_law or ForceDisplacement()
-        self.compliance = compliance or LateralCompliance()
+        self.compliance: SideDisplacement = compliance or LateralCompliance()
         self.drift: DriftCorrection = drift or FromEstimate()
         self._arm, self._tuning = arm, tuning
         passive = [model.joint(j).name for j in range(model.njnt) if j not in vehicle.joints and model.jnt_type[j] != 0]
@@ -137,7 +164,7 @@ class ToolControl:
         """Initial state: the arm held where it is."""
         return ToolControlState(
             force=self.force_law.init(),
-            compliance=ComplianceState(),
+            compliance=self.compliance.init(),
             k=0.0,
             motion=ToolMotion.start(estimate.q, self._chain.memory()),
         )
@@ -183,7 +210,7 @@ class ToolControl:
             state.k = self.force_law.step(state.force, reference.force, force.normal, servo_compliance, dt)
         else:
             state.k = self.force_law.release(state.force, dt, inwards=False)
-        if reference.compliant:
+        if self.compliance.acts(reference):
             offset_W = self.compliance.step(state.compliance, force.force_W, X_WG[:3, 2], dt)
         else:
             offset_W = self.compliance.release(state.compliance, dt)

@@ -122,7 +122,7 @@ class ArmTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceLoopTuning:
-    """Force loop: PID from the normal force error to the displacement of the tool."""
+    """Force loop: integral law, with optional P and D, from the normal force error to the displacement."""
 
     title = "force loop"
     bandwidth: float = tuned(24.0, "[rad/s] of the closed loop on any surface")
@@ -140,6 +140,26 @@ class ForceLoopTuning:
         positive = ("bandwidth", "limit", "speed", "softest", "smoothing", "memory", "prior")
         not_negative = ("proportional_time", "derivative_time", "response")
         check(self, "displacement", positive=positive, not_negative=not_negative)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishedForceTuning:
+    """Published force law: PID from each component of the force error to the displacement of the tool."""
+
+    title = "published force law"
+    proportional: float = tuned(1e-5, "[m/N]")
+    integral: float = tuned(5e-4, "[m/(N s)]")
+    derivative: float = tuned(0.0, "[m s/N]")
+    limit: float = tuned(0.04, "[m] largest displacement along the tool axis, and across it")
+    speed: float = tuned(0.03, "[m/s] largest speed of the displacement")
+
+    def __post_init__(self) -> None:
+        check(
+            self,
+            "published force law",
+            positive=("limit", "speed"),
+            not_negative=("proportional", "integral", "derivative"),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

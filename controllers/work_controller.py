@@ -22,7 +22,7 @@ from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
 from controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors
 from controllers.hull.hull_control import ArmLoad, ArmWrench, Feedforward, HullControl, HullControlState
-from controllers.tool_control import DriftCorrection, ForceLaw, ToolControl, ToolControlState
+from controllers.tool_control import DriftCorrection, ForceLaw, SideDisplacement, ToolControl, ToolControlState
 from controllers.tuning import DRIVE_PERIOD, HULL, ArmTuning, ObserverDeviations
 from models.vehicle import Vehicle
 from sim.interfaces.messages import Command, HullLoad, Reference, StateEstimate
@@ -57,7 +57,7 @@ class WorkController:
         tuning: ArmTuning | None = None,
         estimator: ContactEstimator | None = None,
         force_law: ForceLaw | None = None,
-        compliance: LateralCompliance | None = None,
+        compliance: SideDisplacement | None = None,
         drift: DriftCorrection | None = None,
         feedforward: Feedforward | None = None,
         water_error: float = 0.0,
@@ -69,7 +69,7 @@ class WorkController:
             tuning: gains of the arm.
             estimator: of the contact force; None: `TorqueSensors`.
             force_law: force loop along the tool axis; None: `ForceDisplacement`.
-            compliance: lateral compliance; None: the default one.
+            compliance: displacement across the tool axis; None: `LateralCompliance`.
             drift: correction of the tool for the hull's drift; None: `FromEstimate`.
             feedforward: of the arm's wrench to the thrusters; None: `ArmWrench`.
             water_error: [-] share by which added masses and drags are deliberately wrong.

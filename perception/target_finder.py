@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,7 @@ from models.objects.targets import ModelPath, TargetModel
 from perception.clouds.scan import Scan, SensorModel
 from perception.clouds.sonar_cloud import without_isolated_echoes
 from perception.registration.fine_fit import ModelSurface
-from perception.registration.identification import Identification, identify
+from perception.registration.identification import Identification, Method, identify
 from perception.toolpath.path_planner import plan_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import DepthImage, Measurement, SonarScan, StateEstimate, Target, ToolPath
@@ -56,6 +57,8 @@ class KnownObjectFinder:
 
     Implements `sim.interfaces.protocols.TargetFinder`.
     """
+
+    method: ClassVar[Method] = "planes"
 
     def __init__(
         self,
@@ -140,6 +143,7 @@ class KnownObjectFinder:
             None if self._R_WT is None else X_CW[:3, :3] @ self._R_WT,
             sensor=sensor,
             seed=self._seed,
+            method=self.method,
         )
         path, reason = None, found.reason
         if found.accepted and self._path is not None:
@@ -161,6 +165,12 @@ class KnownObjectFinder:
         return FinderState(frames=state.frames + 1, last=found, X_WC=readonly(X_WC)), target
 
 
+class PublishedFinder(KnownObjectFinder):
+    """Target finder with the published ICP and the published threshold on Q [Konoplin 2022]."""
+
+    method: ClassVar[Method] = "paper-q"
+
+
 def _scan_of(echoes: Array) -> Scan | Array:
     """Convert echoes (h, w, 3) [m] to a Scan, or return them unchanged for `identify` to report the reason."""
     try:
@@ -171,12 +181,8 @@ def _scan_of(echoes: Array) -> Scan | Array:
 
 def _in_world(X_WC: Array, path: ToolPath) -> ToolPath:
     R_WC = X_WC[:3, :3]
-    return ToolPath(
-        s=path.s,
-        p=readonly(transform_points(X_WC, path.p)),
-        z=readonly(path.z @ R_WC.T),
-        x=readonly(path.x @ R_WC.T),
-        on_scan=path.on_scan,
+    return replace(
+        path, p=readonly(transform_points(X_WC, path.p)), z=readonly(path.z @ R_WC.T), x=readonly(path.x @ R_WC.T)
     )
 
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from controllers.tuning import ComplianceTuning
+from sim.interfaces.messages import Reference
 from sim.interfaces.spatial import Array
 
 
@@ -33,6 +34,14 @@ class ComplianceState:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LateralCompliance(ComplianceTuning):
     """Admittance from the lateral contact force to the tool's position."""
+
+    def init(self) -> ComplianceState:
+        """Initial state: no offset."""
+        return ComplianceState()
+
+    def acts(self, reference: Reference) -> bool:
+        """True where the tool is to yield to lateral forces."""
+        return reference.compliant
 
     def step(self, state: ComplianceState, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
         """Offset of the tool for the measured contact force.

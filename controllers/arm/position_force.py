@@ -7,7 +7,8 @@ tool off its path. Therefore the displacement here acts along the tool axis, fro
     k = I + K T_p (e + T_d de/dt),    dI = K e dt + C_surface dF_set,    K = bandwidth (C_servo + C_surface)
 
 e is the expected less the felt force; the expected one follows the set force F_set with the lag `response`. T_p and T_d
-are `proportional_time` and `derivative_time`. Then k is limited in speed and size.
+are `proportional_time` and `derivative_time`. They are zero by default: an integral law, fed forward by the learnt
+compliance. Then k is limited in speed and size. The law as published is `published_force_law`.
 
 One tuning covers soft rubber and steel. The gains are stated as a loop bandwidth and multiplied by the displacement per
 newton. This is the compliance of the arm's servo, which is known, plus that of the surface under the pad. The latter is
@@ -25,7 +26,7 @@ from controllers.tuning import ForceLoopTuning, tuned
 from sim.interfaces.spatial import Array
 
 # Entries of `ForceDisplacementState.numbers`
-K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the PID
+K, INTEGRAL = 0, 1  # [m] displacement along the tool axis, into the surface; its part from the error
 ERROR, WANTED, EXPECTED = 2, 3, 4  # [N] at the last step: error, set force (NaN: the loop was open), expected force
 FELT, DISPLACED = 5, 6  # measured normal force [N] and displacement [m], smoothed for the slope
 COMPLIANCE = 7  # [m/N] of the surface, as identified
@@ -41,7 +42,7 @@ def _open_loop() -> Array:
 
 @dataclass(slots=True, eq=False)
 class ForceDisplacementState:
-    """Displacement of the tool, memory of the PID, and the identified surface compliance."""
+    """Displacement of the tool, memory of the loop, and the identified surface compliance."""
 
     numbers: Array = field(default_factory=_open_loop)  # (NUMBERS,), changed in place
 
@@ -78,7 +79,7 @@ class ForceLoopGains(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForceDisplacement(ForceLoopTuning):
-    """PID from the normal force error to the displacement, with anti-windup and a speed limit."""
+    """Integral law from the normal force error to the displacement, with anti-windup, limits, and optional P and D."""
 
     @property
     def closed_loop(self) -> bool:

@@ -447,9 +447,12 @@ class TorqueSensors(TorqueResidual):
             noise = self._tuning.torques.share * np.abs(estimate.tau)
             kept = self._force_share / (2.0 - self._force_share)  # of white noise behind the filter of the force
             variance = kept * noise**2 + self._tuning.torques.drift**2
-            sigma_G = force_sigma(state.sensed.X_BG, state.sensed.J_B, state.floor + noise, variance)
-            state.estimate = replace(state.estimate, sigma_G=sigma_G)
+            state.estimate = replace(state.estimate, sigma_G=self._sigma_G(state, state.floor + noise, variance))
         state.tick += 1
+
+    def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:
+        """Standard deviation (3,) [N] of the force in tool axes, as `force_sigma`."""
+        return force_sigma(state.sensed.X_BG, state.sensed.J_B, weighed, variance)
 
     def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
         """Force, friction and motion of one sample, without tare and payload; the sigma stays as it is.

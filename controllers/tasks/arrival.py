@@ -218,6 +218,8 @@ def arrival(
         placement, path, worked = site.stand(target, target.path)
         if worked < 1.0:
             held.note = f"the reach ends at {worked:.0%} of the path; that part is worked"
+        elif path.note:
+            held.note = path.note
         if not placement.held:
             held.note = "the thrusters may not hold the hull against friction at the set force"
         held.line, held.depth = ToolLine(path, placement, offset), depth

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
+from controllers.planning.hull_placement import stretches
 from controllers.planning.trajectories import Progress
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
@@ -192,12 +193,16 @@ class FollowState:
 
     progress: Progress
     since: float  # [s] start of the motion, later by every pause
+    begin: float = 0.0  # [m] arc length where it starts
     pace: float = 1.0  # speed along the path as a share of that planned
     v_WB_W: Array = field(default_factory=lambda: ZERO)  # (3,) [m/s] of the hull, which travels with the tool
 
 
 class FollowPath(Phase):
-    """Move along the path, with set forces on consecutive, equally long parts of it; the hull travels along."""
+    """Move along the path, with set forces on consecutive, equally long parts of it; the hull travels along.
+
+    Where the tool cannot press on all of the path, this is one stretch of it, and there may be more.
+    """
 
     def __init__(self, limits: FollowLimits, forces: Sequence[float], rate: float) -> None:
         """Set up the phase.
@@ -210,25 +215,31 @@ class FollowPath(Phase):
         self._limits, self._forces, self._rate = limits, tuple(forces), rate
 
     def enter(self, held: Held, now: Context) -> FollowState:
-        """Begin at rest at the path's begin."""
+        """Begin at rest, at the begin of a stretch."""
         assert held.line is not None
-        return FollowState(Progress(float(held.line.path.s[-1]), self._limits.speed, self._limits.ramp), now.time)
+        path, limits = held.line.path, self._limits
+        end = float(path.s[-1])
+        if self._forces:
+            end = min(last for _, last in stretches(path) if last > held.s)
+        return FollowState(Progress(end - held.s, path.pace * limits.speed, limits.ramp), now.time, held.s)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
-        """Done at the end of the path."""
-        limits, progress = self._limits, state.progress
+        """Done at the end of the path; more at the end of any other stretch."""
+        assert held.line is not None
+        limits, progress, length = self._limits, state.progress, float(held.line.path.s[-1])
         state.pace = towards(state.pace, 0.0 if now.paused else 1.0, now.period / limits.pace_time)
         state.since += (1.0 - state.pace) * now.period
-        held.s, rate = progress.at(now.time - state.since)
+        done, rate = progress.at(now.time - state.since)
+        held.s = state.begin + done
         if self._forces:
-            part = min(int(held.s / progress.length * len(self._forces)), len(self._forces) - 1)
+            part = min(int(held.s / length * len(self._forces)), len(self._forces) - 1)
             force = self._forces[part] * (limits.paused_force if now.paused else 1.0)
             held.force = towards(held.force, force, self._rate * now.period)
         if now.time - state.since > progress.duration + limits.linger:
-            return PhaseEvent.DONE
+            return PhaseEvent.DONE if next_stretch(held) is None or not self._forces else PhaseEvent.MORE
         placement = held.start_of_line()
-        held.X_WB = placement.hull_at(held.s / progress.length)
-        state.v_WB_W = rate * state.pace / progress.length * placement.travel_W
+        held.X_WB = placement.hull_at(held.s / length)
+        state.v_WB_W = rate * state.pace / length * placement.travel_W
         return None
 
     def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
@@ -243,6 +254,43 @@ class FollowPath(Phase):
             force=held.force,
             force_control=bool(self._forces),
         )
+
+
+def next_stretch(held: Held) -> float | None:
+    """Arc length [m] at which the next stretch of the path begins; None after the last one."""
+    assert held.line is not None
+    return min((begin for begin, _ in stretches(held.line.path) if begin > held.s), default=None)
+
+
+class NextStretch(Phase):
+    """Move the tool at the stand-off to the next stretch of the path on which it can press; the hull travels along."""
+
+    def __init__(self, limits: FollowLimits, standoff: float) -> None:
+        """Set up the phase: limits of the motion, and distance [m] from the surface."""
+        self._limits, self._standoff = limits, standoff
+
+    def enter(self, held: Held, now: Context) -> FollowState:
+        """Begin where the retreat ended."""
+        begin = next_stretch(held)
+        assert begin is not None
+        held.depth = min(0.0, held.depth - self._standoff)
+        limits = self._limits
+        return FollowState(Progress(begin - held.s, limits.speed, limits.ramp), now.time, held.s)
+
+    def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
+        """Done at rest before the next stretch."""
+        assert held.line is not None
+        done, rate = state.progress.at(now.time - state.since)
+        held.s, length, placement = state.begin + done, float(held.line.path.s[-1]), held.start_of_line()
+        held.X_WB = placement.hull_at(held.s / length)
+        state.v_WB_W = rate / length * placement.travel_W
+        return PhaseEvent.DONE if now.time - state.since > state.progress.duration + self._limits.linger else None
+
+    def setpoint(self, state: FollowState, held: Held, now: Context) -> Setpoint:
+        """The tool at the stand-off."""
+        X_WG, tangent, turn = held.tool()
+        rate = state.progress.at(now.time - state.since)[1]
+        return Setpoint(X_WG=X_WG, v_WG_W=rate * tangent, w_WG_W=rate * turn, v_WB_W=state.v_WB_W)
 
 
 class Unload(Phase):

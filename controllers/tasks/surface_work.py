@@ -3,6 +3,8 @@ r"""Surface work: presses the tool along a path on a known object with set force
 settle -> scan -> close-in -> tare -> approach -> press -> work -> retreat -> done
              \-> other view -> scan ...          any state with contact -> retreat -> abort
 
+Where the end of the tool does not fit the surface on part of the path (`ToolPath.fits`), the tool is lifted there: work
+-> retreat -> close-in -> approach, once for each further stretch.
 Work without contact [Konoplin 2019] goes from approach directly to work: there is no surface to press on.
 """
 
@@ -20,6 +22,7 @@ from controllers.tasks.contact_phases import (
     FollowLimits,
     FollowPath,
     GuardedApproach,
+    NextStretch,
     Press,
     PressLimits,
     Retreat,
@@ -173,10 +176,16 @@ def surface_rows(site: WorkSite, job: SurfaceTaskConfig) -> Iterable[tuple[str, 
     )
     yield "approach", meet
     yield "press", TaskRow(press, states.PRESS, {PhaseEvent.DONE: "work"}, BREAK_OFF, feels=True)
-    yield (
-        "work",
-        TaskRow(follow, states.WORK, {PhaseEvent.DONE: "unload" if job.presses else "retreat"}, BREAK_OFF, feels=True),
-    )
+    ends = {
+        PhaseEvent.DONE: "unload" if job.presses else "retreat",
+        PhaseEvent.MORE: "let go" if job.presses else "lift",
+    }
+    yield "work", TaskRow(follow, states.WORK, ends, BREAK_OFF, feels=True)
+    let_go, lift = Unload(job.force_rate, approach.touch), Retreat(approach.speed, approach.standoff)
+    onward = NextStretch(FollowLimits(speed=job.speed), approach.standoff)
+    yield "let go", TaskRow(let_go, states.RETREAT, {PhaseEvent.DONE: "lift"}, BREAK_OFF)
+    yield "lift", TaskRow(lift, states.RETREAT, {PhaseEvent.DONE: "onward", PhaseEvent.ADRIFT: "rise"}, BREAK_OFF)
+    yield "onward", TaskRow(onward, states.CLOSE_IN, {PhaseEvent.DONE: "approach"}, BREAK_OFF)
     yield from retreat_rows(job)
 
 

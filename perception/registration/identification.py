@@ -17,7 +17,8 @@ from models.objects.targets import TargetModel
 from perception.clouds.scan import MIN_POINTS, Scan, SensorModel, background, near_any, without_flying_pixels
 from perception.registration.fine_fit import Evidence, IcpFit, ModelSurface, fine_fit, score
 from perception.registration.initialiser import Expected, initial_poses
-from perception.registration.paper_icp import laid_on, paper_fit
+from perception.registration.paper_check import published_criterion
+from perception.registration.paper_icp import laid_on, paper_fit, required_error
 from perception.registration.pose_check import Decision, PoseCheck, check, log_likelihood
 from perception.registration.symmetry import resolve_symmetry
 from sim.interfaces.errors import ConfigurationError, PerceptionError
@@ -33,7 +34,7 @@ from sim.interfaces.spatial import (
     whole_number,
 )
 
-Method = Literal["planes", "paper"]
+Method = Literal["planes", "paper", "paper-q"]
 
 _FARTHEST = 1e5  # [m] largest accepted distance of an object from the sensor
 APPROACH_ERROR = 0.3  # [m] largest error of a coarse detection, unless the caller states another
@@ -123,7 +124,8 @@ def identify(
         sensor: Accuracy of the sensor, from which the limits follow; None: `SensorModel()`.
         approach_error: [m] largest error of `approach`.
         seed: Of all random samples.
-        method: "planes", or "paper" for the published ICP (`paper_icp`). That one has no search: give `orientation`.
+        method: "planes"; "paper" for the published ICP (`paper_icp`), which has no search: give `orientation`;
+            "paper-q" for that with the published threshold on Q (`paper_check`) in place of `pose_check`.
 
     Returns:
         The pose with its PoseCheck, evidence and other hypotheses.
@@ -178,6 +180,8 @@ def identify(
         X_ST = X_told
     second = found.others[0].log_likelihood if found.others else -np.inf
     verdict = check(evidence, surface, X_ST, found.fit, second)
+    if method == "paper-q":
+        verdict = _by_criterion(verdict, evidence, surface, X_ST)
     if found.asks and verdict.decision is Decision.ACCEPT:
         verdict = replace(verdict, decision=Decision.RESCAN, reason=found.asks)
     reason = verdict.reason
@@ -291,6 +295,23 @@ def _as_in_paper(evidence: Evidence, surface: ModelSurface, starts: list[Array])
     if fit.error > fit.required:
         asks = f"the error no longer falls at {1e3 * fit.error:.1f} mm, required are {1e3 * fit.required:.1f} mm"
     return _Found(fit.X_ST, None, starts[0], log_likelihood(evidence, surface, fit.X_ST), asks=asks)
+
+
+def _by_criterion(verdict: PoseCheck, evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PoseCheck:
+    """The figures of `verdict` with the published decision: accept below a threshold on Q, else scan again.
+
+    The paper chooses the threshold by experiment, for object and sensor. Here it is the required error of the ICP at
+    each of the rays that Q sums up.
+    """
+    found = published_criterion(evidence, surface, X_ST)
+    most = float(np.sqrt(found.rays)) * required_error(evidence, surface)
+    reason = ""
+    if found.rays == 0:
+        reason = "no ray of the check trajectory meets both surfaces"
+    elif found.q_m > most:
+        reason = f"Q is {1e3 * found.q_m:.1f} mm over {found.rays} rays; at most {1e3 * most:.1f} mm are allowed"
+    decision = Decision.RESCAN if reason else Decision.ACCEPT
+    return replace(verdict, decision=decision, reason=reason, figure_m=found.q_m, threshold_m=most)
 
 
 def _slid(evidence: Evidence, surface: ModelSurface, fit: IcpFit) -> list[IcpFit]:

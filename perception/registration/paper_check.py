@@ -1,10 +1,10 @@
 """Published criterion of a fitted pose, to compare with `perception.registration.pose_check` [Konoplin 2022, eq. 2].
 
 Points c_i in a plane perpendicular to o = -(S - H_D)/|S - H_D| are projected along o on the triangulated surfaces of
-model and scan, which they meet in C_i and C'_i.
+model and scan of the object, which they meet in C_i and C'_i.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,7 +55,9 @@ def published_criterion(
     X_TS = inverse(X_ST)
     way = np.broadcast_to(o @ X_TS[:3, :3].T, starts.shape)
     C_model = surface.scene.distance(transform_points(X_TS, starts), way)
-    part = evidence.scan.part(evidence.scan.window(points, 0.05, 10**6))
+    of_object = np.where(evidence.mask[..., None], evidence.scan.points, np.nan)  # extracted from its surroundings
+    scan = replace(evidence.scan, points=of_object)
+    part = scan.part(scan.window(points, 0.05, 10**6))
     C_scan = distances_along(part, starts, o)
     if C_scan is None:
         return PublishedCriterion(q_m=0.0, rays=0, missed=n)

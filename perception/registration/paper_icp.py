@@ -60,8 +60,13 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, step)
     if visible.sum() >= 10:
         X_ST, error = _icp(tree, surface.points[::step][visible], X_ST)
+    return PaperFit(X_ST, error, required_error(evidence, surface))
+
+
+def required_error(evidence: Evidence, surface: ModelSurface) -> float:
+    """Largest rms distance [m] of a good fit, from the noise and spacing of the points; the paper leaves it open."""
     noise = float(np.sqrt(np.mean(evidence.sigma**2)))
-    return PaperFit(X_ST, error, _ALLOWED * float(np.hypot(noise, surface.spacing)))
+    return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
 def _icp(tree: cKDTree, points_T: Array, X_ST: Array) -> tuple[Array, float]:

@@ -23,6 +23,9 @@ _KNOTS = 0.015  # [m] between the knots of the smoothing spline
 _ACROSS = 0.003  # [m] between the lines of the surface beside a path
 _GONE = 0.1  # [m] behind the path: depth used where there is no surface
 _SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
+_TIGHT = 0.85  # [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
+_MARGIN = 0.012  # [m] beside such a hollow
+_PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
 
 
 def plan_path(
@@ -62,9 +65,51 @@ def plan_path(
     dense = carry(found.X_sensor_target, densified(path))
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
     p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
-    if tool_radius > 0.0 and deviation.on_scan.any():
-        p, z = rolled(dense, deviation, tool_radius)
-    return _smoothed(p, z, deviation.on_scan, spacing)
+    if not (tool_radius > 0.0 and deviation.on_scan.any()):
+        return _smoothed(p, z, deviation.on_scan, spacing)
+    p, z = rolled(dense, deviation, tool_radius)
+    return without_hollows(_smoothed(p, z, deviation.on_scan, spacing), tool_radius)
+
+
+def without_hollows(path: ToolPath, tool_radius: float) -> ToolPath:
+    """`path` on a surface that is not its model's, at half speed and without the hollows too tight for the tool.
+
+    In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from one to the other. Such
+    places are left out with a margin. Ends that do not fit are cut off.
+
+    Args:
+        path: Path of the ball's contact point.
+        tool_radius: [m] of the ball.
+
+    Returns:
+        The path, with `fits`, `pace` and `note`.
+
+    Raises:
+        PerceptionError: If the tool fits nowhere on the path.
+    """
+    step = float(path.s[1] - path.s[0])
+    bend = np.gradient(np.gradient(path.p, step, axis=0), step, axis=0)
+    tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
+    margin = max(1, round(_MARGIN / step))
+    fits = ~ndimage.binary_dilation(tight, iterations=margin) if tight.any() else ~tight
+    if not fits.any():
+        raise PerceptionError(f"the tool, a ball of {1e3 * tool_radius:.0f} mm, fits the surface nowhere on the path")
+    kept = np.flatnonzero(fits)[[0, -1]]
+    part = slice(kept[0], kept[1] + 1)
+    note = ""
+    if not fits.all():
+        share = 1.0 - float(fits.mean())
+        note = f"hollows too tight for the tool, {share:.0%} of the path, are left out"
+    return ToolPath(
+        s=readonly(path.s[part] - path.s[part.start]),
+        p=readonly(path.p[part]),
+        z=readonly(path.z[part]),
+        x=readonly(path.x[part]),
+        on_scan=path.on_scan[part],
+        fits=fits[part],
+        pace=_PACE,
+        note=note,
+    )
 
 
 def carry(X_ST: Array, path: ModelPath) -> ModelPath:

@@ -93,12 +93,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         finder=placed.finder(sensor_model, int(sampling.integers(2**31))),
         planner=placed.planner(),
         controller=placed.controller()
-        or controller(
-            scenario.control.controller,
-            own.model,
-            without=without - {"fusion"},
-            water_error=scenario.belief.water_error,
-        ),
+        or controller(scenario.control, own.model, water_error=scenario.belief.water_error),
     )
     loop = Loop(plant=plant, parts=parts)
     for perturbation in scenario.perturbations:

@@ -12,6 +12,8 @@ import numpy as np
 
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import NominalStiffness
+from controllers.arm.published_force_law import PublishedForceLaw, TangentialForceLoop
+from controllers.estimation.closed_form_force import ClosedFormForce
 from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
@@ -24,7 +26,7 @@ from models.vehicle import Vehicle
 from perception.clouds.scan import SensorModel
 from perception.clouds.sonar_cloud import sonar_model
 from scenarios.own_vehicle import OwnVehicle, vehicle_spec
-from scenarios.scenario import Belief, VehicleSetup
+from scenarios.scenario import Belief, Control, VehicleSetup
 from scenarios.tasks.task import Task
 from sim.interfaces.errors import ConfigurationError, UuvError, one_line
 from sim.interfaces.protocols import Controller, Sensor
@@ -130,23 +132,44 @@ def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[
     return parts
 
 
-def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
-    """The controller of that name, made of the vehicle's own model and wrapped in SafetyWrapper.
+def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> dict[str, Any]:
+    """Keyword arguments of `WorkController` for methods as in [Konoplin 2022]; none where none is chosen.
 
     Args:
-        name: A name of CONTROLLERS, or MODULE:CLASS.
+        methods: each one of `scenarios.scenario.PublishedMethod`.
+        own: the vehicle's model of itself.
+        water_error: [-] share by which its hydrodynamic coefficients are wrong.
+
+    Returns:
+        `force_law` and `compliance`, and `estimator`, as far as they differ from the controller's own.
+    """
+    parts: dict[str, Any] = {}
+    if "force-law" in methods:
+        parts |= {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()}
+    if "tip-force" in methods:
+        parts["estimator"] = ClosedFormForce(own, water_error=water_error)
+    return parts
+
+
+def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> Controller:
+    """The controller of a scenario, made of the vehicle's own model and wrapped in SafetyWrapper.
+
+    Args:
+        control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects take the place of
+            (`ablated`, `as_published`).
         own: The vehicle's model of itself.
-        without: Methods to leave out (`ablated`); the controller gets other objects in their place.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
     """
+    name, without = control.controller, frozenset(control.without) - {"fusion"}
+    parts = ablated(without, own, water_error) | as_published(frozenset(control.published), own, water_error)
     kind = partial(CONTROLLERS.load, name) if ":" not in name else _class(name)
     if ":" not in name:
         CONTROLLERS.resolve(name)
     try:
-        made: Any = kind(own, water_error=water_error, **ablated(without, own, water_error))
+        made: Any = kind(own, water_error=water_error, **parts)
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:

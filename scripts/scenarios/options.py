@@ -9,7 +9,7 @@ import numpy as np
 from models.site.seabed import Kind
 from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
-from scenarios.scenario import AblatedMethod, Belief, Control, Method, Scenario, Sensing, VehicleSetup
+from scenarios.scenario import AblatedMethod, Belief, Control, Method, PublishedMethod, Scenario, Sensing, VehicleSetup
 from scenarios.site import Barrel, Ground, HoleManifold, KnownObject, OpenWater, Pile, Site, SiteObject
 from scenarios.study.options import at_least
 from scenarios.tasks.insertion import InsertionTask
@@ -57,6 +57,8 @@ class ContactOptions(VehicleOptions):
     """Sensor for identification: camera, sonar, or one that an installed package registers."""
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
+    published: tuple[PublishedMethod, ...] = ()
+    """Methods as in [Konoplin 2022], in place of the default ones: force-law, tip-force, identification."""
     arm_errors: int | None = None
     """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
     calibrated: bool = False
@@ -94,7 +96,7 @@ class ContactOptions(VehicleOptions):
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
             sensing=Sensing(sensor=self.sensor, looks=self.looks),
-            control=Control(controller=self.controller, without=self.without),
+            control=Control(controller=self.controller, without=self.without, published=self.published),
         )
 
 

@@ -17,6 +17,7 @@ Method = Literal[
 AblatedMethod = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]
+PublishedMethod = Literal["force-law", "tip-force", "identification"]
 P = TypeVar("P", bound=Perturbation)
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 
@@ -82,6 +83,11 @@ class Control:
 
     controller: str = "work"  # registered name, or MODULE:CLASS
     without: tuple[AblatedMethod, ...] = ()
+    published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
+
+    def __post_init__(self) -> None:
+        if "force-control" in self.without and "force-law" in self.published:
+            raise ConfigurationError("--without force-control and --published force-law: one of the two")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -245,6 +245,7 @@ def assess(
         *of_tool,
         Requirement("path deviation, RMS", tool.path_deviation_rms_m, None, "mm", mm),
         Requirement("path deviation, peak", tool.path_deviation_max_m, bounds.path_deviation, "mm", mm),
+        Requirement("path worked", tool.worked_share, None, "%", 100.0),
         Requirement("tip to ideal path, peak", tool.object_deviation_max_m, None, "mm", mm),
         Requirement("tool tilt, peak", tool.tilt_max_rad, bounds.tilt, "deg", degrees),
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
@@ -291,7 +292,16 @@ def contact_figures(recording: Recording) -> ContactMetrics:
         where = work & (part == number)
         duration_s = float(where.sum() * recording.timestep)
         segments.append(SegmentMetrics(set_n=float(wanted[where][-1]), **figures(where), duration_s=duration_s))
-    return ContactMetrics(**figures(work), segments=segments)
+    across = np.linalg.norm(tangential(recording, "contact_force")[work], axis=1)
+    return ContactMetrics(
+        **figures(work), tangential_mean_n=float(across.mean()), tangential_max_n=float(across.max()), segments=segments
+    )
+
+
+def tangential(recording: Recording, name: str) -> Array:
+    """Part (N, 3) [N] of the force `name`, "contact_force" or "felt_force", across the tool axis; W."""
+    force, axis = recording[name].value, recording["tool_axis"].value
+    return force - np.sum(force * axis, axis=1, keepdims=True) * axis
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -351,7 +361,10 @@ def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
     if recording.targets:
         X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
     tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[work])
-    ideal, arc = closest_on_curve(tip_T, np.asarray(truth.model.path(truth.path).p))
+    whole = np.asarray(truth.model.path(truth.path).p)
+    ideal, arc = closest_on_curve(tip_T, whole)
+    lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1  # the tool was moved to another stretch
+    worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
     moving = np.linalg.norm(recording["v_command"].value[work], axis=1) > STANDSTILL
     return ToolMetrics(
         path_deviation_rms_m=float(np.sqrt(np.mean(error.deviation**2))),
@@ -363,7 +376,8 @@ def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
         normal_deviation_max_m=float(np.abs(error.normal).max()),
         object_deviation_max_m=float(np.linalg.norm(tip_T - ideal, axis=1).max()),
         tilt_max_rad=float(tool_tilt(recording, truth)[1].max()),
-        speed_mean_m_s=float(np.ptp(arc) / (moving.sum() * recording.timestep)),
+        speed_mean_m_s=worked / float(moving.sum() * recording.timestep),
+        worked_share=worked / float(np.linalg.norm(np.diff(whole, axis=0), axis=1).sum()),
     )
 
 
@@ -430,15 +444,17 @@ def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Arr
 
 
 def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:
-    """Error of the tool force estimated from the joints, as a vector and along the tool, in the work state."""
+    """Error of the tool force estimated from the joints: as a vector, along and across the tool, in the work state."""
     work = recording.within(WorkState.WORK)
     vector = (recording["felt_force"].value - recording["contact_force"].value)[work]
     normal = (recording["felt_normal"].scalar - recording["contact_normal"].scalar)[work]
+    across = (tangential(recording, "felt_force") - tangential(recording, "contact_force"))[work]
     if not work.any() or not (np.isfinite(vector).all() and np.isfinite(normal).all()):
         return unmeasured(ForceEstimateMetrics)  # a controller need not estimate forces
     return ForceEstimateMetrics(
         error_rms_n=float(np.sqrt(np.mean(np.sum(vector**2, axis=1)))),
         normal_error_rms_n=float(np.sqrt(np.mean(normal**2))),
+        tangential_error_rms_n=float(np.sqrt(np.mean(np.sum(across**2, axis=1)))),
     )
 
 

@@ -42,6 +42,10 @@ class ContactMetrics:
     )
     force_error_max_n: float | None = metric(minimum=0)
     lost_s: float | None = metric("Time in the work state with less than 1 N.", minimum=0)
+    tangential_mean_n: float | None = metric(
+        "True contact force across the tool axis, its length averaged over the work state.", minimum=0
+    )
+    tangential_max_n: float | None = metric(minimum=0)
     segments: list[SegmentMetrics]
 
 
@@ -74,6 +78,7 @@ class ToolMetrics:
     object_deviation_max_m: float | None = metric("True tip to the ideal path on the true object.", minimum=0)
     tilt_max_rad: float | None = metric("Between the tool axis and the true surface normal.", minimum=0)
     speed_mean_m_s: float | None
+    worked_share: float | None = metric("Length of the ideal path that was worked, over all of it.", minimum=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +89,7 @@ class ForceEstimateMetrics:
         "Felt tool force against the true contact force, as vectors, in the work state.", minimum=0
     )
     normal_error_rms_n: float | None = metric(minimum=0)
+    tangential_error_rms_n: float | None = metric("Across the tool axis, as vectors.", minimum=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

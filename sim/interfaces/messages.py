@@ -235,6 +235,9 @@ class ToolPath:
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path
     on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
+    fits: np.ndarray | None = None  # (N,) bool: the end of the tool can press there; None: everywhere
+    pace: float = 1.0  # share of the set speed that the surface allows
+    note: str = ""  # what is left out, and why
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

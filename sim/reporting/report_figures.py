@@ -8,7 +8,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sim.evaluation.metrics import SETTLING, Bounds, TrueObject, hull_motion, path_error
+from sim.evaluation.metrics import SETTLING, Bounds, TrueObject, hull_motion, path_error, tangential
 from sim.interfaces.messages import WorkState
 from sim.interfaces.spatial import Array, inverse, transform_points
 from sim.loop.recording import Recording
@@ -40,7 +40,7 @@ def path_figures(
         f"Force error counts in the work state, against the step set value, from {SETTLING:g} s after each change."
     )
     plots: tuple[tuple[str, str, Callable[[], Figure | None]], ...] = (
-        ("Normal force at the tool", settled, lambda: _force(recording, bounds)),
+        ("Force at the tool, along and across it", settled, lambda: _force(recording, bounds)),
         (
             "Tip against the commanded path",
             "True tip minus the point commanded at that instant. Along the path, across it in the surface, and along "
@@ -86,8 +86,8 @@ def _force(recording: Recording, bounds: Bounds) -> Figure | None:
     if not contact.any():
         return None
     time = recording["contact_normal"].time
-    figure = Figure(figsize=(WIDTH, 4.6), layout="constrained")
-    force, error = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
+    figure = Figure(figsize=(WIDTH, 5.8), layout="constrained")
+    force, error, across = figure.subplots(3, 1, sharex=True, height_ratios=[2, 1, 1])
     lines = (
         ("set", "set_force", INK, 1.6),
         ("felt", "felt_normal", ORANGE, 0.8),
@@ -103,8 +103,13 @@ def _force(recording: Recording, bounds: Bounds) -> Figure | None:
         _line(error, time[work], difference, color=BLUE, linewidth=0.8)
     _limits(error, bounds.force_error_max)
     error.set_ylabel("true − set [N]")
-    _states(recording, (force, error), label=force)
-    _time_axis(error, time[contact])
+    for name, color in (("felt_force", ORANGE), ("contact_force", BLUE)):
+        values = np.linalg.norm(tangential(recording, name), axis=1)
+        _line(across, time[contact], values[contact], color=color, linewidth=0.8)
+    across.set_ylabel("tangential [N]")
+    across.set_ylim(bottom=0.0)
+    _states(recording, (force, error, across), label=force)
+    _time_axis(across, time[contact])
     return figure
 
 

@@ -19,11 +19,11 @@ _STILL = np.zeros(3)
 
 
 class SeriesRows:
-    """Set, felt and true force, path error, drift of the hull, thrusts and joints."""
+    """Set, felt and true force along the tool, felt and true force across it, path error, hull drift, thrusts, joints."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)
-        self._widths = (1, 3, 3, 3, 3, 3, m, n, n)
+        self._widths = (1, 3, 3, 3, 3, 3, m, n, n, 3, 3)
         self._rows: list[Array] = []
 
     def add(self, moment: Moment) -> None:
@@ -43,6 +43,8 @@ class SeriesRows:
                     truth.thrust,
                     truth.q,
                     truth.tau_drive,
+                    moment.command.contact.force_W,
+                    truth.contact_force_W,
                 )
             )
         )
@@ -52,12 +54,14 @@ class SeriesRows:
         if not self._rows:
             return
         parts = _columns(self._rows, self._widths)
-        time, force, error, velocity, axis, drift, thrust, q, tau = parts
+        time, force, error, velocity, axis, drift, thrust, q, tau, felt_W, true_W = parts
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         tangent = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 1e-6)
         deviation = [np.sum(error * way, axis=1) for way in (tangent, np.cross(axis, tangent), axis)]
+        across = [np.linalg.norm(np.cross(axis, of_W), axis=1) for of_W in (felt_W, true_W)]
         for name, values in (
             ("force", force),
+            ("tangential_force", np.column_stack(across)),
             ("path_error", 1e3 * np.column_stack(deviation)),
             ("hull_drift", 1e3 * drift),
             ("thrust", thrust),

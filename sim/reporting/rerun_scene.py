@@ -112,6 +112,7 @@ def blueprint(middle: Array) -> Any:
                 rrb.Tabs(
                     rrb.Vertical(
                         plot("force", "Normal force"),
+                        plot("tangential_force", "Tangential force"),
                         plot("path_error", "Tip against commanded path"),
                         plot("hull_drift", "Hull against reference"),
                         name="Work",
@@ -185,6 +186,7 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
 
     names = {
         "force": ("set [N]", "felt [N]", "true [N]"),
+        "tangential_force": ("felt [N]", "true [N]"),
         "path_error": ("along [mm]", "across [mm]", "deeper [mm]"),
         "hull_drift": ("x [mm]", "y [mm]", "z [mm]"),
         "thrust": tuple(f"{name} [N]" for name in vehicle.thruster_names),
@@ -193,8 +195,8 @@ def describe_series(log: StaticLog, vehicle: Vehicle) -> None:
     }
     for name, labels in names.items():
         colors = [LINES[i % len(LINES)] for i in range(len(labels))]
-        if name == "force":
-            colors = [YELLOW, ORANGE, SKY]
+        if name in ("force", "tangential_force"):
+            colors = [YELLOW, ORANGE, SKY][-len(labels) :]
         log(f"series/{name}", rr.SeriesLines(names=labels, colors=colors, widths=1.5))
     log(
         "state/now",

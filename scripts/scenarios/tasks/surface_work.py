@@ -11,7 +11,7 @@ from controllers.tasks.contact_phases import ApproachLimits
 from models.objects.targets import TargetModel
 from models.site import scenes
 from perception.clouds.scan import SensorModel
-from perception.target_finder import FinderState, KnownObjectFinder
+from perception.target_finder import FinderState, KnownObjectFinder, PublishedFinder
 from scenarios.contact_parts import exteroceptive_sensor
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
@@ -95,7 +95,8 @@ class PlacedSurfaceWork(PlacedTask):
 
     def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
         """Finder of the clean object."""
-        return KnownObjectFinder(
+        kind = PublishedFinder if "identification" in self.scenario.control.published else KnownObjectFinder
+        return kind(
             self.target,
             self.truth.path,
             self.approach_W,

@@ -13,7 +13,7 @@ from controllers.arm.position_force import ForceDisplacement
 from controllers.estimation.load_observer import MomentumObserver
 from controllers.work_controller import WorkController, WorkControllerState
 from models.vehicle import Vehicle
-from scenarios.contact_parts import ablated
+from scenarios.contact_parts import ablated, as_published
 from sim.interfaces.messages import Command, Reference, StateEstimate, WorkState
 from sim.interfaces.spatial import exp_so3, pose
 
@@ -161,7 +161,16 @@ def test_each_method_left_out_changes_the_command_it_is_about(method):
 
 
 def test_nothing_left_out_is_the_usual_controller():
-    assert ablated(frozenset(), OWN, 0.15) == {}
+    assert ablated(frozenset(), OWN, 0.15) == as_published(frozenset(), OWN, 0.15) == {}
+
+
+@pytest.mark.parametrize("method", ["force-law", "tip-force"])
+def test_each_published_method_changes_the_torques(method):
+    rows = [(replace(e, tau=1.01 * e.tau), r) for e, r in inputs(5, 200)]
+    usual = commands(WorkController(OWN), rows)
+    changed = commands(WorkController(OWN, **as_published({method}, OWN, 0.0)), rows)
+    assert not np.array_equal(usual[:, :N], changed[:, :N])
+    assert np.isfinite(changed).all()
 
 
 def test_the_momentum_observer_reads_no_torque_sensor():

@@ -34,6 +34,20 @@ def test_by_the_one_door(within):
         identify(SCAN, SURFACE, method=untyped("guess"))
 
 
+def test_published_threshold_decides_in_place_of_the_check():
+    """It accepts the right object near its place, and another one that our check refuses only if Q is small."""
+    near = exp_so3([0.02, -0.02, 0.02]) @ VIEW[:3, :3]
+    right = identify(SCAN, SURFACE, MIDDLE, near, method="paper-q")
+    assert right.accepted
+    assert right.check is not None
+    assert right.check.figure_m <= right.check.threshold_m
+    wrong = identify(SCAN, targets.named("rock"), MIDDLE, near, method="paper-q")
+    assert wrong.check is not None
+    assert wrong.decision is Decision.RESCAN
+    assert wrong.check.figure_m > wrong.check.threshold_m
+    assert "Q is" in wrong.reason or "error no longer falls" in wrong.reason
+
+
 def test_whole_cloud_is_met_exactly(within):
     """A cloud that is the model's own points, moved: ICP from point to point ends on them."""
     found = identify(SCAN, SURFACE, MIDDLE, VIEW[:3, :3])

@@ -168,6 +168,16 @@ def test_force_error_counts_from_one_second_after_each_change():
         assert segment.force_error_rms_n == pytest.approx(np.sqrt(2.0), rel=2e-3)
 
 
+def test_tangential_force_is_across_the_tool(within):
+    drag_W = TRUTH.X_WT[:3, :3] @ [18.0, -24.0, 60.0]
+    force = np.tile(drag_W, (STEPS, 1))
+    force[: STEPS // 2] += 6.0 * TRUTH.X_WT[:3, 2]
+    force[-1] *= 2.0
+    figures = contact_figures(recorded(contact_force=force))
+    assert figures.tangential_max_n == pytest.approx(60.0)
+    assert figures.tangential_mean_n == pytest.approx(30.0 * (STEPS + 1) / STEPS)
+
+
 def test_lost_contact_is_counted_wherever_it_happens_in_the_work():
     force = np.full(STEPS, 60.0)
     force[100:137] = 0.5
@@ -260,7 +270,10 @@ def test_force_estimate_and_saturation():
     saturated = np.zeros(STEPS)
     saturated[:25] = 1.0
     recording = recorded(felt_force=felt, felt_normal=np.full(STEPS, 58.0), saturated=saturated)
-    assert asdict(force_estimate_figures(recording)) == pytest.approx({"error_rms_n": 5.0, "normal_error_rms_n": 2.0})
+    side, axis = np.array([3.0, 0.0, 4.0]), TRUTH.X_WT[:3, 2]
+    expected = {"error_rms_n": 5.0, "normal_error_rms_n": 2.0}
+    expected["tangential_error_rms_n"] = float(np.linalg.norm(np.cross(axis, side)))
+    assert asdict(force_estimate_figures(recording)) == pytest.approx(expected)
     assert assessed(recording).metrics["thrusters"]["saturated_s"] == pytest.approx(0.05)
 
 
@@ -351,6 +364,8 @@ def test_work_without_contact_is_judged_by_its_distance(within):
         "force_error_rms_n": None,
         "force_error_max_n": None,
         "lost_s": None,
+        "tangential_mean_n": None,
+        "tangential_max_n": None,
         "segments": [],
     }
 

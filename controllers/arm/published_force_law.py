@@ -1,0 +1,140 @@
+"""Force law as published: a PID on the force error displaces the tool along it [Konoplin 2022, section 3].
+
+    G_f = G_F*_imp - G_F_imp,    displacement = K_p G_f + K_i int G_f dt + K_d dG_f/dt
+
+G_F*_imp is the set force of the tool on the object, G_F_imp the one felt. The paper gives the displacement a size k, by
+a PID on the length of G_f, and the direction of G_f. A PID is linear, so this is one PID for each component. The
+component along the tool axis is `PublishedForceLaw`, the two across it are `TangentialForceLoop`; a controller with the
+published law has both, with the same gains.
+
+Friction makes the components across the axis differ from zero for as long as the tool moves; the integral then drives
+the tool off its path. `controllers.arm.position_force` therefore acts along the axis alone. The paper gives no gains.
+Those here are fixed, whatever the surface.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from controllers.arm.compliance import ComplianceState
+from controllers.tuning import PublishedForceTuning
+from sim.interfaces.messages import Reference
+from sim.interfaces.spatial import Array
+
+
+@dataclass(slots=True, eq=False)
+class PidState:
+    """Memory of one PID: displacement, integral and last error."""
+
+    k: float = 0.0  # [m] displacement along the tool axis, into the surface
+    integral: float = 0.0  # [m]
+    error: float | None = None  # [N] at the last step; None: the loop was open
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublishedForceLaw(PublishedForceTuning):
+    """Component along the tool axis (`controllers.tool_control.ForceLaw`)."""
+
+    @property
+    def closed_loop(self) -> bool:
+        """True: the estimated force is controlled."""
+        return True
+
+    def init(self) -> PidState:
+        """Initial state: no displacement."""
+        return PidState()
+
+    def step(self, state: PidState, wanted: float, felt: float, servo_compliance: float, dt: float) -> float:
+        """Displacement k for a set and a measured normal force.
+
+        Args:
+            state: of the loop; changed in place.
+            wanted: [N] set normal force.
+            felt: [N] measured normal force.
+            servo_compliance: [m/N] not used: the published gains are fixed.
+            dt: [s] since the last step.
+
+        Returns:
+            The displacement k [m] along the tool axis, positive into the surface.
+        """
+        error = wanted - felt
+        rate = 0.0 if state.error is None else (error - state.error) / dt
+        state.error = error
+        state.integral += self.integral * error * dt
+        k_wanted = self.proportional * error + state.integral + self.derivative * rate
+        k = min(max(k_wanted, state.k - self.speed * dt), state.k + self.speed * dt)
+        k = min(max(k, -self.limit), self.limit)
+        state.integral += k - k_wanted  # anti-windup: back-calculation from the limited output
+        state.k = k
+        return k
+
+    def release(self, state: PidState, dt: float, *, inwards: bool = True) -> float:
+        """Return the displacement to zero at the limited speed, with the force loop open.
+
+        Args:
+            state: of the loop; changed in place.
+            dt: [s] since the last step.
+            inwards: False keeps a negative displacement: the surface is not where it was expected.
+
+        Returns:
+            The displacement k [m].
+        """
+        most = self.speed * dt
+        state.k -= min(max(state.k, -most if inwards else 0.0), most)
+        state.integral, state.error = state.k, None
+        return state.k
+
+
+@dataclass(slots=True, eq=False)
+class TangentialState(ComplianceState):
+    """Offset across the tool axis, and the memory of its PIDs."""
+
+    integral_W: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
+    error_W: Array | None = None  # (3,) [N] at the last step; None: the loop was open
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TangentialForceLoop(PublishedForceTuning):
+    """Components across the tool axis, whose set force is zero (`controllers.tool_control.SideDisplacement`)."""
+
+    def init(self) -> TangentialState:
+        """Initial state: no offset."""
+        return TangentialState()
+
+    def acts(self, reference: Reference) -> bool:
+        """True while the force is controlled."""
+        return reference.force_control
+
+    def step(self, state: TangentialState, f_tip_W: Array, z_WG: Array, dt: float) -> Array:
+        """Offset of the tool for the measured contact force.
+
+        Args:
+            state: the present offset; changed in place.
+            f_tip_W: (3,) [N] force of the world on the tip, W: minus the tool's on the object.
+            z_WG: (3,) unit tool axis, W.
+            dt: [s] since the last step.
+
+        Returns:
+            The offset (3,) [m], W.
+        """
+        error = f_tip_W - (f_tip_W @ z_WG) * z_WG
+        rate = np.zeros(3) if state.error_W is None else (error - state.error_W) / dt
+        state.error_W = error
+        state.integral_W = state.integral_W + self.integral * dt * error
+        wanted = self.proportional * error + state.integral_W + self.derivative * rate
+        offset = state.offset_W + _shortened(wanted - state.offset_W, self.speed * dt)
+        offset = _shortened(offset, self.limit)
+        state.integral_W = state.integral_W + offset - wanted
+        state.offset_W = offset
+        return offset
+
+    def release(self, state: TangentialState, dt: float) -> Array:
+        """Return the offset (3,) [m] to zero at `speed`, with the loop open; `dt` [s] since the last step."""
+        state.offset_W = state.offset_W - _shortened(state.offset_W, self.speed * dt)
+        state.integral_W, state.error_W = state.offset_W, None
+        return state.offset_W
+
+
+def _shortened(vector: Array, most: float) -> Array:
+    """`vector` (3,) with a length of at most `most`."""
+    return vector * min(1.0, most / max(float(np.linalg.norm(vector)), most))

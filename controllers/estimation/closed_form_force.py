@@ -1,0 +1,66 @@
+"""Tip force from the torques of joints 1, 3 and 4 alone, as published [Konoplin 2022, eq. 5].
+
+A pure force on the tip has three unknowns, which three joints determine: three rows of J^T f = tau_e. On the paper's
+arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero, this is its closed form
+(`force_from_torques.tip_force_closed_form`). Least squares over all joints (`TorqueSensors`) is more accurate.
+"""
+
+import numpy as np
+
+from controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import ContactEstimate, StateEstimate
+from sim.interfaces.spatial import Array
+
+JOINTS = (0, 2, 3)  # 1, 3 and 4 in the paper's count
+_SINGULAR = 0.02  # [-] least singular value of the three rows over the largest, below which the force is held
+
+
+class ClosedFormForce(TorqueSensors):
+    """Contact force from joints 1, 3 and 4.
+
+    Near a singular posture of the three joints (q4 = 0 on the paper's arm, or the tip over the yaw axis) the force
+    stays as it was.
+    """
+
+    def init(self, estimate: StateEstimate) -> ContactState:
+        """Initial state: free of contact.
+
+        Raises:
+            ConfigurationError: The arm has fewer than four joints.
+        """
+        if len(estimate.q) <= max(JOINTS):
+            raise ConfigurationError(f"closed form of the tip force: needs joints 1, 3 and 4, got {len(estimate.q)}")
+        return super().init(estimate)
+
+    def sense(self, state: ContactState, estimate: StateEstimate, drives: DriveState) -> None:
+        """Force, friction and motion of one sample, without tare and payload.
+
+        Args:
+            state: of `init`, or as the last step left it; changed in place.
+            estimate: of the vehicle now.
+            drives: what they were last asked for.
+        """
+        before_B = state.sensed.f_B.copy()
+        super().sense(state, estimate, drives)
+        sensed, rows, now_B = state.sensed, list(JOINTS), before_B
+        A = sensed.J_B[:3, rows].T
+        if _regular(A):
+            now_B = np.linalg.solve(A, (sensed.tau_e - state.bias)[rows])
+        sensed.f_B[:] = before_B + self._force_share * (now_B - before_B)
+        sensed.f_G[:] = sensed.X_BG[:3, :3].T @ sensed.f_B
+        state.estimate = ContactEstimate(
+            force_W=estimate.X_WB[:3, :3] @ sensed.f_B, normal=float(-sensed.f_G[2]), sigma_G=state.estimate.sigma_G
+        )
+
+    def _sigma_G(self, state: ContactState, weighed: Array, variance: Array) -> Array:
+        rows = list(JOINTS)
+        A = state.sensed.J_B[:3, rows].T @ state.sensed.X_BG[:3, :3]
+        if not _regular(A):
+            return np.full(3, np.inf)
+        return np.sqrt(np.linalg.inv(A) ** 2 @ variance[rows])
+
+
+def _regular(A: Array) -> bool:
+    values = np.linalg.svd(A, compute_uv=False)
+    return bool(values[-1] > _SINGULAR * values[0])

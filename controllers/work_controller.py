@@ -17,7 +17,6 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from controllers.arm.compliance import LateralCompliance
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.joint_servo import BorneLoad, JointServo, JointServoState, JointTarget, SeenArm
 from controllers.estimation.tip_force_estimator import ContactEstimator, ContactState, DriveState, TorqueSensors

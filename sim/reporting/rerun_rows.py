@@ -19,7 +19,7 @@ _STILL = np.zeros(3)
 
 
 class SeriesRows:
-    """Set, felt and true force along the tool, felt and true force across it, path error, hull drift, thrusts, joints."""
+    """Forces along and across the tool, path error, drift of the hull, thrusts and joints."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         n, m = len(vehicle.joint_names), len(vehicle.thruster_names)

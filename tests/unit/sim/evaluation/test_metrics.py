@@ -168,7 +168,7 @@ def test_force_error_counts_from_one_second_after_each_change():
         assert segment.force_error_rms_n == pytest.approx(np.sqrt(2.0), rel=2e-3)
 
 
-def test_tangential_force_is_across_the_tool(within):
+def test_tangential_force_is_across_the_tool():
     drag_W = TRUTH.X_WT[:3, :3] @ [18.0, -24.0, 60.0]
     force = np.tile(drag_W, (STEPS, 1))
     force[: STEPS // 2] += 6.0 * TRUTH.X_WT[:3, 2]

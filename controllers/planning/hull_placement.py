@@ -43,7 +43,6 @@ _TRAVELS = (0.0, 0.5, 1.0, 1.4)  # travels of the hull that are tried, as shares
 _SHORTER = 0.04  # share of a path by which it is shortened per try, where it is too long
 _FEW_STEPS = IkOptions(max_iterations=60)
 _STANDOFF_STEPS = 3  # number of poses tried between the stand-off and the surface
-SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 2 cm to come to speed and to rest
 _ROUNDING = 1e-9  # [m] far above the rounding of a distance
 _ROOMY_THRUST = 0.4  # [-] unused share of thrust, left for the current, that gives a margin of 1
 
@@ -110,19 +109,24 @@ def middle_part(path: ToolPath, share: float) -> ToolPath:
 
 
 def part_of(path: ToolPath, keep: np.ndarray) -> ToolPath:
-    """The samples of a path where `keep` (N,) is True, its arc length counted anew from 0."""
+    """The samples of a path where `keep` (N,) is True, from the first to the last one on which the tool can press.
+
+    The arc length is counted anew from 0.
+    """
+    if path.fits is not None and (keep & path.fits).any():
+        first, last = np.flatnonzero(keep & path.fits)[[0, -1]]
+        keep = keep & (np.arange(len(keep)) >= first) & (np.arange(len(keep)) <= last)
     fits = None if path.fits is None else path.fits[keep]
     s, p, z, x = path.s[keep], path.p[keep], path.z[keep], path.x[keep]
     return replace(path, s=s - s[0], p=p, z=z, x=x, on_scan=path.on_scan[keep], fits=fits)
 
 
 def stretches(path: ToolPath) -> tuple[tuple[float, float], ...]:
-    """Begin and end [m] of each stretch of a path on which the tool can press; of at least SHORTEST, in order."""
+    """Begin and end [m] of each stretch of a path on which the tool can press, in order."""
     if path.fits is None:
         return ((0.0, float(path.s[-1])),)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], path.fits, [False]]).astype(np.int8)))
-    ends = ((float(path.s[first]), float(path.s[last - 1])) for first, last in edges.reshape(-1, 2))
-    return tuple((begin, end) for begin, end in ends if end - begin >= SHORTEST)
+    return tuple((float(path.s[first]), float(path.s[last - 1])) for first, last in edges.reshape(-1, 2))
 
 
 _SCALE = np.array([1.0, 1.0, 1.0, 0.4, 0.4, 0.4])[:, None]  # [m/rad] weights rotation against translation

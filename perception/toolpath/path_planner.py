@@ -25,6 +25,7 @@ _GONE = 0.1  # [m] behind the path: depth used where there is no surface
 _SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
 _TIGHT = 0.85  # [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
 _MARGIN = 0.012  # [m] beside such a hollow
+_SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
 _PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
 
 
@@ -92,6 +93,8 @@ def without_hollows(path: ToolPath, tool_radius: float) -> ToolPath:
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
     margin = max(1, round(_MARGIN / step))
     fits = ~ndimage.binary_dilation(tight, iterations=margin) if tight.any() else ~tight
+    stretch, count = ndimage.label(fits)
+    fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[stretch]
     if not fits.any():
         raise PerceptionError(f"the tool, a ball of {1e3 * tool_radius:.0f} mm, fits the surface nowhere on the path")
     kept = np.flatnonzero(fits)[[0, -1]]

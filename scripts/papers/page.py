@@ -54,8 +54,9 @@ class Row:
     remark: str = ""
 
 
-def main(options: Options) -> int:
+def main() -> int:
     """Runs what is missing and writes the page; 1 if a figure is lacking."""
+    options = parse(Options)
     console = Console(highlight=False)
     papers = tomllib.loads(STATEMENTS.read_text(encoding="utf-8"))
     rows = [row for paper in papers["paper"] for row in _rows(paper)]
@@ -101,7 +102,7 @@ def _figures(command: str, rows: list[Row]) -> dict[str, str]:
         found = re.search(row.printed, printed) if row.printed else None
         groups = found.groups() if found else ()
         try:
-            texts[row.ours] = re.sub(r"\{([^}]+)\}", lambda match: _value(match[1], groups, metrics), row.ours)
+            texts[row.ours] = _filled(row.ours, groups, metrics)
         except (KeyError, IndexError):
             continue
     return texts
@@ -110,6 +111,11 @@ def _figures(command: str, rows: list[Row]) -> dict[str, str]:
 def _script(command: str) -> list[str]:
     first, *rest = shlex.split(command)
     return [str(HERE.parents[1] / first), *rest]
+
+
+def _filled(text: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:
+    """`text` with its figures; raises KeyError or IndexError if there is none."""
+    return re.sub(r"\{([^}]+)\}", lambda match: _value(match[1], groups, metrics), text)
 
 
 def _value(field: str, groups: tuple[str, ...], metrics: Mapping[str, Any]) -> str:
@@ -146,4 +152,4 @@ def _page(papers: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) -
 
 
 if __name__ == "__main__":
-    run_scenario(main, parse(Options))
+    run_scenario(main)

@@ -235,7 +235,7 @@ class ToolPath:
     z: Array  # (N, 3) unit tool axis, into the surface
     x: Array  # (N, 3) unit axis across the tool axis, along the path
     on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
-    fits: np.ndarray | None = None  # (N,) bool: the end of the tool can press there; None: everywhere
+    fits: np.ndarray | None = None  # (N,) bool: the tool can press there, at both ends too; None: everywhere
     pace: float = 1.0  # share of the set speed that the surface allows
     note: str = ""  # what is left out, and why
 

@@ -39,6 +39,7 @@ def test_both_parts_displace_along_the_whole_error(within):
 def test_steady_friction_drives_the_tool_to_the_limit():
     across = TangentialForceLoop(limit=0.01)
     state, drag_W = across.init(), np.array([18.0, 0.0, -60.0])
+    offset = state.offset_W
     for _ in range(2000):
         offset = across.step(state, drag_W, np.array([0.0, 0.0, 1.0]), DT)
     assert offset == pytest.approx([0.01, 0.0, 0.0], abs=1e-12)

@@ -103,6 +103,7 @@ class Script(Told):
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
     dead: int | None = None  # thruster that is found dead half-way along the path
+    hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
 
     def run(self, seconds: float = 120.0) -> "Script":
         own = models.load("uuv_puma_side" if self.side else "uuv_puma").compile()
@@ -136,6 +137,9 @@ class Script(Told):
             X_WB = self._moved(X_WB, reference.X_WB)
             if reference.scan and not scanning and (accepted := next(looks, None)) is not None:
                 seen = target(time, accepted, next(finds) if accepted else 0.0)
+                if self.hollow is not None and seen.path is not None:
+                    s, (first, last) = seen.path.s, self.hollow
+                    seen = replace(seen, path=replace(seen.path, fits=(s < first) | (s > last), note="a hollow"))
             scanning = reference.scan
             if self.dead is not None and not faults and reference.path_s > 0.06:
                 faults = (Fault(kind=FaultKind.THRUSTER, part="", index=self.dead, time=time),)
@@ -594,3 +598,25 @@ def test_hull_does_not_move_before_it_is_quiet(monkeypatch):
 def test_jobs_that_cannot_be(options, said):
     with pytest.raises(ConfigurationError, match=said):
         SurfaceTaskConfig(**options)
+
+
+def test_a_hollow_is_passed_at_the_stand_off(within):
+    """Lifted before it, pressed again behind it; no stretch is left out, and the path is worked to its end."""
+    script = Script(hollow=(0.05, 0.07)).run()
+    again = [WorkState.CLOSE_IN, WorkState.APPROACH, WorkState.PRESS, WorkState.WORK, WorkState.RETREAT]
+    assert script.states == [*JOURNEY, *again, WorkState.DONE]
+    worked = np.array([reference.path_s for reference in script.of(WorkState.WORK)])
+    assert not np.any((worked > 0.05) & (worked < 0.07))
+    within("begin and end [m]", [worked.min(), worked.max() - 0.12], 1e-3)
+    moved = [tip(reference) for reference in script.of(WorkState.CLOSE_IN) if 0.051 < reference.path_s < 0.069]
+    assert len(moved) > 50
+    standoff = script.job.approach.standoff
+    within("height of the tool [m]", min(place[2] for place in moved) - standoff, 1e-9)
+    assert "a hollow" in {reference.note for reference in script.references}
+
+
+def test_a_fault_between_two_stretches_ends_the_work():
+    script = Script(hollow=(0.05, 0.07), dead=0).run()
+    assert script.end.state is WorkState.ABORT
+    assert script.end.abort is not AbortCode.NO_CONTACT
+    assert max(reference.path_s for reference in script.of(WorkState.WORK)) <= 0.05

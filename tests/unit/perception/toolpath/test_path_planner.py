@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controllers.planning.hull_placement import part_of, stretches
 from depth_scenes import dented_barrel, look, seen_from
 from models.meshes.nearest_surface import NearestSurface
 from models.meshes.ray_casting import RayScene
@@ -14,7 +15,7 @@ from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
 from perception.target_finder import KnownObjectFinder
-from perception.toolpath.path_planner import carry, densified, plan_path
+from perception.toolpath.path_planner import carry, densified, plan_path, without_hollows
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import StateEstimate, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -251,3 +252,71 @@ def test_no_path_without_an_object_or_on_the_spot(plain: Identification):
     still = ModelPath(p=np.tile(line.p[0], (5, 1)), a=line.a[:5], b=line.b[:5])
     with pytest.raises(ConfigurationError, match="coincide"):
         plan_path(plain, still)
+
+
+def valley(radius: float, length: float = 0.3) -> ToolPath:
+    """Flat along x, with a round hollow of 2 x 60 deg in its middle; the tool presses downwards."""
+    half = 0.5 * length
+    x = np.linspace(-half, half, 4001)
+    edge = radius * np.sin(np.radians(60.0))
+    inside = np.abs(x) < edge
+    z = np.zeros_like(x)
+    z[inside] = -np.sqrt(radius**2 - x[inside] ** 2) + radius * np.cos(np.radians(60.0))
+    p = np.column_stack([x, np.zeros_like(x), z])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
+    s = np.linspace(0.0, arc[-1], 401)
+    p = np.column_stack([np.interp(s, arc, p[:, i]) for i in range(3)])
+    ones = np.ones((401, 1))
+    flags = np.ones(401, dtype=bool)
+    return ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=flags)
+
+
+def test_hollow_tighter_than_the_tool_is_left_out():
+    path = without_hollows(valley(0.05), 0.06)
+    assert path.fits is not None
+    left_out = path.p[~path.fits, 0]
+    assert -0.07 < left_out.min() < -0.03  # the hollow, and a margin
+    assert 0.03 < left_out.max() < 0.07
+    assert path.fits[[0, -1]].all()
+    assert "left out" in path.note
+    assert path.pace < 1.0
+    [(begin, first), (second, end)] = stretches(path)
+    assert begin == 0.0
+    assert first < second < end == path.s[-1]
+
+
+def test_wide_hollow_is_worked():
+    path = without_hollows(valley(0.12), 0.06)
+    assert path.fits is not None
+    inner = np.abs(path.p[:, 0]) < 0.05
+    assert path.fits[inner].all()
+
+
+def test_ends_that_do_not_fit_are_cut_off():
+    whole = valley(0.05)
+    half = without_hollows(part_of(whole, whole.p[:, 0] > -0.02), 0.06)
+    assert half.fits is not None
+    assert half.fits.all()
+    assert half.s[0] == 0.0
+    assert half.p[0, 0] > 0.03
+
+
+def test_tool_that_fits_nowhere_is_refused():
+    whole = valley(0.05)
+    with pytest.raises(PerceptionError, match="fits the surface nowhere"):
+        without_hollows(part_of(whole, np.abs(whole.p[:, 0]) < 0.03), 0.06)
+
+
+def test_a_stretch_too_short_to_work_is_left_out():
+    whole = valley(0.05)
+    begun = without_hollows(part_of(whole, whole.p[:, 0] > -0.07), 0.06)  # 2 cm before the hollow and its margin
+    assert begun.fits is not None
+    assert begun.p[0, 0] > 0.03
+
+
+def test_a_part_of_a_path_begins_and_ends_where_the_tool_fits():
+    path = without_hollows(valley(0.05), 0.06)
+    part = part_of(path, np.abs(path.p[:, 0] + 0.05) < 0.06)  # it ends within the hollow
+    assert part.fits is not None
+    assert part.fits[[0, -1]].all()
+    assert part.p[-1, 0] < -0.03

@@ -98,6 +98,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
             own.model,
             without=without - {"fusion"},
             water_error=scenario.belief.water_error,
+            ik=scenario.control.ik,
         ),
     )
     loop = Loop(plant=plant, parts=parts)

@@ -13,6 +13,7 @@ import numpy as np
 from controllers.arm.inverse_dynamics import ArmDynamics
 from controllers.arm.position_force import NominalStiffness
 from controllers.hull.hull_control import Term, WithoutCompensation, WithoutTerms
+from controllers.ik.method import Method as IkMethod
 from controllers.safety.safety_wrapper import SafetyWrapper
 from controllers.tool_control import FromReference
 from controllers.tuning import DRIVE_PERIOD, ArmTuning
@@ -130,7 +131,9 @@ def ablated(without: Set[str], own: mujoco.MjModel, water_error: float) -> dict[
     return parts
 
 
-def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float) -> Controller:
+def controller(
+    name: str, own: mujoco.MjModel, *, without: Set[str], water_error: float, ik: IkMethod = "hybrid"
+) -> Controller:
     """The controller of that name, made of the vehicle's own model and wrapped in SafetyWrapper.
 
     Args:
@@ -138,6 +141,7 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
         own: The vehicle's model of itself.
         without: Methods to leave out (`ablated`); the controller gets other objects in their place.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
+        ik: Inverse kinematics that tracks the tool pose; another than "hybrid" goes to the controller in its tuning.
 
     Raises:
         ConfigurationError: The class does not exist, or its module or constructor raises; the message names the place.
@@ -146,7 +150,10 @@ def controller(name: str, own: mujoco.MjModel, *, without: Set[str], water_error
     if ":" not in name:
         CONTROLLERS.resolve(name)
     try:
-        made: Any = kind(own, water_error=water_error, **ablated(without, own, water_error))
+        parts = ablated(without, own, water_error)
+        if ik != "hybrid":
+            parts["tuning"] = ArmTuning(inverse_kinematics=ik)
+        made: Any = kind(own, water_error=water_error, **parts)
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]
         if lacking:

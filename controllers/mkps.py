@@ -20,6 +20,7 @@ from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain
 from controllers.ik.damped_descent import SETTLE_STEPS
 from controllers.ik.entries import entry
+from controllers.ik.method import Method
 from controllers.ik.tracking import Track, Tracker, TrackState, TrackStep, track
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import (
@@ -53,7 +54,6 @@ __all__ = [
     "track",
 ]
 
-Method = Literal["hybrid", "jacobian_free", "plain"]
 Branch = Literal["free", "keep"]
 Precision = Literal["double", "single"]
 StageAxes = Literal["joint", "tip"]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.ik.method import Method
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array
 
@@ -104,6 +105,9 @@ class ArmTuning:
     task_period: float = tuned(0.004, "[s] of inverse kinematics and force loop")
     compliance_period: float = tuned(0.2, "[s] after which the servo's compliance at the tip is computed anew")
     blend_time: float = tuned(0.2, "[s] of the critically damped transition from held joint angles to a tool pose")
+    inverse_kinematics: Method = field(
+        default="hybrid", metadata={"about": "[-] method that tracks the tool pose: hybrid, jacobian_free or plain"}
+    )
 
     gears: GearTuning = field(default_factory=GearTuning)
     torques: TorqueNoise = field(default_factory=TorqueNoise)

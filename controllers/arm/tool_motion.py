@@ -12,6 +12,7 @@ import numpy as np
 from controllers.arm.joint_servo import ResolvedMotion, ToolTarget, resolve_tool_motion
 from controllers.ik.chain_kernels import BAD_TARGET, HYBRID, Settings
 from controllers.ik.damped_descent import solve_keep
+from controllers.ik.tracking_solvers import solve_at, solver_address
 from controllers.tuning import ArmTuning
 from sim.interfaces.kernels import keyed_by_imports
 from sim.interfaces.spatial import Array
@@ -49,6 +50,7 @@ class ToolTracking(NamedTuple):
     speed_limit: float  # [rad/s] of every joint
     blend_time: float  # [s] see `ArmTuning`
     period: float  # [s]
+    solver: int  # address of the inverse kinematics (`controllers.ik.tracking_solvers`); 0: the hybrid method
 
     @classmethod
     def of(cls, X_AB: Array, tuning: ArmTuning, *, follows_hull: bool) -> "ToolTracking":
@@ -59,7 +61,8 @@ class ToolTracking(NamedTuple):
             tuning: its gains.
             follows_hull: as the field.
         """
-        return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period)
+        solver = solver_address(tuning.inverse_kinematics)
+        return cls(X_AB, follows_hull, tuning.joint_speed_limit, tuning.blend_time, tuning.task_period, solver)
 
 
 @numba.njit(cache=True)
@@ -114,8 +117,13 @@ def track_tool(tracking, motion, target, since, displaced, X_WB, hull, J_B):
         resolved,
     )
     trail, q = out.chain[:0].reshape(0, 1), np.empty(n)
-    settings = Settings(HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False)
-    code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, trail, q)
+    if track.solver:
+        errors = np.empty(2)
+        code = solve_at(track.solver, out.chain, resolved.X_AG, out.q, (_POSITION, _ORIENTATION), _STEPS, q, errors)
+        error_p, error_r = errors[0], errors[1]
+    else:
+        settings = Settings(HYBRID, _POSITION, _ORIENTATION, _ORIENTATION, _ORIENTATION, _STEPS, 0, True, False)
+        code, _, _, error_p, error_r = solve_keep(out.chain, resolved.X_AG, out.q, settings, trail, q)
     if code >= BAD_TARGET:
         return False, resolved.X_AG
     if out.holding[0]:  # the hull stands a little off the place that the held angles were computed for

@@ -25,12 +25,12 @@ from numpy.typing import ArrayLike, NDArray
 from controllers.ik import chain_kernels as kernels
 from controllers.ik.chain import Chain, memory_of, set_limits
 from controllers.ik.entries import entry
+from controllers.ik.method import Method
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
-TrackingMethod = Literal["hybrid", "jacobian_free", "plain"]
 
 _HOLD_SHARE = 0.25  # share of `near` under which a joint is held
 _STEPS = 400  # largest number of solver steps per pose
@@ -91,7 +91,7 @@ class Tracker:
         near: float = 0.1,
         position_tolerance: float = 1e-6,
         orientation_tolerance: float = 1e-5,
-        method: TrackingMethod = "hybrid",
+        method: Method = "hybrid",
     ) -> None:
         """Validate and store the options of the tracking.
 
@@ -126,7 +126,7 @@ class Tracker:
         if not np.all(speeds > 0.0):
             raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
         one_of(passing, get_args(Passing), "passing")
-        one_of(method, get_args(TrackingMethod), "method")
+        one_of(method, get_args(Method), "method")
         self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
         self._travel = speeds * period
         tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
@@ -220,7 +220,7 @@ def track(
     near: float = 0.1,
     position_tolerance: float = 1e-6,
     orientation_tolerance: float = 1e-5,
-    method: TrackingMethod = "hybrid",
+    method: Method = "hybrid",
 ) -> Track:
     """Track a whole sequence of tool poses.
 

@@ -156,7 +156,7 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
 
     Args:
         control: The name, one of CONTROLLERS or MODULE:CLASS, and the methods that other objects take the place of
-            (`ablated`, `as_published`).
+            (`ablated`, `as_published`). Another inverse kinematics than "hybrid" goes to it in its tuning.
         own: The vehicle's model of itself.
         water_error: Share by which the controller's hydrodynamic coefficients are wrong.
 
@@ -169,6 +169,8 @@ def controller(control: Control, own: mujoco.MjModel, *, water_error: float) -> 
     if ":" not in name:
         CONTROLLERS.resolve(name)
     try:
+        if control.ik != "hybrid":
+            parts["tuning"] = ArmTuning(inverse_kinematics=control.ik)
         made: Any = kind(own, water_error=water_error, **parts)
         finite_number(made.period, "period [s]", above=0.0)
         lacking = [method for method in ("init", "step") if not callable(getattr(made, method, None))]

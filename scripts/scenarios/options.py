@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from controllers.ik.method import Method as IkMethod
 from models.site.seabed import Kind
 from scenarios.arm_identification.friction_run import GearIdentificationTask
 from scenarios.perturbations.vehicle import Gears
@@ -59,6 +60,8 @@ class ContactOptions(VehicleOptions):
     """Controller methods to leave out (ablation)."""
     published: tuple[PublishedMethod, ...] = ()
     """Methods as in [Konoplin 2022], in place of the default ones: force-law, tip-force, identification."""
+    ik: IkMethod = "hybrid"
+    """Inverse kinematics that tracks the tool pose: hybrid, or a method of [Danilov 2021], jacobian_free or plain."""
     arm_errors: int | None = None
     """Seed of an arm built 2 mm and 0.3 deg wrong in every joint, unknown to the controller."""
     calibrated: bool = False
@@ -96,7 +99,7 @@ class ContactOptions(VehicleOptions):
             vehicle=VehicleSetup(vehicle=self.vehicle, arm_errors=self.arm_errors),
             belief=Belief(calibrated=self.calibrated, arm=None if self.arm is None else str(self.arm)),
             sensing=Sensing(sensor=self.sensor, looks=self.looks),
-            control=Control(controller=self.controller, without=self.without, published=self.published),
+            control=Control(controller=self.controller, without=self.without, published=self.published, ik=self.ik),
         )
 
 

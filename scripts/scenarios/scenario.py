@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar
 
+from controllers.ik.method import Method as IkMethod
 from scenarios.perturbations.perturbation import Perturbation
 from scenarios.site import Site
 from scenarios.tasks.task import Task
@@ -83,6 +84,7 @@ class Control:
 
     controller: str = "work"  # registered name, or MODULE:CLASS
     without: tuple[AblatedMethod, ...] = ()
+    ik: IkMethod = "hybrid"  # inverse kinematics that tracks the tool pose
     published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
 
     def __post_init__(self) -> None:

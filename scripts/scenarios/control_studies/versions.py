@@ -17,6 +17,8 @@ VERSIONS: Mapping[str, Mapping[str, Any]] = {  # options of the job, by the name
     "force law": {"published": ("force-law",)},
     "tip force": {"published": ("tip-force",)},
     "identification": {"published": ("identification",)},
+    "IK plain": {"ik": "plain"},
+    "IK jacobian_free": {"ik": "jacobian_free"},
 }
 PATHS = ("longitudinal", "transverse")
 _COLUMNS = (

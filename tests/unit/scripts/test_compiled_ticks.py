@@ -164,6 +164,9 @@ def test_what_has_no_kernel_is_named():
     built = assemble(barrel(quick=True))
     plant, parts = built.loop.plant, built.parts
     assert reason(plant, parts, ()) == ""
+    for ik in ("jacobian_free", "plain"):
+        other = assemble(barrel(quick=True, ik=ik)).loop
+        assert reason(other.plant, other.parts, ()) == ""
     assert reason(plant, parts, (EveryTick(),)) == "observer EveryTick"
     assert "Encoders" in reason(plant, replace(parts, sensors=parts.sensors[1:]), ())
     assert "controller" in reason(plant, replace(parts, controller=untyped(parts.controller).controller), ())

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from controllers.ik.tracking import Passing, TrackingMethod
-from controllers.mkps import Chain, Track, Tracker, solve, track
+from controllers.ik.method import Method
+from controllers.ik.tracking import Passing
+from controllers.ik.tracking_solvers import solve_at, solver_address
+from controllers.mkps import Chain, IkOptions, Track, Tracker, solve, track
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.spatial import Array, exp_so3, log_so3, pose
 from untyped import untyped
@@ -93,7 +95,7 @@ def test_nearness_is_the_least_singular_value() -> None:
 
 
 @pytest.mark.parametrize("method", ["hybrid", "jacobian_free", "plain"])
-def test_far_from_singular_configurations_passing_changes_nothing(method: TrackingMethod) -> None:
+def test_far_from_singular_configurations_passing_changes_nothing(method: Method) -> None:
     chain = Chain.from_dh(SEVEN)
     q0 = np.array([0.1, 0.6, 0.3, 1.2, 0.2, 0.7, 0.1])
     goal = chain.forward(q0)
@@ -121,6 +123,22 @@ def test_a_tracker_keeps_no_state_of_its_own() -> None:
     alone = track(chain, poses[:200], q0, PERIOD)
     np.testing.assert_array_equal(one.q, alone.q[-1])
     assert not np.array_equal(one.q, two.q)
+
+
+@pytest.mark.parametrize("method", ["jacobian_free", "plain"])
+def test_a_solver_called_by_address_has_the_bits_of_solve(method: Method) -> None:
+    chain = Chain.from_dh(PUMA)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        q0 = rng.uniform(-2.0, 2.0, chain.n)
+        X = np.ascontiguousarray(chain.forward(q0 + rng.uniform(-0.05, 0.05, chain.n)))
+        q, errors = np.empty(chain.n), np.empty(2)
+        code = solve_at(solver_address(method), chain.memory(), X, q0, (1e-6, 1e-5), 4000, q, errors)
+        most = IkOptions(max_iterations=4000)
+        result = solve(chain, X, q0, 1e-6, 1e-5, method=method, branch="keep", options=most)
+        assert (code == 0) == result.converged
+        assert np.array_equal(q, result.q)
+        assert (errors[0], errors[1]) == (result.position_error, result.orientation_error)
 
 
 def test_tracking_keeps_joint_limits() -> None:

@@ -1,0 +1,102 @@
+"""Solvers that the compiled loop calls by address, to track a tool pose by another method than the hybrid one.
+
+A method is compiled only where it is chosen; the loop then need not contain all three.
+"""
+
+from functools import cache
+from typing import Any, cast
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.numpy_support import carray
+
+from controllers.ik.chain_kernels import JACOBIAN_FREE, PLAIN, Settings, memory_size
+from controllers.ik.method import Method
+from controllers.ik.paper_stages import solve_plain
+from controllers.ik.sweeps import solve_jacobian_free
+from sim.interfaces.kernels import imports_stamp
+
+_STAMP = int(imports_stamp(globals()), 16)
+_NUMBER = types.CPointer(types.float64)
+# code = solver(n, tolerances (3), most sweeps, memory, X (4, 4), q0 (n), q (n) out, errors (2) out)
+_SOLVER = types.int64(types.int64, *(types.float64,) * 2, types.int64, *(_NUMBER,) * 5)
+_size = numba.njit(memory_size)
+
+
+@cache
+def _compiled(method: Method) -> Any:
+    """C function of a method; it must stay alive, since its address is in use."""
+    stamp, plain = _STAMP, method == "plain"  # closed over: numba's cache is keyed by them
+
+    def of_pointers(n, tol_p, tol_r, limit, memory, X, q0, q, errors):
+        _ = stamp
+        chain, trail = carray(memory, _size(n)), carray(memory, (0, 1))
+        target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
+        axis = tol_r * 0.5**0.5
+        if plain:
+            settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, False)
+            code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
+        else:
+            settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)
+            code, _, _, said[0], said[1] = solve_jacobian_free(chain, target, start, settings, trail, out)
+        return code
+
+    return numba.cfunc(_SOLVER, cache=True, error_model="numpy")(of_pointers)
+
+
+def solver_address(method: Method) -> int:
+    """Address for `solve_at`; 0 for "hybrid", which the loop contains."""
+    return 0 if method == "hybrid" else int(_compiled(method).address)
+
+
+def _call(
+    _typing: Any,
+    _address: Any,
+    _n: Any,
+    _p: Any,
+    _r: Any,
+    _most: Any,
+    _memory: Any,
+    _X: Any,
+    _q0: Any,
+    _q: Any,
+    _errors: Any,
+) -> Any:
+    """Intrinsic that calls a solver; arrays are given by their addresses."""
+
+    def codegen(_context: Any, builder: ir.IRBuilder, _signature: Any, args: Any) -> ir.Value:
+        number, count = ir.DoubleType(), ir.IntType(64)
+        arrays = [builder.inttoptr(each, number.as_pointer()) for each in args[5:]]
+        kind = ir.FunctionType(count, [count, number, number, count, *(each.type for each in arrays)])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [*args[1:5], *arrays])
+
+    numbers = (types.intp, types.float64, types.float64, types.int64)
+    return types.int64(types.intp, *numbers, *(types.intp,) * 5), codegen
+
+
+_call_solver = cast(Any, intrinsic(_call))
+
+
+@numba.njit
+def solve_at(address, chain, X, q0, tolerances, limit, q, errors):
+    """Solve by the method at `address`, on the branch of `q0` and without restarts.
+
+    Args:
+        address: of `solver_address`, not 0.
+        chain: kernel memory of the chain.
+        X: (4, 4) target pose of the tip in the base frame, [m].
+        q0: (n,) [rad] start.
+        tolerances: [m], [rad] errors within which the pose is met.
+        limit: most sweeps.
+        q: (n,) [rad] out.
+        errors: (2,) out, [m] and [rad].
+
+    Returns:
+        A code of `controllers.ik.chain_kernels`.
+    """
+    places = chain.ctypes.data, X.ctypes.data, q0.ctypes.data, q.ctypes.data, errors.ctypes.data
+    return _call_solver(
+        address, q0.shape[0], tolerances[0], tolerances[1], limit, places[0], places[1], places[2], places[3], places[4]
+    )

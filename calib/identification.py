@@ -19,10 +19,9 @@ from calib.fit import LEAST_FREEDOM, Data, Fit, Problem, centred, pair_cost, sol
 from calib.loads import BoundLoads, Loads
 from calib.paper import WARNING, paper_run
 from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
-from calib.prediction import Series, places, scores
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
-from calib.verification import kabsch
+from calib.verification import PointTouches, kabsch, places, scores
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -224,7 +223,7 @@ class Calibration:
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 
-        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.prediction`.
+        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.verification`.
 
         Args:
             q: (M, n) joint values of all touches of that point.
@@ -484,7 +483,7 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
 
 
 def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
-    """Scores (3 K,) of the touches in use, see `calib.prediction`; `points` (S, 3) [m] are those of the series."""
+    """Scores (3 K,) of the touches in use, see `calib.verification`; `points` (S, 3) [m] are those of the series."""
     J = tips_of(arm, fit.full, data)[1][:, parameters.index]
     series, used = [], []
     for s in range(len(data.starts)):
@@ -493,6 +492,6 @@ def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points
             continue
         weights = data.weights[mine]
         rows = J[mine] - np.average(J[mine], axis=0, weights=weights)
-        series.append(Series(rows=rows, residuals=fit.residuals[mine], weights=weights))
+        series.append(PointTouches(rows=rows, residuals=fit.residuals[mine], weights=weights))
         used.append(s)
     return scores(series, places(points[used], arm.reach), fit.deviations, fit.noise)

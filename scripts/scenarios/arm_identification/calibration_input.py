@@ -510,9 +510,6 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
         "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
         "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
-        "held_out_interval": None
-        if outcome.covered is None
-        else {"covered": outcome.covered, "half_width_m": outcome.half_width},
         "contact": None
         if session is None
         else {

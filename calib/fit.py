@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from calib import kernels
 from calib.parameters import Parameters
@@ -32,7 +32,10 @@ _ROUNDS = 12  # maximal iterations of the evidence: noise and prior deviations
 _CAUCHY = 2.4  # [deviations] residual length at which a touch has weight 1/2
 _CAUCHY_ROUNDS = 3  # reweighted estimates with the Cauchy loss
 _MEDIAN = 1.5382  # median length of a vector of three unit normals
-_REJECTIONS = 10  # maximal rounds of outlier rejection
+_REJECTIONS = 10  # maximal rounds of reweighting and of outlier rejection
+_SAME_WEIGHTS = 0.01  # change of the weights that ends the reweighting
+_FAR = 0.01  # share of normal errors beyond which the weight of a touch falls
+_BLUNDER_TAIL = 4.0  # degrees of freedom of the Student's t that tells a heavy tail from a blunder
 Load = Callable[[Array], Array]  # table (n, 5) -> joint loads (M, n) [N m]
 
 
@@ -371,41 +374,56 @@ def solve(
 
 
 def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any) -> tuple[Fit, Data]:
-    """Estimate the parameters as `solve` does, with outlying touches excluded.
+    """Estimate the parameters as `solve` does, whatever a few touches do.
 
-    A touch is excluded where its distance from its series' point is less likely than `level` over the number of touches
-    (Bonferroni). Clean data lose a touch in a share `level` of all runs. Once one is found, a Cauchy loss first reduces
-    the influence of further outliers that it masks.
+    Without a touch that is less likely than `level` over the number of touches (Bonferroni), all weights stay 1; clean
+    data are reweighted in a share `level` of all runs. Else far touches keep a reduced weight, whose influence falls
+    with distance. Those too far for a heavy tail (Student's t) as well are excluded. Both are judged by a fit to the
+    ordinary touches alone, which a Cauchy loss and rejection find, since outliers mask others.
 
     Args:
         problem: arm, data, free parameters and prior mean; its data get the final weights.
         deviations: (P,) standard deviations of the prior.
-        level: probability of excluding any touch of clean data.
+        level: probability of reweighting clean data.
         **options: as of `solve`; `noise` is required.
 
     Returns:
-        The solution, and the data with weight 0 for each excluded touch.
+        The solution, and the data with their weights, 0 for each excluded touch.
     """
     fit = solve(problem, deviations, **options)
     counted = problem.data.weights > 0.0
-    limit = float(chi2.isf(level / max(counted.sum(), 1), 3))
-    strange = _strange(fit, problem.data, counted, limit, options["noise"])
-    if not strange.any():
+    share = level / max(counted.sum(), 1)
+    ordinary = float(chi2.isf(share, 3))
+    if not _strange(fit, problem.data, counted, ordinary, options["noise"]).any():
         return fit, problem.data
     every = problem.data
     for _ in range(_CAUCHY_ROUNDS):
         square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, every, counted) ** 2
         problem.data = replace(every, weights=np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0))
         fit = solve(problem, deviations, start=fit.full, **options)
-    strange = _strange(fit, every, counted, limit, options["noise"])
+    strange = _strange(fit, every, counted, ordinary, options["noise"])
     for _ in range(_REJECTIONS):
         problem.data = replace(every, weights=(counted & ~strange).astype(np.float64))
         fit = solve(problem, deviations, start=fit.full, **options)
-        again = _strange(fit, problem.data, counted, limit, options["noise"])
+        again = _strange(fit, problem.data, counted, ordinary, options["noise"])
         if np.array_equal(again, strange):
             break
         strange = again
+    limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
+    for _ in range(_REJECTIONS):
+        before = problem.data
+        kept = counted & ~_strange(fit, before, counted, limit, options["noise"])
+        problem.data = replace(every, weights=_far_weights(fit, before, kept))
+        fit = solve(problem, deviations, start=fit.full, **options)
+        if np.max(np.abs(problem.data.weights - before.weights)) < _SAME_WEIGHTS:
+            break
     return fit, problem.data
+
+
+def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:
+    """Weights (M,) of the touches: 1 where ordinary, falling with the squared distance beyond, 0 where not `kept`."""
+    square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, kept) ** 2
+    return np.where(kept, np.minimum(1.0, chi2.isf(_FAR, 3) / np.maximum(square, 1e-12)), 0.0)
 
 
 def _robust_noise(fit: Fit, data: Data, counted: np.ndarray) -> float:

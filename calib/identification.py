@@ -21,7 +21,7 @@ from calib.paper import WARNING, paper_run
 from calib.parameters import DEFAULT_FREE, DEFAULT_PRIOR, Parameters, prior_deviations, select
 from calib.rank import RankReport, rank_report
 from calib.touches import checked_series, first_tcp, without_repeats
-from calib.verification import kabsch
+from calib.verification import PointTouches, kabsch, places, scores
 from models.arms.kinematics import ROW
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError
@@ -139,6 +139,7 @@ class Calibration:
     converged: bool
     warnings: tuple[str, ...]
     loads: BoundLoads | None
+    scores: Array  # (3 K,) sorted errors of touches predicted from other places, in predicted deviations
 
     @property
     def dh(self) -> Array:
@@ -218,6 +219,30 @@ class Calibration:
         """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
+
+    def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
+        """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
+
+        Errors that the parameters cannot express (gears, sag, seating) widen them: see `calib.verification`.
+
+        Args:
+            q: (M, n) joint values of all touches of that point.
+            payload_mass: [kg] carried.
+            confidence: share of the errors, along each axis, that the intervals shall hold.
+
+        Returns:
+            Half-widths (M, 3) [m].
+        """
+        values = np.ascontiguousarray(q, dtype=np.float64)
+        load = None if self.loads is None else self.loads.with_payload(payload_mass, len(values)).at(values)
+        full = np.concatenate([self.arm.table.ravel(), self.tcp, self.compliance])
+        data = Data(q=values, starts=np.zeros(1, dtype=int), load=load, weights=np.ones(len(values)))
+        J = tips_of(self.arm, full, data)[1][:, self.estimate.parameters.index]
+        J = J - J.mean(axis=0)
+        share = 1.0 - 1.0 / len(values)
+        variance = np.einsum("mpi,pr,mri->mi", J, self.covariance, J) + share * self.noise**2
+        factor = max(self.quantile(confidence), float(np.quantile(self.scores, confidence)))
+        return factor * np.sqrt(variance)
 
     def deflected(self, q: ArrayLike, payload_mass: float = 0.0) -> Array:
         """True joint positions (M, n) at encoder readings `q` (M, n), deflected under `payload_mass` [kg]."""
@@ -453,4 +478,20 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
         converged=fit.converged,
         warnings=tuple(warnings),
         loads=bound,
+        scores=_scores(arm, data, parameters, fit, points[live]),
     )
+
+
+def _scores(arm: SerialArm, data: Data, parameters: Parameters, fit: Fit, points: Array) -> Array:
+    """Scores (3 K,) of the touches in use, see `calib.verification`; `points` (S, 3) [m] are those of the series."""
+    J = tips_of(arm, fit.full, data)[1][:, parameters.index]
+    series, used = [], []
+    for s in range(len(data.starts)):
+        mine = np.flatnonzero((data.series == s) & (data.weights > 0.0))
+        if len(mine) < 2:
+            continue
+        weights = data.weights[mine]
+        rows = J[mine] - np.average(J[mine], axis=0, weights=weights)
+        series.append(PointTouches(rows=rows, residuals=fit.residuals[mine], weights=weights))
+        used.append(s)
+    return scores(series, places(points[used], arm.reach), fit.deviations, fit.noise)

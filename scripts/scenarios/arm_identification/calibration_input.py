@@ -82,6 +82,8 @@ class CalibrationOutcome:
     series: tuple[Array, ...]  # joint values that were identified from
     clouds: dict[str, verification.Cloud] = field(default_factory=dict)
     held_out: dict[str, tuple[float, float]] = field(default_factory=dict)  # by point: RMS [m] nominal, identified
+    covered: float | None = None  # share of the errors held out, along each axis, within their 95 % intervals
+    half_width: float | None = None  # [m] median half-width of those intervals
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
 
@@ -303,12 +305,25 @@ def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: S
                 np.linalg.norm(case.source.arm.tips(q, truth.tcp) - true, axis=1),
                 np.linalg.norm(arm.tips(q, tcp) - true, axis=1),
             )
-    held = {}
+    held, covered, half_width = {}, None, None
     if case.held_out is not None:
         for name, q in zip(case.held_out.names, case.held_out.series, strict=True):
             held[name] = (_scatter(case.source.arm.tips(q, _first_tcp(case))), _scatter(found.tips(q)))
+        if several := [q for q in case.held_out.series if len(q) > 1]:
+            tips_found = [found.tips(q) for q in several]
+            errors = np.abs(np.vstack([p - p.mean(axis=0) for p in tips_found]))
+            half = np.vstack([found.half_widths(q) for q in several])
+            covered, half_width = float(np.mean(errors < half)), float(np.median(half))
     return CalibrationOutcome(
-        calibration=found, arm=arm, tcp=tcp, series=tuple(series), clouds=clouds, held_out=held, tips=tips
+        calibration=found,
+        arm=arm,
+        tcp=tcp,
+        series=tuple(series),
+        clouds=clouds,
+        held_out=held,
+        covered=covered,
+        half_width=half_width,
+        tips=tips,
     )
 
 
@@ -434,6 +449,9 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             for name, (before, after) in zip(outcome.held_out, values, strict=True)
         ]
         out.append(("held out, median: nominal, identified [mm]", "{:.3f}, {:.3f}".format(*np.median(values, axis=0))))
+    if outcome.covered is not None and outcome.half_width is not None:
+        interval = f"{100.0 * outcome.covered:.1f} %, ± {1e3 * outcome.half_width:.3f}"
+        out.append(("held out, within the 95 % interval; its median [mm]", interval))
     if case.session is not None:
         session = case.session
         out += [

@@ -128,3 +128,41 @@ def test_masks_hold_the_rest(series: list[Array]):
     assert result.names == ("a1", "a2", "alpha2", "a3", "a4", "a5", "a6", "tcp_x", "tcp_y", "tcp_z")
     assert not changed[:, [0, 1, 4]].any()
     assert changed[:, 3].tolist() == [False, True, False, False, False, False]
+
+
+def test_a_tenth_of_blunders_is_left_out_and_pulls_no_more_than_noise(series: list[Array]):
+    spoilt = [q.copy() for q in series]
+    rng = np.random.default_rng(31)
+    for q in spoilt:
+        q[:2] += rng.normal(0.0, 0.02, (2, q.shape[1]))
+    clean, result = identify(series, UR10E), identify(spoilt, UR10E)
+    assert {(outlier.series, outlier.touch) for outlier in result.outliers} == {
+        (s, j) for s in range(3) for j in (0, 1)
+    }
+    gap = result.tips(np.vstack(series)) - clean.tips(np.vstack(series))
+    assert np.abs(gap - gap.mean(axis=0)).max() < 5.0 * clean.noise
+
+
+def test_touches_of_heavy_tail_are_kept(series: list[Array]):
+    rng = np.random.default_rng(33)
+    heavy = [q + 3e-4 * rng.standard_t(3.0, (len(q), 1)) * rng.standard_normal(q.shape) for q in series]
+    assert not identify(heavy, UR10E).outliers
+
+
+def test_intervals_hold_new_places_of_an_arm_with_errors_of_its_gears():
+    covered = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        eccentric = touch(Arm.from_dh(PAPER), OFF_AXIS, rng, points=7)
+        phase = rng.uniform(0.0, 2.0 * np.pi, 6)
+        eccentric = [q + 4e-4 * np.sin(q + phase) for q in eccentric]
+        result = identify(eccentric[:6], UR10E)
+        p = result.tips(eccentric[6])
+        covered.append(np.mean(np.abs(p - p.mean(axis=0)) < result.half_widths(eccentric[6])))
+    assert np.mean(covered) > 0.9
+
+
+def test_intervals_of_a_right_model_are_those_of_its_noise():
+    found = touch(Arm.from_dh(PAPER), OFF_AXIS, np.random.default_rng(34), points=6)
+    result = identify(found, UR10E)
+    assert 1.7 < np.quantile(result.scores, 0.95) < 2.3

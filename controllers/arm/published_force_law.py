@@ -8,8 +8,9 @@ component along the tool axis is `PublishedForceLaw`, the two across it are `Tan
 published law has both, with the same gains.
 
 Friction makes the components across the axis differ from zero for as long as the tool moves; the integral then drives
-the tool off its path. `controllers.arm.position_force` therefore acts along the axis alone. The paper gives no gains.
-Those here are fixed, whatever the surface.
+the tool off its path. The paper also says that the displacement goes "towards the surface or away from it", by the sign
+of the difference of the two forces: read so, the component along the axis is the whole law. `--published force-law` is
+the first reading, `normal-force-law` the second. The paper gives no gains. Those here are fixed, whatever the surface.
 """
 
 from dataclasses import dataclass, field

@@ -7,7 +7,7 @@ arm, a yaw joint and three parallel pitch joints with joints 5 and 6 at zero, th
 
 import numpy as np
 
-from controllers.estimation.tip_force_estimator import ContactState, DriveState, TorqueSensors
+from controllers.estimation.tip_force_estimator import PRIOR, ContactState, DriveState, TorqueSensors
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import ContactEstimate, StateEstimate
 from sim.interfaces.spatial import Array
@@ -57,7 +57,7 @@ class ClosedFormForce(TorqueSensors):
         rows = list(JOINTS)
         A = state.sensed.J_B[:3, rows].T @ state.sensed.X_BG[:3, :3]
         if not _regular(A):
-            return np.full(3, np.inf)
+            return np.full(3, PRIOR**-0.5)
         return np.sqrt(np.linalg.inv(A) ** 2 @ variance[rows])
 
 

@@ -7,7 +7,7 @@
 | an encoder wrong | the arm holds its joint angles, the hull withdraws the tool along its axis |
 | a thruster lost | no more push, retreat along the tool axis, then ascent off the object on the other thrusters |
 | hull off its place | the same, with all thrusters |
-| force above its limit, or long above the set one; contact lost | retreat along the tool axis |
+| force above its limit, long above the set one, or not felt; contact lost | retreat along the tool axis |
 | estimate or command not finite | arm braked, thrusters off (`safety_wrapper`), abort |
 
 What a reaction means in a phase is in the table of the task: up to CLOSE_IN there is no contact to retreat from, and
@@ -148,6 +148,19 @@ def too_much_force(limit: float, felt: Callable[[Held, Context], float]) -> Cond
     def found(held: Held, now: Context) -> str:
         force = felt(held, now)
         return f"felt force {force:.0f} N is above the limit of {limit:.0f} N" if force > limit else ""
+
+    return found
+
+
+def uncertain_force(limit: float) -> Condition:
+    """Condition: the stated standard deviation of the normal force is above `limit` [N]."""
+
+    def found(held: Held, now: Context) -> str:
+        del held
+        sigma = math.inf if now.last is None else float(now.last.contact.sigma_G[2])  # inf: none is stated
+        if not limit < sigma < math.inf:
+            return ""
+        return f"the normal force cannot be felt in this posture: standard deviation {sigma:.0f} N"
 
     return found
 

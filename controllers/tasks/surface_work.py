@@ -38,6 +38,7 @@ from controllers.tasks.monitors import (
     fault_monitors,
     normal_force,
     too_much_force,
+    uncertain_force,
 )
 from controllers.tasks.phase import Context, Held, Hold, HoldTool, PhaseEvent
 from controllers.tasks.task import TaskPlanner, TaskRow
@@ -54,7 +55,8 @@ class ContactLimits:
     """Limits of force and place from the approach on."""
 
     force: float = 160.0  # [N] estimated normal force above which the work ends
-    lost_time: float = 0.5  # [s] without contact after which the work ends
+    sigma: float = 20.0  # [N] standard deviation of the normal force above which it does not count as felt
+    lost_time: float = 0.5  # [s] without contact, or without a force that is felt, after which the work ends
     excess: float = 0.3  # share of the set force, `touch` added, by which the estimated force may exceed it
     excess_time: float = 0.3  # [s] after which a larger excess ends the work
     lost_place: float = 0.04  # [m] position error of the hull; in normal station-keeping it stays in 0.025
@@ -241,6 +243,13 @@ def surface_monitors(job: SurfaceTaskConfig) -> tuple[Monitor, ...]:
             reaction=Reaction.RETREAT,
             code=AbortCode.FORCE_LIMIT,
             during=IN_CONTACT,
+        ),
+        Monitor(
+            condition=uncertain_force(limits.sigma),
+            reaction=Reaction.RETREAT,
+            code=AbortCode.FORCE_NOT_FELT,
+            lasting=limits.lost_time,
+            during=IN_CONTACT if job.presses else frozenset(),
         ),
         Monitor(
             condition=too_hard,

@@ -1,7 +1,7 @@
 """Point-to-point ICP from the model to the scan as published, kept as a baseline [Konoplin 2022], [Konoplin 2019].
 
-The model's centroid is put on the scan's, then ICP runs with all model points. Points that the sensor cannot see are
-removed and ICP runs again. It stops when its error no longer decreases. If the error is then above the required one, a
+The model's centroid is put on the scan's, then ICP runs a few iterations with all model points. Points that the sensor
+cannot see are removed and ICP runs until its error no longer decreases. If the error is then above the required one, a
 new scan is requested. Point-to-plane ICP from the scan to the visible model (`perception.registration.fine_fit`) is
 several times as accurate.
 """
@@ -16,7 +16,7 @@ from sim.interfaces.spatial import Array, pose, transform_points
 
 _MODEL_POINTS = 4000  # model points used, at most
 _FALLS = 1e-5  # [-] relative decrease of the error below which ICP stops
-_MOST = 300  # iterations at most
+_FIRST, _MOST = 10, 300  # iterations with all model points, and with the visible ones, at most
 _ALLOWED = 2.0  # [-] required rms distance as a multiple of the points' noise and spacing
 
 
@@ -44,7 +44,7 @@ def laid_on(points: Array, surface: ModelSurface, R_ST: Array) -> Array:
 
 
 def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFit:
-    """Run ICP with all model points, and again with those visible from the sensor at the first result.
+    """Run the first iterations of ICP with all model points, the others with those visible from the sensor.
 
     Args:
         evidence: Scan points of the object.
@@ -56,10 +56,10 @@ def paper_fit(evidence: Evidence, surface: ModelSurface, X_ST: Array) -> PaperFi
     """
     step = -(-len(surface.points) // _MODEL_POINTS)
     tree = cKDTree(evidence.points)
-    X_ST, error = _icp(tree, surface.points[::step], X_ST)
+    X_ST, error = _icp(tree, surface.points[::step], X_ST, _FIRST)
     visible = surface.visible(X_ST, evidence.scan, evidence.sensor.max_incidence, step)
     if visible.sum() >= 10:
-        X_ST, error = _icp(tree, surface.points[::step][visible], X_ST)
+        X_ST, error = _icp(tree, surface.points[::step][visible], X_ST, _MOST)
     return PaperFit(X_ST, error, required_error(evidence, surface))
 
 
@@ -69,10 +69,10 @@ def required_error(evidence: Evidence, surface: ModelSurface) -> float:
     return _ALLOWED * float(np.hypot(noise, surface.spacing))
 
 
-def _icp(tree: cKDTree, points_T: Array, X_ST: Array) -> tuple[Array, float]:
+def _icp(tree: cKDTree, points_T: Array, X_ST: Array, iterations: int) -> tuple[Array, float]:
     """Point-to-point ICP of `points_T` (m, 3) [m] to the scan, until the rms distance [m] no longer decreases."""
     error, middle = np.inf, points_T.mean(axis=0)
-    for _ in range(_MOST):
+    for _ in range(iterations):
         distance, index = tree.query(transform_points(X_ST, points_T))
         before, error = error, float(np.sqrt(np.mean(distance**2)))
         if not error < (1.0 - _FALLS) * before:

@@ -146,6 +146,8 @@ def as_published(methods: Set[str], own: mujoco.MjModel, water_error: float) -> 
     parts: dict[str, Any] = {}
     if "force-law" in methods:
         parts |= {"force_law": PublishedForceLaw(), "compliance": TangentialForceLoop()}
+    if "normal-force-law" in methods:
+        parts["force_law"] = PublishedForceLaw()
     if "tip-force" in methods:
         parts["estimator"] = ClosedFormForce(own, water_error=water_error)
     return parts

@@ -18,7 +18,7 @@ Method = Literal[
 AblatedMethod = Literal[
     "compensation", "hydrodynamic-term", "dynamic-term", "contact-term", "drift-correction", "force-control", "fusion"
 ]
-PublishedMethod = Literal["force-law", "tip-force", "identification"]
+PublishedMethod = Literal["force-law", "normal-force-law", "tip-force", "identification"]
 P = TypeVar("P", bound=Perturbation)
 _MOST_LOOKS = 40  # frames that arrive before the wait for a scan times out
 
@@ -88,8 +88,9 @@ class Control:
     published: tuple[PublishedMethod, ...] = ()  # methods as in [Konoplin 2022], in place of the default ones
 
     def __post_init__(self) -> None:
-        if "force-control" in self.without and "force-law" in self.published:
-            raise ConfigurationError("--without force-control and --published force-law: one of the two")
+        laws = {"force-law", "normal-force-law"} & {*self.published}
+        if len(laws) + ("force-control" in self.without) > 1:
+            raise ConfigurationError("--without force-control, --published force-law and normal-force-law: one of them")
 
 
 @dataclass(frozen=True, kw_only=True)

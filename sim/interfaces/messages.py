@@ -52,6 +52,7 @@ class AbortCode(StrEnum):
     FORCE_NOT_REACHED = "force not reached"  # the estimated force stays below the first set one
     FORCE_NOT_HELD = "force not held"  # the estimated force stays above the set one
     FORCE_LIMIT = "force limit"  # the estimated force is above its limit
+    FORCE_NOT_FELT = "force not felt"  # the estimated force is too uncertain in this posture of the arm
     CONTACT_LOST = "contact lost"  # the estimated force falls to nothing at work
     HOLE_NOT_FOUND = "hole not found"  # by the spiral search
     JAMMED = "jammed"  # on the way in

@@ -15,6 +15,7 @@ from sim.interfaces.errors import UuvError
 VERSIONS: Mapping[str, Mapping[str, Any]] = {  # options of the job, by the name of the version
     "defaults": {},
     "force law": {"published": ("force-law",)},
+    "normal force law": {"published": ("normal-force-law",)},
     "tip force": {"published": ("tip-force",)},
     "identification": {"published": ("identification",)},
     "IK plain": {"ik": "plain"},

@@ -124,7 +124,12 @@ def deviate(
 
     fine, sigma = mean(usable, _SMOOTH)
     threshold = 4.5 * sigma + pose_error
-    high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
+    # The flank of a deviation beside the path tilts the tool before it is high on the path.
+    patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
+    leans = 4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
+    whole = usable & (well.sum(axis=1) > _LEAST_RAYS)
+    beyond = np.maximum(np.abs(fine) / threshold, np.where(whole, np.abs(form[:, 1]), 0.0) / leans)
+    high = _hysteresis(np.where(usable, beyond, 0.0), np.ones(n))
     rest = usable & ~high
     wide, sigma = mean(rest, _SMOOTH_LOW)
     low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)
@@ -134,7 +139,6 @@ def deviate(
     # matters. Shrinkage removes what noise explains. On a clean path the model is the better measurement.
     along = widest**3 / (widest**2 + (2.0 * sigma) ** 2 + 1e-12) * float(np.any(high | low))
     # The form is more accurate than a mean, and noisier: it is weighted by its noise.
-    patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
     trust = 1.0 / (1.0 + (_FORM_NOISE * doubt / _MEAN_ERROR) ** 2 / np.maximum(1.0, patches))
     trust = np.where(well.sum(axis=1) > _LEAST_RAYS, trust, 0.0)
     steep = fine + trust * (form[:, 0] - fine)

@@ -43,7 +43,7 @@ class Options:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class PaperStatement:
     """One statement of a paper."""
 
     place: str  # in the paper
@@ -79,14 +79,14 @@ def main() -> int:
     return 1 if lacking else 0
 
 
-def _rows(paper: Mapping[str, Any]) -> list[Row]:
+def _rows(paper: Mapping[str, Any]) -> list[PaperStatement]:
     try:
-        return [Row(**row) for row in paper["row"]]
+        return [PaperStatement(**row) for row in paper["row"]]
     except TypeError as error:
         raise ConfigurationError(f"{STATEMENTS.name}: {paper['source']}: {error}") from None
 
 
-def _figures(command: str, rows: list[Row]) -> dict[str, str]:
+def _figures(command: str, rows: list[PaperStatement]) -> dict[str, str]:
     """Texts with figures of the rows of one command, by their patterns; those that it does not give are left out."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "out"

@@ -68,7 +68,7 @@ def test_a_plug_in_that_raises_is_named_with_its_line(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.delitem(import_module("sys").modules, "plug", raising=False)
     with pytest.raises(ConfigurationError, match=f"--controller 'plug:C': .*{said}") as refused:
-        parts.controller("plug:C", models.load("uuv_puma").compile(), without=frozenset(), water_error=0.0)
+        parts.controller(parts.Control(controller="plug:C"), models.load("uuv_puma").compile(), water_error=0.0)
     assert len(str(refused.value)) <= LONGEST
 
 

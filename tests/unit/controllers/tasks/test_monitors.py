@@ -25,8 +25,10 @@ def estimate(time: float, X_WB: Array | None = None) -> StateEstimate:
     return StateEstimate(time=time, X_WB=X_WB, v_WB_B=zero, w_WB_B=zero, a_WB_B=zero, q=joints, qd=joints, tau=joints)
 
 
-def seen(time: float, felt: float = 0.0, faults: Sequence[Fault] = (), X_WB: Array | None = None) -> Context:
-    contact = ContactEstimate(normal=felt)
+def seen(
+    time: float, felt: float = 0.0, faults: Sequence[Fault] = (), X_WB: Array | None = None, sigma: float = np.inf
+) -> Context:
+    contact = ContactEstimate(normal=felt, sigma_G=np.array([1.0, 1.0, sigma]))
     told: dict[str, Any] = {"joint_torque": np.zeros(6), "thrusters": np.zeros(6), "scan": False}
     command = Command(time=time, contact=contact, faults=tuple(faults), **told)
     return Context(time, STEP, estimate(time, X_WB), None, command)
@@ -36,12 +38,15 @@ def held(force: float = 60.0) -> Held:
     return Held(X_WB=np.eye(4), X_WB_scan=np.eye(4), q=np.zeros(6), force=force)
 
 
-def broken_off(work: WorkState, felt: float, seconds: float) -> tuple[float, Abort] | None:
-    """When [s] and why the work is broken off under a constant felt force [N]; None: not within `seconds`."""
+def broken_off(work: WorkState, felt: float, seconds: float, sigma: float = np.inf) -> tuple[float, Abort] | None:
+    """When [s] and why the work is broken off under a constant felt force [N]; None: not within `seconds`.
+
+    `sigma` [N] is the stated standard deviation of the force; inf: none is stated.
+    """
     monitors = surface_monitors(JOB)
     false_at = [0.0] * len(monitors)
     for tick in range(round(seconds / STEP)):
-        reaction, cause = watch(monitors, false_at, work, held(), seen(tick * STEP, felt))
+        reaction, cause = watch(monitors, false_at, work, held(), seen(tick * STEP, felt, sigma=sigma))
         if reaction is not Reaction.GO_ON:
             assert cause is not None
             return tick * STEP, cause
@@ -67,6 +72,16 @@ def test_a_force_beyond_its_bound_ends_the_work_in_its_time(within, beyond, afte
     assert after < found[0] < after + 2.5 * STEP
     assert found[1].code is code
     assert broken_off(WorkState.RETREAT, beyond, 4.0 * after + 1.0) is None
+
+
+def test_work_ends_where_the_force_is_not_felt():
+    assert broken_off(WorkState.WORK, 60.0, 3.0, 0.9 * JOB.contact.sigma) is None
+    found = broken_off(WorkState.WORK, 60.0, 3.0, 1.1 * JOB.contact.sigma)
+    assert found is not None
+    assert JOB.contact.lost_time < found[0] < JOB.contact.lost_time + 2.5 * STEP
+    assert found[1].code is AbortCode.FORCE_NOT_FELT
+    assert "standard deviation 22 N" in found[1].reason
+    assert broken_off(WorkState.CLOSE_IN, 0.0, 3.0, 1.1 * JOB.contact.sigma) is None
 
 
 def test_a_hull_that_does_not_become_quiet_is_waited_for_so_long_and_no_longer():

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.interpolate import PchipInterpolator
+from scipy.spatial import cKDTree
 
 from models.objects.targets import ModelPath
 from perception.clouds.scan import distances_along, jump
@@ -37,6 +38,11 @@ _LEAST_RAYS = 3  # of the rays across the path that must be valid
 _MEDIAN_FORM = 0.013  # [m] along the path, length of the median for the form of high and steep deviations
 _FORM_NOISE = 1.9  # [-] noise over that of a mean: a parabola of seven lines, and a Gaussian of second order
 _MEAN_ERROR = 0.0015  # [m] error of a mean at the middle of such a form
+_SPREAD = 1.7  # [-] spread of a median over that of a mean, and of touching patches of noise
+_SLOPE_NOISE = 0.035  # [rad] noise of an axis from the scan alone
+_WIDTHS = (0.008, 0.03)  # [m] least and largest width of the Gaussian for an axis
+_FITTED = 12  # points that an axis is made of, at least
+_ILL_CONDITIONED = 1e4  # [-] condition of the parabola's normal equations: the points lie on one side, or in a line
 _FADE = (0.05, 4.0)  # [m], and multiple of its size: length over which a deviation fades out into unseen surface
 
 
@@ -112,7 +118,7 @@ def deviate(
     # A median spreads 1.25 times as wide as a mean, and patches of noise touch: 1.7 in all, from 120 paths on clean
     # barrels. An error of the pose shows as 1/cos along the line of sight. A path has some fifty independent places,
     # and one false dent tilts the tool: hence 4.5 sigma, not 3.
-    doubt = 1.7 * evidence.sensor.sigma(path.p[:, 2])
+    doubt = _SPREAD * evidence.sensor.sigma(path.p[:, 2])
     pose_error = POSE_ERROR / np.maximum(cosine[:, len(BESIDE) // 2], SEEN_WELL)
     radius = _NOISE_PATCH * path.p[:, 2] / evidence.sensor.focal
 
@@ -171,6 +177,52 @@ def tilted_axis(path: ModelPath, deviation: Deviation) -> Array:
     normal = np.cross(path.b + along[:, None] * deviation.o, c + across[:, None] * deviation.o)
     # a x b = c, so b x c = a: the same side as the transformed axis.
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+
+def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndarray]:
+    """Axes into the scanned surface at points of a path, from a parabola through the scan around each of them.
+
+    The parabola is weighted by a Gaussian as narrow as the sensor's noise allows: a wide one is biased where the
+    surface bends within it.
+
+    Args:
+        evidence: Scan of the object.
+        p: (n, 3) [m] points on the surface, in S.
+        z: (n, 3) approximate unit axes into the surface, in S.
+
+    Returns:
+        Unit axes (n, 3) in S, and the mask (n,) of those that enough points determine; the others are those of `z`.
+    """
+    part = evidence.scan.part(evidence.scan.window(p, 0.1, 10**6))
+    points = part.points.reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    patch = _NOISE_PATCH * p[:, 2] / evidence.sensor.focal
+    widths = np.sqrt(_SPREAD * evidence.sensor.sigma(p[:, 2]) * patch / (np.sqrt(2.0) * _SLOPE_NOISE))
+    widths = np.clip(widths, *_WIDTHS)
+    axes, known = z.copy(), np.zeros(len(p), dtype=bool)
+    if len(points) < _FITTED:
+        return axes, known
+    tree = cKDTree(points)
+    for i, near in enumerate(tree.query_ball_point(p, 2.5 * widths)):
+        u, v = _perpendicular(z[i])
+        to = points[near] - p[i]
+        x, y, depth = to @ u / widths[i], to @ v / widths[i], to @ z[i]
+        weight = np.exp(-0.5 * (x * x + y * y)) * (np.abs(depth) < _SAME_FACE)
+        terms = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+        normal = terms.T @ (weight[:, None] * terms)
+        if np.count_nonzero(weight > 0.1) < _FITTED or np.linalg.cond(normal) > _ILL_CONDITIONED:
+            continue
+        rise = np.linalg.solve(normal, terms.T @ (weight * depth))[1:3] / widths[i]
+        axis = z[i] - rise[0] * u - rise[1] * v
+        axes[i], known[i] = axis / np.linalg.norm(axis), True
+    return axes, known
+
+
+def _perpendicular(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors (3,) perpendicular to the unit vector `axis` and to each other."""
+    u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    u /= np.linalg.norm(u)
+    return u, np.cross(axis, u)
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:

@@ -13,7 +13,7 @@ from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 
 from models.objects.targets import ModelPath
 from perception.registration.identification import Identification
-from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, tilted_axis
+from perception.toolpath.path_deviation import BESIDE, Deviation, deviate, scanned_axis, tilted_axis
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, readonly, transform_points
@@ -25,6 +25,7 @@ _GONE = 0.1  # [m] behind the path: depth used where there is no surface
 _SLOPE = 0.006  # [m] to both sides, over which the axis's slope is taken
 _TIGHT = 0.85  # [-] curvature of a hollow, over that of the ball, from which on the tool is kept out
 _MARGIN = 0.012  # [m] beside such a hollow
+_SURE = 0.05  # [rad] between the axes of scan and model at which each counts by half
 _SHORTEST = 0.03  # [m] of a stretch that is worked; the tool needs 1 cm to come to speed, and as much to rest
 _PACE = 0.5  # [-] share of the set speed on a surface that deviates: unseen slopes of 10 deg then cost half the force
 
@@ -69,40 +70,59 @@ def plan_path(
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
         return _smoothed(p, z, deviation.on_scan, spacing)
     p, z = rolled(dense, deviation, tool_radius)
-    return without_hollows(_smoothed(p, z, deviation.on_scan, spacing), tool_radius)
+    axes, scanned = scanned_axis(found.evidence, p, z)
+    path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing)
+    at = np.linspace(0.0, 1.0, len(path_found.s))
+    seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
+    return workable(path_found, tool_radius, seen)
 
 
-def without_hollows(path: ToolPath, tool_radius: float) -> ToolPath:
-    """`path` on a surface that is not its model's, at half speed and without the hollows too tight for the tool.
+def _towards(axes: Array, z: Array, p: Array) -> Array:
+    """Unit axes (n, 3) from those of model and deviation, `z`, to those of the scan as far as these differ for sure."""
+    apart = np.sum((axes - z) ** 2, axis=1)
+    step = float(np.linalg.norm(np.diff(p, axis=0), axis=1).mean())
+    share = ndimage.gaussian_filter1d(apart / (apart + _SURE**2), _SLOPE / step, mode="nearest")
+    mixed = ndimage.gaussian_filter1d(z + share[:, None] * (axes - z), _SLOPE / step, axis=0, mode="nearest")
+    return mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+
+
+def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = None) -> ToolPath:
+    """`path` on a surface that is not its model's, at half speed and without what this tool cannot work there.
 
     In a hollow nearly as tight as itself a ball touches two flanks at once: the force jumps from one to the other. Such
-    places are left out with a margin. Ends that do not fit are cut off.
+    places are left out with a margin, and those where nothing was scanned: the model says nothing about them. Ends that
+    are left out are cut off.
 
     Args:
         path: Path of the ball's contact point.
         tool_radius: [m] of the ball.
+        scanned: (n,) mask of the places around which the surface was scanned; None: everywhere.
 
     Returns:
         The path, with `fits`, `pace` and `note`.
 
     Raises:
-        PerceptionError: If the tool fits nowhere on the path.
+        PerceptionError: If nothing of the path remains.
     """
     step = float(path.s[1] - path.s[0])
     bend = np.gradient(np.gradient(path.p, step, axis=0), step, axis=0)
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
     margin = max(1, round(_MARGIN / step))
-    fits = ~ndimage.binary_dilation(tight, iterations=margin) if tight.any() else ~tight
+    tight = ndimage.binary_dilation(tight, iterations=margin) if tight.any() else tight
+    unseen = np.zeros_like(tight) if scanned is None else ~scanned
+    fits = ~(tight | unseen)
     stretch, count = ndimage.label(fits)
     fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[stretch]
     if not fits.any():
-        raise PerceptionError(f"the tool, a ball of {1e3 * tool_radius:.0f} mm, fits the surface nowhere on the path")
+        why = (
+            f"it fits the surface on {1.0 - tight.mean():.0%} of the path, of which {1.0 - unseen.mean():.0%} was seen"
+        )
+        raise PerceptionError(f"the tool, a ball of {1e3 * tool_radius:.0f} mm, can work nowhere on the path: {why}")
     kept = np.flatnonzero(fits)[[0, -1]]
     part = slice(kept[0], kept[1] + 1)
-    note = ""
-    if not fits.all():
-        share = 1.0 - float(fits.mean())
-        note = f"hollows too tight for the tool, {share:.0%} of the path, are left out"
+    causes = (("hollows too tight for the tool", tight & ~unseen), ("places that were not seen", unseen))
+    told = [f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()]
+    note = f"{' and '.join(told)}, are left out" if told else ""
     return ToolPath(
         s=readonly(path.s[part] - path.s[part.start]),
         p=readonly(path.p[part]),

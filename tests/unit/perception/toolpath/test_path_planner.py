@@ -15,7 +15,8 @@ from perception.clouds.scan import Scan
 from perception.registration.fine_fit import ModelSurface
 from perception.registration.identification import Identification, identify
 from perception.target_finder import KnownObjectFinder
-from perception.toolpath.path_planner import carry, densified, plan_path, without_hollows
+from perception.toolpath.path_deviation import scanned_axis
+from perception.toolpath.path_planner import carry, densified, plan_path, workable
 from sim.interfaces.errors import ConfigurationError, PerceptionError
 from sim.interfaces.messages import StateEstimate, ToolPath
 from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
@@ -272,7 +273,7 @@ def valley(radius: float, length: float = 0.3) -> ToolPath:
 
 
 def test_hollow_tighter_than_the_tool_is_left_out():
-    path = without_hollows(valley(0.05), 0.06)
+    path = workable(valley(0.05), 0.06)
     assert path.fits is not None
     left_out = path.p[~path.fits, 0]
     assert -0.07 < left_out.min() < -0.03  # the hollow, and a margin
@@ -286,7 +287,7 @@ def test_hollow_tighter_than_the_tool_is_left_out():
 
 
 def test_wide_hollow_is_worked():
-    path = without_hollows(valley(0.12), 0.06)
+    path = workable(valley(0.12), 0.06)
     assert path.fits is not None
     inner = np.abs(path.p[:, 0]) < 0.05
     assert path.fits[inner].all()
@@ -294,7 +295,7 @@ def test_wide_hollow_is_worked():
 
 def test_ends_that_do_not_fit_are_cut_off():
     whole = valley(0.05)
-    half = without_hollows(part_of(whole, whole.p[:, 0] > -0.02), 0.06)
+    half = workable(part_of(whole, whole.p[:, 0] > -0.02), 0.06)
     assert half.fits is not None
     assert half.fits.all()
     assert half.s[0] == 0.0
@@ -303,19 +304,41 @@ def test_ends_that_do_not_fit_are_cut_off():
 
 def test_tool_that_fits_nowhere_is_refused():
     whole = valley(0.05)
-    with pytest.raises(PerceptionError, match="fits the surface nowhere"):
-        without_hollows(part_of(whole, np.abs(whole.p[:, 0]) < 0.03), 0.06)
+    with pytest.raises(PerceptionError, match="can work nowhere on the path"):
+        workable(part_of(whole, np.abs(whole.p[:, 0]) < 0.03), 0.06)
+
+
+def test_what_was_not_scanned_is_left_out():
+    whole = valley(0.12)
+    path = workable(whole, 0.06, whole.p[:, 0] < 0.05)
+    assert path.p[-1, 0] < 0.05
+    assert path.p[0, 0] == whole.p[0, 0]
+    assert path.note.startswith("places that were not seen")
+
+
+def test_axes_from_the_scan_alone(plain, within):
+    """On the clean barrel they are the model's within the noise that sets their width; beyond the scan none is told."""
+    assert plain.evidence is not None
+    path = carry(plain.X_sensor_target, densified(longitudinal(azimuth=AZIMUTH)))
+    turned = path.a @ exp_so3(np.array([0.1, 0.0, 0.1]))  # approximate axes, 8 deg off
+    axes, known = scanned_axis(plain.evidence, path.p, turned)
+    assert known.all()
+    angle = np.arccos(np.clip(np.sum(axes * path.a, axis=1), -1.0, 1.0))
+    within("root mean square [rad]", np.sqrt(np.mean(angle**2)), 0.05)  # measured: 0.035
+    beyond = path.p + np.array([0.0, 0.0, 2.0])
+    _, known = scanned_axis(plain.evidence, beyond, turned)
+    assert not known.any()
 
 
 def test_a_stretch_too_short_to_work_is_left_out():
     whole = valley(0.05)
-    begun = without_hollows(part_of(whole, whole.p[:, 0] > -0.07), 0.06)  # 2 cm before the hollow and its margin
+    begun = workable(part_of(whole, whole.p[:, 0] > -0.07), 0.06)  # 2 cm before the hollow and its margin
     assert begun.fits is not None
     assert begun.p[0, 0] > 0.03
 
 
 def test_a_part_of_a_path_begins_and_ends_where_the_tool_fits():
-    path = without_hollows(valley(0.05), 0.06)
+    path = workable(valley(0.05), 0.06)
     part = part_of(path, np.abs(path.p[:, 0] + 0.05) < 0.06)  # it ends within the hollow
     assert part.fits is not None
     assert part.fits[[0, -1]].all()

@@ -113,9 +113,9 @@ class IkOptions:
     # (2,) [rad] of the stages F_alpha1 and F_alpha2 of "plain". By default the whole rotation is then within
     # `orientation_tolerance`. The other methods take the smaller of the two for the whole rotation.
     axis_tolerances: tuple[float, float] | None = None
-    # Axes that the stages of "plain" align. "joint": the last joint's axis and one perpendicular to it. "tip": the
-    # tip's own z and x, as in [Danilov 2021]; the two stages then mostly undo each other.
-    stage_axes: StageAxes = "joint"
+    # Axes that the stages of "plain" align. "tip": the tip's own z and x, as in [Danilov 2021]. "joint": the last
+    # joint's axis and one perpendicular to it; better for a tool that is oblique to this axis, and without limits.
+    stage_axes: StageAxes = "tip"
     usual: bool = field(init=False, repr=False)  # only the iterations and restarts are limited
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class IkOptions:
             for value in both.tolist():
                 _tolerance(value, "axis_tolerances [rad]")
         usual = self.precision == "double" and not self.history and self.axis_tolerances is None
-        object.__setattr__(self, "usual", usual and self.stage_axes == "joint")
+        object.__setattr__(self, "usual", usual)
 
 
 _USUAL = IkOptions()

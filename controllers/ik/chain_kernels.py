@@ -436,6 +436,24 @@ def fold(table, q):
 
 
 @jit
+def drawn_in(table, q, most):
+    """Bring joint values of `q` that are at most `most` beyond their limits onto these; False if one is farther out."""
+    turn = q.dtype.type(TWO_PI)
+    for i in range(q.shape[0]):
+        lower, upper = table[HEAD + i, LOWER], table[HEAD + i, UPPER]
+        value = q[i]
+        if table[HEAD + i, KIND] != SLIDE:
+            if value > upper + most:
+                value -= turn * q.dtype.type(math.ceil((value - upper - most) / turn))
+            elif value < lower - most:
+                value += turn * q.dtype.type(math.ceil((lower - most - value) / turn))
+        if not lower - most <= value <= upper + most:
+            return False
+        q[i] = min(max(value, lower), upper)
+    return True
+
+
+@jit
 def restart_angle(restart, joint):
     """Pseudorandom number in [0, 1) that depends on its two arguments only (splitmix64 [Steele 2014])."""
     z = (np.uint64(restart) << np.uint64(20)) + np.uint64(joint) + np.uint64(1)
@@ -464,6 +482,38 @@ def scatter(table, restart, work, q):
         lower = max(lower, min(work[i, START] - half, upper - 2.0 * half))
         upper = min(upper, lower + 2.0 * half)
         q[i] = lower + (upper - lower) * restart_angle(restart, i)
+
+
+@jit
+def nearest_corner(table, goal, above, work, q):
+    """Write into `q` the corner of the joint limits whose pose error is the least above `above`.
+
+    Args:
+        table: the chain.
+        goal: (4, 3) the goal.
+        above: squared error, see `errors`.
+        work: scratch values.
+        q: (n,) out.
+
+    Returns:
+        Its squared error; infinite without such a corner.
+    """
+    n = q.shape[0]
+    least, found = q.dtype.type(np.inf), 0
+    for corner in range(1 << n):
+        at_corner(table, corner, q)
+        p2, chord2 = errors(table, goal, q, work)
+        if above < p2 + chord2 < least:
+            least, found = p2 + chord2, corner
+    at_corner(table, found, q)
+    return least
+
+
+@jit
+def at_corner(table, corner, q):
+    """Joint values `q` (n,) on their limits: bit i of `corner` tells which of the two for joint i."""
+    for i in range(q.shape[0]):
+        q[i] = table[HEAD + i, UPPER] if (corner >> i) & 1 else table[HEAD + i, LOWER]
 
 
 @jit

@@ -28,10 +28,12 @@ from controllers.ik.chain_kernels import (
     begin,
     branch_left,
     column,
+    drawn_in,
     errors,
     fold,
     hand_over,
     jit,
+    nearest_corner,
     note,
     partition,
     pose_error,
@@ -45,6 +47,8 @@ from controllers.ik.sweeps import sweep
 # Tuned on several arms; success rates and times change little within a factor of two of each value.
 DAMPING = 0.1  # share of the squared error that is the damping
 LONG_STEP, SHORT_STEP = 1.5, 0.5  # [rad] longest step of a joint, free and while keeping the branch
+CORNERS, CORNERED = 4, 10  # corners of the limits tried as last starts, and the largest number of joints for that
+BEYOND = 1.0  # [rad] or [m] beyond the limits, from where a solution that ignored them is drawn onto them
 FAR = 0.1  # squared error of a start, above which a sweep before the descent pays off
 FAR_WEIGHT = 0.1  # [1/rad^2] weight of the tool axes against the scaled position in that sweep
 STALL_WINDOW, STALL_FACTOR = 4, 0.5  # [steps], [1] a descent stalls if its error does not halve in four steps
@@ -309,7 +313,8 @@ def settle(views, near, trail, row):
 def solve_hybrid(memory, X, q0, settings, trail, out):
     """Hybrid method: a combined sweep from a far start, Levenberg-Marquardt, then restarts.
 
-    Every second restart lets hinges pass their limits on the way (THROUGH).
+    Every second restart lets hinges pass their limits on the way (THROUGH). A solution not far beyond the limits is
+    drawn onto them and followed along them. The last starts are corners of the limits.
 
     Args:
         memory: kernel memory of the chain.
@@ -344,16 +349,30 @@ def solve_hybrid(memory, X, q0, settings, trail, out):
                 steps += 1
         code, spent, best2, p2, chord2 = descend(views, near, limit - steps, LONG_STEP, mode, best2, trail, steps)
         steps += spent
+        met = p2 <= near.p2 and chord2 <= near.chord2  # beyond limits, if not converged
+        if code == STALLED and met and drawn_in(table, q, real(BEYOND)):
+            left = limit - steps
+            code, spent, best2, p2, chord2 = descend(views, near, left, SHORT_STEP, ALONG, best2, trail, steps)
+            steps += spent
         if code == CONVERGED or steps >= limit or restart >= restarts:
             break
         restart += 1
         scatter(table, restart, work, q)
+    corner, above = 0, real(-1.0)
+    while code == STALLED and corner < CORNERS and q.shape[0] <= CORNERED and fault != OUT_OF_REACH:
+        above = nearest_corner(table, goal, above, work, q)
+        if not above < real(np.inf) or steps >= limit:
+            break
+        left = limit - steps
+        code, spent, best2, p2, chord2 = descend(views, near, left, SHORT_STEP, ALONG, best2, trail, steps)
+        steps += spent
+        corner += 1
     if code != CONVERGED:
         code, spent, p2, chord2 = settle(views, near, trail, steps)
         if code != CONVERGED:
             code = OUT_OF_REACH if fault == OUT_OF_REACH else EXHAUSTED if steps >= limit else STALLED
         steps += spent
-    return hand_over(table, q, p2, chord2, code, steps, restart, out)
+    return hand_over(table, q, p2, chord2, code, steps, restart + corner, out)
 
 
 @jit

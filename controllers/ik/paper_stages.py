@@ -182,13 +182,13 @@ def goal_axis(goal, u):
 def stage_axes(table, tip_axes, q, work):
     """Axes E_x and E_z of the two axis stages, in the last joint frame.
 
-    By default E_z is the axis of the last hinge and E_x an axis perpendicular to it. The last hinge then turns E_x
-    without moving E_z. With the tool's own axes the two stages undo each other, unless one of these is parallel to that
-    hinge's axis.
+    By default the tool's own axes, as published. Else E_z is the axis of the last hinge and E_x an axis perpendicular
+    to it: the last hinge then turns E_x without moving E_z, while the stages of the tool's own axes undo each other in
+    part, unless one of them is parallel to that hinge's axis.
 
     Args:
         table: the chain.
-        tip_axes: take the tool's own axes instead: its z (along the tool) as E_x, its x (across) as E_z.
+        tip_axes: take the tool's own axes: its z (along the tool) as E_x, its x (across) as E_z.
         q: (n,) joint values.
         work: scratch values, overwritten.
 

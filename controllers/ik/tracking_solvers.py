@@ -36,7 +36,7 @@ def _compiled(method: Method) -> Any:
         target, start, out, said = carray(X, (4, 4)), carray(q0, n), carray(q, n), carray(errors, 2)
         axis = tol_r * 0.5**0.5
         if plain:
-            settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, False)
+            settings = Settings(PLAIN, tol_p, tol_r, axis, axis, limit, 0, True, True)
             code, _, _, said[0], said[1] = solve_plain(chain, target, start, settings, trail, out)
         else:
             settings = Settings(JACOBIAN_FREE, tol_p, tol_r, axis, axis, limit, 0, True, False)

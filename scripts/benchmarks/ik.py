@@ -42,8 +42,8 @@ from sim.runs.saving import write_whole
 
 BARS = {"A": (1e-4, 1e-3), "B": (1e-6, 1e-5)}  # [m], [rad] accuracies
 METHODS: tuple[Method, ...] = ("hybrid", "jacobian_free", "plain")
-BY_TIP = IkOptions(stage_axes="tip")
-LITERAL = "plain, tip's axes"  # the aims as published [Danilov 2021]
+BY_JOINT = IkOptions(stage_axes="joint")
+OBLIQUE = "plain, joint's axes"  # for tools oblique to the last joint's axis
 BASELINE = "compiled DLS"
 GOAL_ARMS = ("puma560", "puma560_tool", "ur5", "iiwa7", "general6r")  # arms of the geometric means of the ratios
 RATE_GOALS = {"hybrid": 0.999, "jacobian_free": 0.995}
@@ -209,7 +209,7 @@ def contenders(case: IkCase, options: Options) -> dict[str, Solver]:
     """All solvers for this case, hybrid first."""
     chain, bar = case.chain, BARS[case.bar]
     found: dict[str, Solver] = {method: partial(own, chain, method, bar) for method in METHODS}
-    found[LITERAL] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", options=BY_TIP).q
+    found[OBLIQUE] = lambda target, q0: solve(chain, target, q0, *bar, method="plain", options=BY_JOINT).q
     found[BASELINE] = baseline(case.task)
     return found | (peers(case.task) if options.peers else {})
 
@@ -342,7 +342,7 @@ def growth(options: Options, progress: Progress) -> dict[str, Any]:
             starts=rng.uniform(-0.1, 0.1, (len(targets), n)),
         )
         solvers = contenders(case, Options(peers=False))
-        del solvers[LITERAL]
+        del solvers[OBLIQUE]
         for method, (share, each) in race(case, solvers, options.repeats).items():
             times.setdefault(method, []).append(float(np.median(each)))
             shares.setdefault(method, []).append(share)

@@ -26,7 +26,7 @@ _COLORS = {
     "hybrid": BLUE,
     "jacobian_free": GREEN,
     "plain": ORANGE,
-    "plain, tip's axes": PURPLE,
+    "plain, joint's axes": PURPLE,
     "compiled DLS": VERMILION,
 }
 

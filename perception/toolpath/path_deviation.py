@@ -220,9 +220,11 @@ def scanned_axis(evidence: Evidence, p: Array, z: Array) -> tuple[Array, np.ndar
 
 def _perpendicular(axis: Array) -> tuple[Array, Array]:
     """Two unit vectors (3,) perpendicular to the unit vector `axis` and to each other."""
-    u = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    across = np.zeros(3)
+    across[np.abs(axis).argmin()] = 1.0
+    u = np.asarray(np.cross(axis, across), dtype=float)
     u /= np.linalg.norm(u)
-    return u, np.cross(axis, u)
+    return u, np.asarray(np.cross(axis, u), dtype=float)
 
 
 def _project_on_model(surface: ModelSurface, X_ST: Array, starts: Array, o: Array) -> np.ndarray:

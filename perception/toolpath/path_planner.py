@@ -108,8 +108,8 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     bend = np.gradient(np.gradient(path.p, step, axis=0), step, axis=0)
     tight = -np.sum(bend * path.z, axis=1) > _TIGHT / tool_radius
     margin = max(1, round(_MARGIN / step))
-    tight = ndimage.binary_dilation(tight, iterations=margin) if tight.any() else tight
     unseen = np.zeros_like(tight) if scanned is None else ~scanned
+    tight, unseen = (ndimage.binary_dilation(places, iterations=margin) for places in (tight, unseen))
     fits = ~(tight | unseen)
     stretch, count = ndimage.label(fits)
     fits &= (np.bincount(stretch, minlength=count + 1) * step >= min(_SHORTEST, float(path.s[-1])))[stretch]

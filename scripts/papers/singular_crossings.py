@@ -2,9 +2,9 @@
 
     ./uvw run scripts/papers/singular_crossings.py
 
-Each path is a straight line of the tool without turning, through a tip pose at which the wrist is singular, or 5 to
-20 mm beside it. It runs in the direction in which the arm would have to move its joints fastest. The tool is off its
-path where it is more than 0.1 mm or 1 mrad away.
+Each path is a straight line of the tool without turning, through a tip pose at which the wrist is singular, or up to
+20 mm beside it. That of the European Robotic Arm (ERA) is the published one; on the others the wrist has to spin.
+The tool is off its path where it is more than 0.1 mm or 1 mrad away.
 
 The recipes: without passing; those of the paper, joints 5 and 6 kept within +-80 deg, or joint 1 held near the
 singularity; and those of `controllers.ik.tracking`.
@@ -41,11 +41,12 @@ RECIPES: dict[str, dict[str, Any]] = {  # options of `track`; `narrow` limits jo
     "auto": {"passing": "auto"},
 }
 WITHOUT, DEFAULT = "without", "limit (default)"
-BESIDE = (0.0, 0.005, 0.01, 0.02)  # [m]
-WRISTS = {  # [rad] singular joint values: joint 5 at zero
-    "puma560": np.array([0.3, -0.6, 0.5, 0.5, 0.0, 0.2]),
-    "ur5": np.array([0.3, -1.2, 1.4, -0.6, 0.0, 0.2]),
+WRISTS = {  # [rad] singular joint values, joint 5 at zero; and which directions of `fast_first` lead along and across
+    "puma560": (np.array([0.3, -0.6, 0.5, 0.5, 0.0, 0.2]), 0, 2),
+    "ur5": (np.array([0.3, -1.2, 1.4, -0.6, 0.0, 0.2]), 1, 2),
 }
+BESIDE = (0.002, 0.005, 0.01, 0.02)  # [m]
+BESIDE_ERA = (0.0, 0.01, 0.02)  # [m]
 NEAR, OFF, TURNED = 0.02, 1e-4, 1e-3  # [rad] beside the singularity; [m], [rad] off the path
 NARROW = np.deg2rad(80.0)
 
@@ -77,34 +78,54 @@ class Crossing:
 
 
 def crossings(options: Options) -> Iterator[Crossing]:
-    """Three paths of the arm in gimbal lock, four of each of the others."""
-    for name in ("era", *WRISTS):
+    """Three paths of the ERA through gimbal lock, four of each of the others."""
+    era = published_arms.load("era")
+    q, y, z = lock(era), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    for beside in BESIDE_ERA:
+        yield crossing(f"era, {1e3 * beside:.0f} mm", era, q, lines(y, beside * z, 1.0, options), 0.4)
+    for name, (q, along, across) in WRISTS.items():
         arm = published_arms.load(name)
-        q = lock(arm) if name == "era" else WRISTS[name]
-        chain = Chain.from_arm(arm)
-        along, across = directions(chain, q)
-        steps = 2 * round(options.reach / (options.speed * options.period))
-        for beside in BESIDE[: 3 if name == "era" else 4]:
-            X = chain.forward(q)
-            line = np.linspace(-options.reach, options.reach, steps + 1)[:, None] * along + beside * across
-            path = np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in line])
-            yield Crossing(name=f"{name}, {1e3 * beside:.0f} mm", arm=arm, path=path[1:], q0=begin(chain, q, path))
+        ways = fast_first(Chain.from_arm(arm), q)
+        for beside in BESIDE:
+            path = lines(ways[along], beside * ways[across], options.reach, options)
+            yield crossing(f"{name}, {1e3 * beside:.0f} mm", arm, q, path, None)
 
 
-def directions(chain: Chain, q: Array) -> tuple[Array, Array]:
-    """Unit direction (3,) that needs the fastest joints beside the singular `q`, and one across it."""
-    J = chain.jacobian(q + NEAR)
-    rows = np.linalg.pinv(J)[:, :3]
-    _, _, ways = np.linalg.svd(rows)
-    return ways[0], ways[2]
+def lines(along: Array, beside: Array, reach: float, options: Options) -> Array:
+    """Points (N, 3) [m] of a straight line in direction `along`, `beside` (3,) [m] its middle."""
+    steps = 2 * round(reach / (options.speed * options.period))
+    return np.linspace(-reach, reach, steps + 1)[:, None] * along + beside
 
 
-def begin(chain: Chain, q: Array, path: Array) -> Array:
-    """Joint values at the first pose of `path`, tracked back from the singular ones without a speed limit."""
-    run = track(chain, path[: len(path) // 2 + 1][::-1], q + NEAR, 0.01, passing="off", method="hybrid")
+def crossing(name: str, arm: PublishedArm, q: Array, line: Array, slow: float | None) -> Crossing:
+    """A crossing whose first joint values are found by tracking back from the middle.
+
+    Args:
+        name: As shown.
+        arm: The arm.
+        q: (n,) [rad] in the middle.
+        line: (N, 3) [m] from the tip at `q`, without turning.
+        slow: [rad/s] speed limit on the way back; None: none, from beside the singularity.
+
+    Raises:
+        ConfigurationError: The arm does not reach the beginning.
+    """
+    chain = Chain.from_arm(arm)
+    X = chain.forward(q)
+    path = np.array([pose(X[:3, :3], X[:3, 3] + offset) for offset in line])
+    back = path[: len(path) // 2 + 1][::-1]
+    if slow is None:
+        run = track(chain, back, q + NEAR, 0.01, passing="off")
+    else:
+        run = track(chain, back, q, 0.01, passing="limit", speed_limits=slow)
     if not run.converged[-1]:
-        raise ConfigurationError("--reach: the arm does not reach the beginning of a path")
-    return np.array(run.q[-1])
+        raise ConfigurationError(f"{name}: the arm does not reach the beginning of the path")
+    return Crossing(name=name, arm=arm, path=path[1:], q0=np.array(run.q[-1]))
+
+
+def fast_first(chain: Chain, q: Array) -> Array:
+    """Directions of the tool, rows of (3, 3), from the one that needs the fastest joints beside the singular `q`."""
+    return np.linalg.svd(np.linalg.pinv(chain.jacobian(q + NEAR))[:, :3])[2]
 
 
 def narrowed(arm: PublishedArm, q0: Array) -> PublishedArm:

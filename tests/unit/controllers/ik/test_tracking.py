@@ -91,7 +91,7 @@ def test_a_held_joint_is_let_go() -> None:
     assert np.all(run.restricted[held, 3])
     assert PERIOD * held.sum() <= 2.0 + PERIOD
     assert run.way[-1] != "hold"
-    with pytest.raises(ConfigurationError, match="hold_joint: .* got 6"):
+    with pytest.raises(ConfigurationError, match=r"hold_joint: .* got 6"):
         Tracker(chain, PERIOD, hold_joint=6)
 
 

@@ -64,20 +64,20 @@ class Sag:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Gears:
+class EccentricGears:
     """Eccentric gears: a joint at q reads q - amplitude sin(q + phase)."""
 
     amplitude: ArrayLike  # (n,) [rad]
     phase: ArrayLike  # (n,) [rad]
 
     @classmethod
-    def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "Gears":
-        """Gears of `n` joints with normally distributed amplitudes of standard deviation `spread` [rad]."""
+    def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "EccentricGears":
+        """EccentricGears of `n` joints with normally distributed amplitudes of standard deviation `spread` [rad]."""
         return cls(amplitude=spread * rng.standard_normal(n), phase=rng.uniform(-np.pi, np.pi, n))
 
 
 def read_by_encoders(
-    arm: SerialArm, series: Sequence[Array], *, sag: Sag | None = None, gears: Gears | None = None
+    arm: SerialArm, series: Sequence[Array], *, sag: Sag | None = None, gears: EccentricGears | None = None
 ) -> list[Array]:
     """Joint values that encoders read where the joints of `arm` truly stand at `series`, arrays (m_i, n) [rad].
 

@@ -15,7 +15,7 @@ from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
-from calib.simulation import Gears, Sag, reach, read_by_encoders, wrong_arm
+from calib.simulation import EccentricGears, Sag, reach, read_by_encoders, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
@@ -247,7 +247,7 @@ def simulated(
     if joints.compliance > 0.0:
         sag = Sag(compliance=np.full(arm.n, joints.compliance), loads=loading.on(source, points))
     if joints.gears > 0.0:
-        gears = Gears.draw(joints.gears, arm.n, drawing)
+        gears = EccentricGears.draw(joints.gears, arm.n, drawing)
     series = read_by_encoders(arm, series, sag=sag, gears=gears)
     truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs)
     return _simulated_case(title, source, series, places, truth, known, rng)

@@ -9,7 +9,7 @@ from calib import Arm, Loads, MapFit, identify, kernels
 from calib.fit import Data, _robust_noise
 from calib.parameters import DEFAULT_PRIOR
 from calib.planner import design, plan, random_merits
-from calib.simulation import HAND_NOISE, Gears, Sag, read_by_encoders, touch, wrong_arm
+from calib.simulation import HAND_NOISE, EccentricGears, Sag, read_by_encoders, touch, wrong_arm
 from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
 from dh_product import tips_here
@@ -244,7 +244,7 @@ def test_compliance_in_water_from_two_loads():
 
 def test_encoders_of_eccentric_gears_read_a_sine_beside(within):
     rng = np.random.default_rng(4)
-    gears = Gears.draw(1e-3, 6, rng)
+    gears = EccentricGears.draw(1e-3, 6, rng)
     stands = [rng.uniform(-3.0, 3.0, (4, 6)), rng.uniform(-3.0, 3.0, (3, 6))]
     arm = Arm.from_dh(PAPER)
     for true, read in zip(stands, read_by_encoders(arm, stands, gears=gears), strict=True):

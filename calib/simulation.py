@@ -67,8 +67,8 @@ class Sag:
 class EccentricGears:
     """Eccentric gears: a joint at q reads q - amplitude sin(q + phase)."""
 
-    amplitude: ArrayLike  # (n,) [rad]
-    phase: ArrayLike  # (n,) [rad]
+    amplitude: Array  # (n,) [rad]
+    phase: Array  # (n,) [rad]
 
     @classmethod
     def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "EccentricGears":

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("open3d")
 def test_one_scene(root: Path, tmp_path: Path):
     run = subprocess.run(

@@ -17,6 +17,7 @@ def _compiled() -> None:
     hydrodynamics.install()
 
 
+@pytest.mark.long  # the baseline runs the same job
 def test_a_sampler_goes_in_and_comes_out(script, tmp_path):
     """Aimed 5 mm beside the hole as found, more than the clearance: it cannot go in without touching and giving way."""
     done = script("insert_sampler", "--quick", "--no-record", "--out", tmp_path, "--error", 5, 0)

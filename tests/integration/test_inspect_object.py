@@ -17,6 +17,7 @@ def _compiled() -> None:
     hydrodynamics.install()
 
 
+@pytest.mark.long  # the baseline runs the same job
 def test_it_flies_once_around(script, tmp_path):
     done = script("inspect_object", "--no-record", "--out", tmp_path, "--object", "starfish", "--distance", 1)
     assert done.returncode == 0, done.stdout + done.stderr

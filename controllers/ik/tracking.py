@@ -12,8 +12,9 @@ limits.
 
 Nearness is the smallest singular value of the Jacobian, lengths divided by the scale of the chain. Lengths thus count
 in arm lengths, comparable to radians. Nearness 0 is singular, and 1/nearness bounds the joint speed [rad/s] for a tool
-speed of 1. Passing begins where nearness is under `near` and the plain solution exceeds `speed_limits`. It is `hold`
-under a quarter of `near`, else `limit`. It ends where the plain solution is within `speed_limits` again.
+speed of 1. Passing begins where nearness is under `near` and the plain solution exceeds `speed_limits`. It ends where
+the plain solution is within `speed_limits` again. By default it is `limit`, which leaves the path least
+(scripts/papers/singular_crossings.py). With `auto` it is `hold` under a quarter of `near`, else `limit`.
 """
 
 from dataclasses import dataclass
@@ -27,12 +28,13 @@ from controllers.ik.chain import Chain, memory_of, set_limits
 from controllers.ik.entries import entry
 from controllers.ik.method import Method
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array
+from sim.interfaces.spatial import Array, checked, not_a_pose, number, one_of, readonly, real_array, whole_number
 
 Passing = Literal["auto", "limit", "hold", "off"]
 Way = Literal["none", "limit", "hold"]
 
 _HOLD_SHARE = 0.25  # share of `near` under which a joint is held
+_LONGEST_HOLD = 2.0  # [s] after which a joint is let go: while it stands still the arm may stay singular
 _STEPS = 400  # largest number of solver steps per pose
 _LEAD = 8.0  # factor of position against orientation errors where the tool must leave its path
 
@@ -44,6 +46,7 @@ class TrackState:
     q: Array  # (n,) [rad] or [m]
     way: Way = "none"  # active way of passing a singular configuration
     held: int | None = None  # index of the joint that is held
+    held_for: float = 0.0  # [s] for which a joint has been held since passing began
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,11 +90,12 @@ class Tracker:
         period: float,
         *,
         speed_limits: ArrayLike = 1.0,
-        passing: Passing = "auto",
+        passing: Passing = "limit",
         near: float = 0.1,
         position_tolerance: float = 1e-6,
         orientation_tolerance: float = 1e-5,
         method: Method = "hybrid",
+        hold_joint: int | None = None,
     ) -> None:
         """Validate and store the options of the tracking.
 
@@ -99,16 +103,17 @@ class Tracker:
             chain: the serial chain.
             period: [s] between poses.
             speed_limits: [rad/s] or [m/s], one or (n,), kept while a singular configuration is passed.
-            passing: "auto" chooses between the two ways. "limit" never holds a joint. "hold" holds one while the arm is
-                near a singular configuration. "off" tracks the pose at any joint speed.
+            passing: "limit" never holds a joint. "hold" holds one while the arm is near a singular configuration, for
+                2 s at most. "auto" holds one only very near. "off" tracks the pose at any joint speed.
             near: nearness (see the module) under which passing may begin; infinite to keep the speed limits everywhere.
             position_tolerance: [m] of each pose.
             orientation_tolerance: [rad] of each pose.
             method: solver, as in `controllers.mkps.solve`.
+            hold_joint: index of the joint that is held, theta_1 in [Danilov 2021]; default: the one that would spin.
 
         Raises:
             ConfigurationError: for a period, speed limit, nearness or tolerance that is not positive and finite, or for
-                an unknown passing or method.
+                an unknown passing, method or joint.
         """
         given = {
             "period": period,
@@ -127,6 +132,9 @@ class Tracker:
             raise ConfigurationError(f"speed_limits: every one must be positive, got {speeds.tolist()}")
         one_of(passing, get_args(Passing), "passing")
         one_of(method, get_args(Method), "method")
+        if hold_joint is not None:
+            whole_number(hold_joint, "hold_joint", most=chain.n - 1)
+        self.hold_joint = hold_joint
         self.chain, self.period, self.near, self.passing, self.method = chain, period, near, passing, method
         self._travel = speeds * period
         tol_p, tol_r = self._tolerances = float(position_tolerance), float(orientation_tolerance)
@@ -174,13 +182,16 @@ class Tracker:
             way=way,
             restricted=restricted,
         )
-        return TrackState(q=q, way=way, held=held), step
+        held_for = state.held_for + self.period * (held is not None) if way != "none" else 0.0
+        return TrackState(q=q, way=way, held=held, held_for=held_for), step
 
     def _choose(self, state: TrackState, nearness: float, motion: Array) -> tuple[Way, int | None]:
         """The way of passing, and the joint to hold: the one that moves most in the weakest motion."""
         near = self.near if self.passing == "hold" else _HOLD_SHARE * self.near
-        if self.passing == "limit" or not nearness < near:
+        if self.passing == "limit" or not nearness < near or state.held_for >= _LONGEST_HOLD:
             return "limit", None  # also on the way back after a joint was held
+        if self.hold_joint is not None:
+            return "hold", self.hold_joint
         return "hold", int(np.argmax(np.abs(motion))) if state.held is None else state.held
 
     def _weakest(self, q: Array) -> tuple[float, Array]:
@@ -216,11 +227,12 @@ def track(
     period: float,
     *,
     speed_limits: ArrayLike = 1.0,
-    passing: Passing = "auto",
+    passing: Passing = "limit",
     near: float = 0.1,
     position_tolerance: float = 1e-6,
     orientation_tolerance: float = 1e-5,
     method: Method = "hybrid",
+    hold_joint: int | None = None,
 ) -> Track:
     """Track a whole sequence of tool poses.
 
@@ -235,6 +247,7 @@ def track(
         position_tolerance: [m] as in `Tracker`.
         orientation_tolerance: [rad] as in `Tracker`.
         method: as in `Tracker`.
+        hold_joint: as in `Tracker`.
 
     Returns:
         Joint values, speeds and errors, one row per pose.
@@ -251,6 +264,7 @@ def track(
         position_tolerance=position_tolerance,
         orientation_tolerance=orientation_tolerance,
         method=method,
+        hold_joint=hold_joint,
     )
     targets = np.asarray(X_base_tip, dtype=np.float64)
     if targets.ndim != 3 or targets.shape[1:] != (4, 4) or len(targets) == 0:

@@ -5,6 +5,10 @@
 1, a single solution from the first row of table 1 to the second; 2, motion along x; 3, motion in trim. All use the
 three methods, to the published accuracy of 0.001 m and 0.01 rad for each goal.
 
+What was measured on the real arm is simulated: the joint values go to proportional drives, and the arm rests beside
+them under its own weight (`models.arms.servo_drives`). Masses and gains are those of common servos, for the paper gives
+none.
+
 The arm's dimensions are not public: `models.arms.published_arms.SERVO_ARM` is a stand-in. The ranges of the two motions
 are ours. So is the order of the angles: course about y, which is up, then trim about z, then roll about x. With this
 order, the arm of the first row hangs straight down.
@@ -19,6 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -27,13 +32,17 @@ from rich.table import Table
 
 from controllers.mkps import Chain, IkOptions, IkResult, Method, solve
 from models.arms import published_arms
+from models.arms.servo_drives import Servo, rest, servo_model
 from scenarios.start import new_folder, parse, run_scenario
-from sim.interfaces.spatial import Array, exp_so3, pose
+from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 from sim.runs.provenance import provenance
 from sim.runs.saving import write_json
 
 INITIAL = np.array([-11.8, -498.9, -73.4, 239.782, 272.244, 239.270])  # x, y, z [mm], course, trim, roll [deg]
 GIVEN = np.array([100.0, -400.0, 0.0, 5.0, -50.0, 0.0])  # the same, second row of table 1
+SOLVED = np.array([99.5, -399.4, -0.3, 5.074, -50.491, -0.138])  # third row of table 1
+MEASURED = np.array([89.0, 95.0, 66.0, 3.0, -45.0, 2.0])  # fourth row; y and z by the measuring scheme of fig. 10
+UP = (0.0, 1.0, 0.0)  # y
 POSITION, ANGLE = 1e-3, 1e-2  # [m], [rad] published accuracy of each goal
 ALONG_X = (100.0, -100.0)  # [mm] first and last x of experiment 2
 IN_TRIM = (-50.0, -10.0)  # [deg] first and last trim of experiment 3
@@ -198,6 +207,15 @@ def figures(results: list[IkResult], q: Array) -> dict[str, Any]:
     }
 
 
+def at_rest(chain: Chain, drives: mujoco.MjModel, results: list[IkResult]) -> dict[str, float]:
+    """Largest static errors of the tip on proportional drives, over the poses of a motion."""
+    pairs = [(chain.forward(result.q), chain.forward(rest(drives, result.q))) for result in results]
+    return {
+        "largest_static_error_m": max(float(np.linalg.norm(a[:3, 3] - b[:3, 3])) for a, b in pairs),
+        "largest_static_error_rad": max(rotation_angle(a[:3, :3], b[:3, :3]) for a, b in pairs),
+    }
+
+
 def main() -> int:
     """Runs the experiments and writes their files; exit code as in the module's docstring."""
     options = parse(Options)
@@ -215,6 +233,10 @@ def main() -> int:
         table.add_column(heading, justify="right" if heading else "left")
     rows = {"initial": row_of(chain.forward(q_initial)), "given": GIVEN}
     rows |= {method: row_of(chain.forward(result.q)) for method, result in single.items()}
+    drives = servo_model(arm, Servo(), UP)
+    measured = {method: rest(drives, result.q) for method, result in single.items()}
+    rows |= {f"measured, {method}": row_of(chain.forward(q)) for method, q in measured.items()}
+    rows |= {"published: solved": SOLVED, "published: measured": MEASURED}
     for name, row in rows.items():
         counted = str(single[name].iterations) if name in single else ""
         table.add_row(name, *(f"{value:.1f}" for value in row[:3]), *(f"{value:.3f}" for value in row[3:]), counted)
@@ -229,7 +251,10 @@ def main() -> int:
         poses = np.tile(GIVEN, (count, 1))
         poses[:, index] = values
         runs[title] = label, values, {method: motion(chain, poses, q_given, method) for method in METHODS}
-        told[title] = {method: figures(results, q_given) for method, results in runs[title][2].items()}
+        told[title] = {
+            method: figures(results, q_given) | at_rest(chain, drives, results)
+            for method, results in runs[title][2].items()
+        }
         table = Table(title=title, title_justify="left")
         for heading in (
             "",
@@ -239,6 +264,8 @@ def main() -> int:
             "position mm",
             "orientation deg",
             "joint step deg",
+            "at rest mm",
+            "at rest deg",
         ):
             table.add_column(heading, justify="right" if heading else "left")
         for method, found in told[title].items():
@@ -250,6 +277,8 @@ def main() -> int:
                 f"{1e3 * found['largest_position_error_m']:.2f}",
                 f"{math.degrees(found['largest_orientation_error_rad']):.3f}",
                 f"{found['largest_joint_step_deg']:.2f}",
+                f"{1e3 * found['largest_static_error_m']:.1f}",
+                f"{math.degrees(found['largest_static_error_rad']):.1f}",
             )
         console.print(table)
 
@@ -267,6 +296,7 @@ def main() -> int:
                 "converged": result.converged,
                 "goals": goals_of(result)[-1].tolist(),
                 "cause": result.cause,
+                "measured": rows[f"measured, {method}"].tolist(),
             }
             for method, result in single.items()
         },

@@ -44,7 +44,7 @@ _CURVES = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#0
 class Options:
     """Joint speeds and tool error along a path through the gimbal lock."""
 
-    passing: Passing = "auto"
+    passing: Passing = "limit"
     """Method of passing the lock, in the run with passing."""
     method: Method = "hybrid"
     """IK method for each pose."""

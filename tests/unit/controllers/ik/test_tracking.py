@@ -67,7 +67,7 @@ def test_the_way_of_passing_follows_nearness() -> None:
     """Held where the arm is nearest to the lock, limited round about, free elsewhere [Danilov 2021, ch. 4]."""
     chain = Chain.from_dh(PUMA)
     q0, poses = through_the_wrist_lock(chain, 0.02)
-    passed = track(chain, poses, q0, PERIOD, near=0.1)
+    passed = track(chain, poses, q0, PERIOD, near=0.1, passing="auto")
     way = np.array(passed.way)
     assert np.all(passed.nearness[way == "hold"] < 0.025)
     assert np.any(way == "hold")
@@ -78,6 +78,21 @@ def test_the_way_of_passing_follows_nearness() -> None:
     only_hold = track(chain, poses, q0, PERIOD, passing="hold")
     assert "hold" in only_hold.way
     assert "hold" not in track(chain, poses, q0, PERIOD, passing="limit").way
+
+
+def test_a_held_joint_is_let_go() -> None:
+    """The path ends in the lock, where the plain solution would spin for good; the paper's joint is held, then not."""
+    chain = Chain.from_dh(PUMA)
+    q0, poses = through_the_wrist_lock(chain, 0.005)
+    waiting = np.concatenate([poses[: len(poses) // 2], np.tile(poses[-1], (round(5.0 / PERIOD), 1, 1))])
+    run = track(chain, waiting, q0, PERIOD, passing="hold", hold_joint=3, near=np.inf, speed_limits=0.2)
+    held = np.array([way == "hold" for way in run.way])
+    assert held.any()
+    assert np.all(run.restricted[held, 3])
+    assert PERIOD * held.sum() <= 2.0 + PERIOD
+    assert run.way[-1] != "hold"
+    with pytest.raises(ConfigurationError, match=r"hold_joint: .* got 6"):
+        Tracker(chain, PERIOD, hold_joint=6)
 
 
 def test_nearness_is_the_least_singular_value() -> None:

@@ -1,6 +1,6 @@
 """How often each method of inverse kinematics solves a pose that the arm can reach [Danilov 2021].
 
-    ./uvw run scripts/papers/ik_success.py
+    ./uvw run scripts/benchmarks/ik_success.py
 
 Arms: those of `models.arms.published_arms` with limits of +-180 and +-150 deg, and five of them with uneven limits,
 drawn by the seed. Targets: joint values within the limits, with one to three joints on a limit, and with all of them on

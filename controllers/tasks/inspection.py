@@ -45,7 +45,7 @@ _VIEWED = 0.3  # [m] distance between the poses whose view is planned
 _ENOUGH = 0.99  # share of the surface visible from the levels that ends the choice of further ones
 _AROUND = 1.6  # [m] allowed places: to this distance around the object's box
 _APART = 0.4  # [m] their distance
-_HEADINGS = 12
+_HEADINGS = 12  # number of headings at each of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ class Level:
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
+class HullCamera:
     """Camera on the hull."""
 
     X_BC: Array  # (4, 4) its pose in the hull, z its axis
@@ -296,7 +296,7 @@ class Inspection(TaskPlanner):
             check_clear(found, motion.to(X_WB, held, now), keep)
             held.plan, held.way = [found], [X_WB]
             if view is not None:
-                held.plan = covering(found, target, X_WT, job, camera=Camera(own.X_BC, view), keep=keep)
+                held.plan = covering(found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep)
 
         monitor = Monitor(condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT)
         rows = inspection_rows(job, motion, Decide(plan, AbortCode.NO_CLEAR_WAY))
@@ -352,7 +352,7 @@ def _during(move: PoseMove) -> Iterator[Array]:
 
 
 def covering(
-    first: Orbit, target: TargetModel, X_WT: Array, job: InspectionJob, *, camera: Camera, keep: Keep
+    first: Orbit, target: TargetModel, X_WT: Array, job: InspectionJob, *, camera: HullCamera, keep: Keep
 ) -> list[Orbit]:
     """Orbits that together see what can be seen of an object from orbits, the clearest gain first.
 

@@ -10,7 +10,7 @@ from controllers.mkps import Chain
 from controllers.planning.hull_path import HullPath
 from controllers.planning.work_vehicle import WorkVehicle
 from controllers.tasks.inspection import (
-    Camera,
+    HullCamera,
     Inspection,
     InspectionJob,
     Keep,
@@ -227,7 +227,7 @@ def test_levels_cover_what_can_be_seen_and_keep_clear(name):
     vertices = transform_points(X_WT, target.vertices)
     keep = Keep(HullPath(VEHICLE, CHAIN, BOX, vertices), float(vertices[:, 2].min()), JOB.clearance)
     view = View((0.58, 0.43), 5.0)
-    orbits = covering(first, target, X_WT, JOB, camera=Camera(X_BC, view), keep=keep)
+    orbits = covering(first, target, X_WT, JOB, camera=HullCamera(X_BC, view), keep=keep)
     assert orbits[0] is first
     samples = SurfaceSamples(target.vertices, target.triangles)
     X_WC = np.array([each.at(s)[0] @ X_BC for each in orbits for s in np.arange(0.0, each.s[-1], 0.15)])

@@ -63,6 +63,42 @@ class Sag:
     loads: Loads
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EccentricGears:
+    """Eccentric gears: a joint at q reads q - amplitude sin(q + phase)."""
+
+    amplitude: ArrayLike  # (n,) [rad]
+    phase: ArrayLike  # (n,) [rad]
+
+    @classmethod
+    def draw(cls, spread: float, n: int, rng: np.random.Generator) -> "EccentricGears":
+        """EccentricGears of `n` joints with normally distributed amplitudes of standard deviation `spread` [rad]."""
+        return cls(amplitude=spread * rng.standard_normal(n), phase=rng.uniform(-np.pi, np.pi, n))
+
+
+def read_by_encoders(
+    arm: SerialArm, series: Sequence[Array], *, sag: Sag | None = None, gears: EccentricGears | None = None
+) -> list[Array]:
+    """Joint values that encoders read where the joints of `arm` truly stand at `series`, arrays (m_i, n) [rad].
+
+    Args:
+        arm: true arm.
+        series: true joint values.
+        sag: elastic joints; None: stiff ones.
+        gears: eccentric gears; None: ideal ones.
+    """
+    counts = [len(one) for one in series]
+    stands = np.ascontiguousarray(np.vstack(series))
+    read = stands
+    if sag is not None:
+        c = checked(sag.compliance, (arm.n,), "compliance")
+        read = read - c * sag.loads.bind(arm, counts).at(stands)(arm.table)
+    if gears is not None:
+        amplitude, phase = (checked(v, (arm.n,), "gears") for v in (gears.amplitude, gears.phase))
+        read = read - amplitude * np.sin(stands + phase)
+    return np.split(read, np.cumsum(counts)[:-1])
+
+
 def touch(
     arm: SerialArm,
     tcp: ArrayLike,
@@ -110,12 +146,7 @@ def touch(
                 raise ReachError(f"no pose touches {np.round(goal, 3).tolist()} m within the joint limits")
             poses.append(q)
         series.append(np.array(poses))
-    if sag is None:
-        return series
-    c = checked(sag.compliance, (arm.n,), "compliance")
-    stands = np.ascontiguousarray(np.vstack(series))
-    read = stands - c * sag.loads.bind(arm, counts).at(stands)(arm.table)
-    return np.split(read, np.cumsum(counts)[:-1])
+    return series if sag is None else read_by_encoders(arm, series, sag=sag)
 
 
 def reach(arm: SerialArm, tcp: Array, p: Array, R: Array, q: Array, steps: int = _STEPS) -> bool:

@@ -34,8 +34,8 @@ from sim.runs.saving import write_json
 
 RECIPES: dict[str, dict[str, Any]] = {  # options of `track`; `narrow` limits joints 5 and 6
     "without": {"passing": "off"},
-    "paper: 5, 6 within 80 deg": {"passing": "limit", "narrow": True},
-    "paper: joint 1 held": {"passing": "hold", "hold_joint": 0},
+    "paper, 5 and 6 within 80 deg": {"passing": "limit", "narrow": True},
+    "paper, joint 1 held": {"passing": "hold", "hold_joint": 0},
     "limit (default)": {"passing": "limit"},
     "hold": {"passing": "hold"},
     "auto": {"passing": "auto"},
@@ -177,16 +177,22 @@ def main() -> int:
     means = {
         name: {key: float(np.mean([run[key] for run in runs.values()])) for key in keys} for name, runs in told.items()
     }
-    for name, runs in told.items():
-        worst = {key: max(run[key] for run in runs.values()) for key in keys}
-        cells = (f"{factor * worst[key]:.3g} ({factor * means[name][key]:.3g})" for key, factor in keys.items())
+    worst = {name: {key: max(run[key] for run in runs.values()) for key in keys} for name, runs in told.items()}
+    for name in told:
+        cells = (f"{factor * worst[name][key]:.3g} ({factor * means[name][key]:.3g})" for key, factor in keys.items())
         table.add_row(name, *cells)
     console.print(table)
     limit = options.speed_limit * (1.0 + 1e-9)
     slow = all(run["joint_speed_rad_s"] <= limit for name in told if name != WITHOUT for run in told[name].values())
     least = min(means[name]["share_off"] for name in told if name != WITHOUT)
     accepted = slow and means[DEFAULT]["share_off"] <= least
-    metrics = {"crossings": told, "accepted": accepted, "provenance": provenance("singular_crossings", options)}
+    metrics = {
+        "crossings": told,
+        "worst": worst,
+        "mean": means,
+        "accepted": accepted,
+        "provenance": provenance("singular_crossings", options),
+    }
     write_json(folder / "metrics.json", metrics)
     console.print("[green]accepted[/green]" if accepted else "[red]not accepted[/red]")
     console.print(f"written to {folder}/", highlight=False)

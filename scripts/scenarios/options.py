@@ -59,7 +59,8 @@ class ContactOptions(VehicleOptions):
     without: tuple[AblatedMethod, ...] = ()
     """Controller methods to leave out (ablation)."""
     published: tuple[PublishedMethod, ...] = ()
-    """Methods as in [Konoplin 2022], in place of the default ones: force-law, tip-force, identification."""
+    """Methods as in [Konoplin 2022], in place of the default ones: force-law or normal-force-law,
+    tip-force, identification."""
     ik: IkMethod = "hybrid"
     """Inverse kinematics that tracks the tool pose: hybrid, or a method of [Danilov 2021], jacobian_free or plain."""
     arm_errors: int | None = None

@@ -103,6 +103,23 @@ def test_bad_files_end_in_one_line(calibrate, tmp_path, name):
     assert said in run.stderr
 
 
+def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, within):
+    """One payload for each point. Without compliances the fit takes the sag for geometry and spoils the arm."""
+    bent = ("--true-compliance", "5e-5", "--payload", "0", "5", "10", "--no-record")
+    told = {}
+    for name, more in (("rigid", ()), ("elastic", ("--compliance",))):
+        run = calibrate(*bent, *more, "--out", tmp_path / name)
+        told[name] = json.loads((tmp_path / name / "metrics.json").read_text(encoding="utf-8"))
+        assert run.returncode == (0 if more else 1), run.stdout + run.stderr
+    validate(told["elastic"], json.loads((root / "calib" / "schemas" / "calibration.schema.json").read_text()))
+    assert told["rigid"]["tracker"]["identified"] > told["rigid"]["tracker"]["nominal"]  # measured 0.37, 0.31 mm
+    within("moves of the flange [m]", told["elastic"]["tracker"]["identified"], 1.2e-4)  # 0.073e-3
+    found = np.array(told["elastic"]["fit"]["compliance_rad_nm"])
+    within("compliances of shoulder and elbow", found[1:3] / 5e-5 - 1.0, 0.1)  # 0.03
+    wrong = calibrate("--compliance", "--payload", "1", "--no-record", "--out", tmp_path / "no")
+    assert (wrong.returncode, "--payload: 3 are needed, got 1" in wrong.stderr) == (2, True)
+
+
 def test_outlier_is_left_out(calibrate, tmp_path, touched):
     series = [q.copy() for q in touched[1]]
     series[1][3, 2] += 0.025  # 20 mm and more at the tip

@@ -18,6 +18,8 @@ from scenarios.arm_identification import touch_plan
 from scenarios.arm_identification.calibration_input import (
     CalibrationCase,
     CalibrationOutcome,
+    Loading,
+    RealJoints,
     Touching,
     by_contact,
     failed,
@@ -79,6 +81,17 @@ class CalibrationOptions(ScenarioOptions):
     """Free parameters: theta d a alpha beta tcp, or single ones such as a2; default: all."""
     prior: tuple[tuple[str, float], ...] = ()
     """Prior standard deviations about the nominal values [rad], [m]: NAME VALUE, repeatable; default: from the data."""
+    compliance: bool = False
+    """Also identify joint compliances, from the sag under the links' weight and --payload. The base is upright; that
+    of a vehicle's arm hangs."""
+    link_mass: tuple[float, ...] = ()
+    """Masses of the links [kg]; default: spread evenly along the links, so that compliances are relative to that."""
+    payload: tuple[float, ...] = ()
+    """Payload at the tool [kg] during the touches of each point."""
+    true_compliance: float = 0.0
+    """Compliance of the simulated arm's joints [rad/(N m)]."""
+    true_gears: float = 0.0
+    """Eccentricity of the simulated arm's gears: spread of the amplitudes [rad]."""
     method: Literal["map", "paper"] = "map"
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
@@ -104,6 +117,12 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     if options.distance or options.held_out:
         raise ConfigurationError("--distance and --held-out go with --touches")
     contact = options.touching != "noise"
+    joints = RealJoints(
+        compliance=finite_number(options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01),
+        gears=finite_number(options.true_gears, "--true-gears [rad]", least=0.0, most=0.1),
+    )
+    if contact and (options.compliance or joints != RealJoints()):
+        raise ConfigurationError("--compliance, --true-compliance and --true-gears: not with touching by contact")
     few = options.quick and contact
     points = options.points if options.points is not None else 3 if few or not contact else 4
     poses = options.poses if options.poses is not None else 5 if few else 10 if contact else 21
@@ -117,7 +136,16 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
         if options.view:
             raise ConfigurationError("--view: nothing moves; with --touching clamped or hovering")
         return simulated(
-            source, points=points, touches=poses, noise=options.noise, pin=pin, known=known, errors=errors, rng=rng
+            source,
+            points=points,
+            touches=poses,
+            noise=options.noise,
+            pin=pin,
+            known=known,
+            errors=errors,
+            rng=rng,
+            joints=joints,
+            loading=loading_of(options),
         )
     if source.kind != "mjcf":
         raise ConfigurationError(f"--touching {options.touching}: needs a vehicle or its MJCF, got --arm {options.arm}")
@@ -145,6 +173,11 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     finally:
         for log in logs:
             log.close()
+
+
+def loading_of(options: CalibrationOptions) -> Loading:
+    """Weights on the arm."""
+    return Loading(link_masses=options.link_mass, payload=options.payload)
 
 
 def plan_touches(options: CalibrationOptions, folder: Path, console: Console, rng: np.random.Generator) -> int:
@@ -191,6 +224,10 @@ def calibrate(options: CalibrationOptions, folder: Path, console: Console, rng: 
         UuvError: As of `case_of`, or the touches do not determine the arm.
     """
     case = case_of(options, folder, rng)
+    if options.compliance:
+        if options.method == "paper":
+            raise ConfigurationError("--compliance and --method paper: one of the two")
+        case = replace(case, loads=loading_of(options).on(case.source, len(case.touches.series)))
     for note in case.notes:
         console.print(note, style="yellow", highlight=False)
     outcome = solve(case, free=options.free, prior=dict(options.prior), method=options.method)

@@ -13,8 +13,9 @@ import models
 from calib import verification
 from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
+from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
-from calib.simulation import reach, wrong_arm
+from calib.simulation import EccentricGears, Sag, reach, read_by_encoders, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
@@ -23,7 +24,7 @@ from scenarios.arm_identification.deck_calibration import DOWN, LENGTH_ERROR, fa
 from scenarios.arm_identification.touching import Session, touch
 from scenarios.scenario import Scenario
 from sim.interfaces.errors import ConfigurationError, ReachError
-from sim.interfaces.spatial import Array, readonly
+from sim.interfaces.spatial import GRAVITY, Array, finite_number, readonly
 from sim.loop.rollout import Observer
 
 Touching = Literal["noise", "clamped", "hovering"]
@@ -68,6 +69,7 @@ class CalibrationCase:
     held_out: Touches | None = None
     truth: TrueArm | None = None
     session: Session | None = None  # touching by contact
+    loads: Loads | None = None  # under which the joints bend; None: compliances are not identified
     X_BA: Array | None = None  # (4, 4) arm base on a hull that moved during the touches; None: fixed base
     notes: tuple[str, ...] = ()
 
@@ -112,6 +114,39 @@ def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSo
         known = (*published_arms.available(), *models.available())
         raise ConfigurationError(f"--arm: unknown {name!r}; there are {', '.join(known)}, or a file")
     return read_arm(name, base=base, tip=tip)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Loading:
+    """Weights on the arm, as given on the command line; its base stands upright, or hangs from a vehicle."""
+
+    link_masses: tuple[float, ...] = ()  # [kg] empty: spread evenly along the links
+    payload: tuple[float, ...] = ()  # [kg] at the tool, for each point; empty: none
+
+    def on(self, source: ArmSource, points: int) -> Loads:
+        """Loads on the arm of `source` over series of touches of so many points.
+
+        Raises:
+            ConfigurationError: Another number of masses than links, or of payloads than points.
+        """
+        n = len(source.arm.joint_types)
+        for option, given, wanted in (("--link-mass", self.link_masses, n), ("--payload", self.payload, points)):
+            if given and len(given) != wanted:
+                raise ConfigurationError(f"{option}: {wanted} are needed, got {len(given)}")
+            for value in given:
+                finite_number(value, f"{option} [kg]", least=0.0, most=1e4)
+        down = GRAVITY if source.kind == "mjcf" else -GRAVITY  # a vehicle's arm has its z axis downwards
+        return Loads(
+            link_masses=self.link_masses or None, payload_mass=list(self.payload) or 0.0, gravity=(0.0, 0.0, down)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealJoints:
+    """What joints of real arms have and a kinematic model does not, for simulated touches."""
+
+    compliance: float = 0.0  # [rad/(N m)] of every joint
+    gears: float = 0.0  # [rad] spread of the amplitudes of eccentric gears
 
 
 def from_files(
@@ -167,6 +202,8 @@ def simulated(
     known: bool,
     errors: int,
     rng: np.random.Generator,
+    joints: RealJoints = RealJoints(),
+    loading: Loading = Loading(),
 ) -> CalibrationCase:
     """Calibration case from simulated touches by hand of an arm with errors.
 
@@ -181,6 +218,8 @@ def simulated(
         known: Give the distance between the two farthest points.
         errors: Seed of the workshop errors.
         rng: Draws points, touches and the error of the distance.
+        joints: Of the true arm.
+        loading: Weights under which they bend.
 
     Raises:
         ReachError: Too few points are reached.
@@ -204,6 +243,12 @@ def simulated(
     series, places = touched(
         arm, tcp, arm.limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
     )
+    sag, gears = None, None
+    if joints.compliance > 0.0:
+        sag = Sag(compliance=np.full(arm.n, joints.compliance), loads=loading.on(source, points))
+    if joints.gears > 0.0:
+        gears = EccentricGears.draw(joints.gears, arm.n, drawing)
+    series = read_by_encoders(arm, series, sag=sag, gears=gears)
     truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs)
     return _simulated_case(title, source, series, places, truth, known, rng)
 
@@ -279,7 +324,7 @@ def solve(
         method: Fit: maximum a posteriori, or as published [Yukhimets 2023].
     """
     series, arm = list(case.touches.series), case.source.arm
-    options = {"prior": prior or None, "method": method, "distances": case.distances}
+    options = {"prior": prior or None, "method": method, "distances": case.distances, "loads": case.loads}
     plain = identify(series, arm, free=list(free) or None, **options)
     if case.X_BA is None:
         return _judged(case, plain, plain.arm, series)
@@ -429,6 +474,8 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
         ("identified directions", f"{rank.rank} of {rank.total}"),
         ("scale", _scale(case, outcome)),
     ]
+    if case.loads is not None:
+        out.append(("compliances [µrad/(N m)]", _compliances(found)))
     for label, clouds in (
         ("tracker RMS", outcome.clouds),
         ("tracker RMS, hull's motion left aside", outcome.uncorrected),
@@ -460,6 +507,17 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
             ("hull, largest true motion between touches [mm]", f"{1e3 * session.hull_motion:.3f}"),
         ]
     return out
+
+
+def _compliances(found: Calibration) -> str:
+    """Compliance of each joint and half of its 95 % interval; a dash where the loads do not show it."""
+    half = dict(zip(found.names, found.quantile() * found.sigma, strict=True))
+    hidden = {name for group in found.rank_free.hidden for name in group.names}
+    told = []
+    for k, value in enumerate(found.compliance, start=1):
+        known = f"c{k}" in half and f"c{k}" not in hidden
+        told.append(f"{1e6 * value:.1f} ± {1e6 * half[f'c{k}']:.1f}" if known else "-")
+    return ", ".join(told)
 
 
 def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
@@ -500,6 +558,7 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
             "cost_m2": float(found.cost),
             "steps": len(found.history) - 1,
             "converged": bool(found.converged),
+            "compliance_rad_nm": found.compliance.tolist() if case.loads is not None else None,
             "warnings": list(found.warnings),
         },
         "rank": {

@@ -9,7 +9,7 @@ from calib import Arm, Loads, MapFit, identify, kernels
 from calib.fit import Data, _robust_noise
 from calib.parameters import DEFAULT_PRIOR
 from calib.planner import design, plan, random_merits
-from calib.simulation import HAND_NOISE, Sag, touch, wrong_arm
+from calib.simulation import HAND_NOISE, EccentricGears, Sag, read_by_encoders, touch, wrong_arm
 from calib.touches import first_tcp
 from calib.verification import compare, flange_poses, icp, kabsch, track
 from dh_product import tips_here
@@ -240,6 +240,18 @@ def test_compliance_in_water_from_two_loads():
     assert np.all(np.abs(error) < 0.25 / stiffness[1:5])
     unknown = [group for group in result.rank_free.hidden if "no load moment" in group.reason]
     assert [set(group.names) for group in unknown] == [{"c1", "c6"}]
+
+
+def test_encoders_of_eccentric_gears_read_a_sine_beside(within):
+    rng = np.random.default_rng(4)
+    gears = EccentricGears.draw(1e-3, 6, rng)
+    stands = [rng.uniform(-3.0, 3.0, (4, 6)), rng.uniform(-3.0, 3.0, (3, 6))]
+    arm = Arm.from_dh(PAPER)
+    for true, read in zip(stands, read_by_encoders(arm, stands, gears=gears), strict=True):
+        within("readings [rad]", read - (true - gears.amplitude * np.sin(true + gears.phase)), 1e-15)
+    assert np.abs(gears.amplitude).max() > 5e-4
+    ideal = read_by_encoders(arm, stands)
+    assert all(np.array_equal(a, b) for a, b in zip(ideal, stands, strict=True))
 
 
 def test_clouds_align(within):

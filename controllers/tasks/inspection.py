@@ -1,4 +1,4 @@
-"""Inspection flight: the hull orbits a found object once, at a set distance, with the camera facing it.
+"""Inspection flight: the hull orbits a found object at a set distance, and at further levels if it is to cover it.
 
 The trajectory is laid on the model and carried to the real object by the identified pose [Konoplin 2019, section 2].
 Its eq. 6, x'(t) = H + M_r (x(t) + p_1 - H) + p_2, is R x + p with the pose X_WT of the model frame.
@@ -8,11 +8,12 @@ the sides of the outline and circular around its corners. The camera moves along
 heading at which the camera faces the outline. A periodic cubic B-spline removes the jumps of curvature.
 
 settle -> scan -> close-in -> work -> done
+                     ^---------'  next level
             any of these -> abort
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -28,15 +29,23 @@ from controllers.tasks.hull_phases import HullMotion, MoveHull, RestLimits, Sett
 from controllers.tasks.monitors import Monitor, Reaction, adrift
 from controllers.tasks.phase import ZERO, Context, Decide, Held, Hold, Outcome, Phase, PhaseEvent, Setpoint
 from controllers.tasks.task import TaskPlanner, TaskRow, at_once
+from models.meshes.visibility import SurfaceSamples, View
 from models.objects.targets import TargetModel
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.messages import AbortCode, WorkState
-from sim.interfaces.spatial import Array, exp_so3, pose, readonly, rotation_from_z, transform_points
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, readonly, rotation_from_z, transform_points
 
 _STEP = 0.02  # [m] distance between samples of the line
 _SMOOTH = 0.002  # [m] RMS distance of the spline from the line
 _LEVEL_VIEW = 0.2  # least horizontal part of the camera's unit axis: facing straight down it sees no side
 _CHECKED = 0.1  # [m] distance between the poses whose clearance is tested
+_OUT = (0.2, 0.5, 0.8, 1.2, 1.6)  # [m] further levels: from the outline
+_UP = (0.2, 0.5, 0.8, 1.2, 1.6, 2.0)  # [m] above the object's top
+_VIEWED = 0.3  # [m] distance between the poses whose view is planned
+_ENOUGH = 0.99  # share of the surface visible from the levels that ends the choice of further ones
+_AROUND = 1.6  # [m] allowed places: to this distance around the object's box
+_APART = 0.4  # [m] their distance
+_HEADINGS = 12  # number of headings at each of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +102,39 @@ class Orbit:
         return Progress(float(self.s[-1]), rate, rate * longest / half)
 
 
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Where the camera goes round an object."""
+
+    out: float  # [m] horizontal distance from the outline
+    up: float  # [m] height above the object's middle
+
+
+@dataclass(frozen=True, slots=True)
+class HullCamera:
+    """Camera on the hull."""
+
+    X_BC: Array  # (4, 4) its pose in the hull, z its axis
+    view: View
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keep:
+    """Clearance that hull and folded arm keep to the object and the seabed."""
+
+    passing: HullPath  # distances to the object
+    floor: float  # [m] height of the seabed in W
+    clearance: float  # [m]
+
+    def short(self, poses: Iterable[Array]) -> tuple[float, str] | None:
+        """First gap [m] along hull `poses` (4, 4) that is below the clearance, and to what; None if it is kept."""
+        for X_WB in poses:
+            for gap, what in ((self.passing.gap(X_WB), "object"), (self.passing.lowest(X_WB) - self.floor, "seabed")):
+                if gap < self.clearance:
+                    return gap, what
+        return None
+
+
 def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Array, Array]:
     """Closed horizontal line at a set distance around an object, at half its height, counter-clockwise from above.
 
@@ -129,7 +171,9 @@ def offset_outline(vertices_T: Array, up_T: Array, distance: float) -> tuple[Arr
     return np.column_stack([line, np.full(len(line), middle)]) @ axes, inward @ axes[:2]
 
 
-def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, near_W: Array) -> Orbit:
+def orbit(
+    target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, near_W: Array, level: Level | None = None
+) -> Orbit:
     """Orbit of a camera on the hull around an object.
 
     Args:
@@ -138,6 +182,7 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
         job: distances and limits.
         X_BC: (4, 4) pose of the camera in the hull, z its axis.
         near_W: (3,) [m] the orbit begins where the camera is nearest to this point.
+        level: where the camera goes round; None takes the job's distance along the camera's axis.
 
     Returns:
         The orbit in W.
@@ -146,11 +191,12 @@ def orbit(target: TargetModel, X_WT: Array, job: InspectionJob, *, X_BC: Array, 
         ConfigurationError: for a camera that faces straight down or up.
     """
     view = X_BC[:3, 2]
-    level = float(np.hypot(view[0], view[1]))
-    if level < _LEVEL_VIEW:
+    ahead = float(np.hypot(view[0], view[1]))
+    if ahead < _LEVEL_VIEW:
         raise ConfigurationError("inspection: the camera looks straight down or up, it does not see an object's sides")
-    line_T, inward_T = offset_outline(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level * job.distance)
-    p_WC = transform_points(X_WT, line_T) - [0.0, 0.0, view[2] * job.distance]  # [Konoplin 2019, eq. 6]
+    level = level or Level(ahead * job.distance, -view[2] * job.distance)
+    line_T, inward_T = offset_outline(target.vertices, X_WT[:3, :3].T @ np.array([0.0, 0.0, 1.0]), level.out)
+    p_WC = transform_points(X_WT, line_T) + np.array([0.0, 0.0, level.up])  # [Konoplin 2019, eq. 6]
     inward_W = inward_T @ X_WT[:3, :3].T
     first = int(np.argmin(np.linalg.norm(p_WC[:-1] - near_W, axis=1)))
     p_WC, inward_W = (np.vstack([np.roll(each[:-1], -first, axis=0), each[first]]) for each in (p_WC, inward_W))
@@ -179,7 +225,7 @@ class OrbitState:
 
 
 class FlyOrbit(Phase):
-    """Move the hull along the orbit of `Held.plan`, no faster than the hull follows."""
+    """Move the hull along the next orbit of `Held.plan`, taken off that list, no faster than the hull follows."""
 
     def __init__(self, job: InspectionJob) -> None:
         self._job = job
@@ -187,18 +233,24 @@ class FlyOrbit(Phase):
     def enter(self, held: Held, now: Context) -> OrbitState:
         """Begin at rest."""
         del now
-        assert isinstance(held.plan, Orbit)
-        return OrbitState(held.plan, held.plan.pace(self._job))
+        assert isinstance(held.plan, list)
+        found: Orbit = held.plan.pop(0)
+        return OrbitState(found, found.pace(self._job))
 
     def step(self, state: OrbitState, held: Held, now: Context) -> Outcome:
-        """Done once around."""
+        """Done once around; MORE if another orbit follows."""
         near, far = self._job.behind
         pace = min(max((far - held.off(now.estimate)) / (far - near), 0.0), 1.0)
         state.worked += pace * now.period
         held.s, rate = state.progress.at(state.worked)
         held.X_WB, way, turn = state.orbit.at(held.s)
         state.v_WB_W, state.w_WB_W = pace * rate * way, pace * rate * turn
-        return PhaseEvent.DONE if state.worked > state.progress.duration else None
+        if state.worked <= state.progress.duration:
+            return None
+        if not held.plan:
+            return PhaseEvent.DONE
+        held.way = [held.plan[0].at(0.0)[0]]  # pyright: ignore[reportIndexIssue]
+        return PhaseEvent.MORE
 
     def setpoint(self, state: OrbitState, held: Held, now: Context) -> Setpoint:
         """The hull's velocity."""
@@ -217,6 +269,7 @@ class Inspection(TaskPlanner):
         *,
         X_WB_scan: Array,
         floor: float = -np.inf,
+        view: View | None = None,
         period: float = 0.01,
     ) -> None:
         """Set up the planner.
@@ -227,6 +280,7 @@ class Inspection(TaskPlanner):
             job: distances, speeds and limits.
             X_WB_scan: (4, 4) hull pose in W from which the object is scanned.
             floor: [m] height of the seabed in W.
+            view: of the camera: further orbits are flown until all that can be seen is seen; None flies one.
             period: [s] of the planner.
         """
         motion = HullMotion(speed=job.speed, acceleration=job.acceleration, turn_rate=job.turn_rate, behind=None)
@@ -238,8 +292,11 @@ class Inspection(TaskPlanner):
             found = orbit(target, X_WT, job, X_BC=own.X_BC, near_W=near_W)
             X_WB = found.at(0.0)[0]
             passing = HullPath(own.vehicle, own.chain, own.hull_box, transform_points(X_WT, target.vertices))
-            check_clear(found, motion.to(X_WB, held, now), passing, floor=floor, clearance=job.clearance)
-            held.plan, held.way = found, [X_WB]
+            keep = Keep(passing, floor, job.clearance)
+            check_clear(found, motion.to(X_WB, held, now), keep)
+            held.plan, held.way = [found], [X_WB]
+            if view is not None:
+                held.plan = covering(found, target, X_WT, job, camera=HullCamera(own.X_BC, view), keep=keep)
 
         monitor = Monitor(condition=adrift(job.lost_place), reaction=Reaction.RETREAT, code=AbortCode.HULL_ADRIFT)
         rows = inspection_rows(job, motion, Decide(plan, AbortCode.NO_CLEAR_WAY))
@@ -265,30 +322,99 @@ def inspection_rows(job: InspectionJob, motion: HullMotion, plan: Decide) -> Ite
     yield "plan", row(plan, states.SCAN, {PhaseEvent.DONE: "travel"})
     yield "travel", row(MoveHull(motion), states.CLOSE_IN, {PhaseEvent.DONE: at_once("rest")})
     yield "rest", row(settle, states.CLOSE_IN, {PhaseEvent.DONE: "orbit"})
-    yield "orbit", row(FlyOrbit(job), states.WORK, {PhaseEvent.DONE: "held"})
+    yield "orbit", row(FlyOrbit(job), states.WORK, {PhaseEvent.DONE: "held", PhaseEvent.MORE: "travel"})
     yield "held", TaskRow(Hold(), states.DONE)
 
 
-def check_clear(found: Orbit, move: PoseMove, passing: HullPath, *, floor: float, clearance: float) -> None:
+def check_clear(found: Orbit, move: PoseMove, keep: Keep) -> None:
     """Check the distance of hull and folded arm to the object and the seabed on the whole way.
 
     Args:
         found: the orbit.
         move: of the hull to its begin.
-        passing: distances to the object.
-        floor: [m] height of the seabed in W.
-        clearance: [m] to keep.
+        keep: what is to be kept.
 
     Raises:
         ReachError: if it is not kept.
     """
-    ways = {
-        "on the way around": [found.at(s)[0] for s in np.arange(0.0, found.s[-1], _CHECKED)],
-        "on the way there": [move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20)],
-    }
-    for where, poses in ways.items():
-        for X_WB in poses:
-            for gap, what in ((passing.gap(X_WB), "object"), (passing.lowest(X_WB) - floor, "seabed")):
-                if gap < clearance:
-                    said = f"{where} the vehicle would come within {gap:.2f} m of the {what}"
-                    raise ReachError(f"{said}, {clearance:g} m are to be kept")
+    for where, poses in (("on the way around", _along(found)), ("on the way there", _during(move))):
+        if (short := keep.short(poses)) is not None:
+            said = f"{where} the vehicle would come within {short[0]:.2f} m of the {short[1]}"
+            raise ReachError(f"{said}, {keep.clearance:g} m are to be kept")
+
+
+def _along(found: Orbit, every: float = _CHECKED) -> Iterator[Array]:
+    return (found.at(s)[0] for s in np.arange(0.0, found.s[-1], every))
+
+
+def _during(move: PoseMove) -> Iterator[Array]:
+    return (move.at(move.start + share * move.duration)[0] for share in np.linspace(0.0, 1.0, 20))
+
+
+def covering(
+    first: Orbit, target: TargetModel, X_WT: Array, job: InspectionJob, *, camera: HullCamera, keep: Keep
+) -> list[Orbit]:
+    """Orbits that together see what can be seen of an object from orbits, the clearest gain first.
+
+    Levels are taken from a grid of distances and heights; those that come too near to the object or the seabed are left
+    out, as are those with an unclear straight move from the orbit before. It ends once _ENOUGH is seen.
+
+    Args:
+        first: the orbit that is flown first.
+        target: model of the object.
+        X_WT: (4, 4) its pose in W.
+        job: distances and limits.
+        camera: on the hull.
+        keep: clearance to keep.
+
+    Returns:
+        The orbits in their order, `first` among them.
+    """
+    samples, X_TW = SurfaceSamples(target.vertices, target.triangles), inverse(X_WT)
+
+    def sees(found: Orbit) -> np.ndarray:
+        return samples.seen(np.array([X_TW @ X @ camera.X_BC for X in _along(found, _VIEWED)]), camera.view)
+
+    half = 0.5 * float(np.ptp(transform_points(X_WT, target.vertices)[:, 2]))
+    levels = [Level(out, half + up) for out in _OUT for up in _UP]
+    make = partial(orbit, target, X_WT, job, X_BC=camera.X_BC, near_W=first.p_WC[0])
+    clear = [found for found in (make(level=level) for level in levels) if keep.short(_along(found)) is None]
+    views = [(found, sees(found)) for found in clear]
+    orbits, seen = [first], sees(first)
+    visible = np.any([seen, *(each for _, each in views)], axis=0)
+    while views and seen.sum() < _ENOUGH * visible.sum():
+        views.sort(key=lambda each: int((each[1] & ~seen).sum()))
+        found, more = views.pop()
+        if not (more & ~seen).any():
+            break
+        move = PoseMove.between(
+            0.0,
+            orbits[-1].at(0.0)[0],
+            found.at(0.0)[0],
+            speed=job.speed,
+            acceleration=job.acceleration,
+            turn_rate=job.turn_rate,
+        )
+        if keep.short(_during(move)) is None:
+            orbits.append(found)
+            seen |= more
+    return orbits
+
+
+def allowed_cameras(vertices_W: Array, X_BC: Array, keep: Keep) -> Array:
+    """Camera poses X_WC (n, 4, 4) of a level hull that keeps its clearance, on a grid of places and headings.
+
+    Args:
+        vertices_W: (V, 3) [m] of the object in W.
+        X_BC: (4, 4) pose of the camera in the hull.
+        keep: clearance to keep.
+
+    Returns:
+        The poses.
+    """
+    low, high = vertices_W.min(axis=0) - _AROUND, vertices_W.max(axis=0) + _AROUND
+    axes = [np.arange(a, b, _APART) for a, b in zip(low, high, strict=True)]
+    turned = [exp_so3([0.0, 0.0, yaw]) for yaw in np.arange(_HEADINGS) * 2.0 * np.pi / _HEADINGS]
+    places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    hulls = (pose(R, p - R @ X_BC[:3, 3]) for R in turned for p in places)
+    return np.array([X_WB @ X_BC for X_WB in hulls if keep.short([X_WB]) is None]).reshape(-1, 4, 4)

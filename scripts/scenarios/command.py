@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from controllers.tuning import table
 from scenarios import first_start
 from scenarios.assembly import assemble
-from scenarios.runner import LONGEST, Run, SignalStop, assessed, rehearse, run_through
+from scenarios.runner import Run, SignalStop, assessed, rehearse, run_through
 from scenarios.scenario import Scenario
 from scenarios.scenario_file import as_dict, write_scenario
 from sim.evaluation.metrics import Assessment
@@ -92,7 +92,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
         raise stop.asked
     if not result.recording.within(*placed.begun).any():
         raise ConfigurationError(
-            f"the work could not begin: {result.last.reference.note or f'not within {LONGEST:.0f} s'}"
+            f"the work could not begin: {result.last.reference.note or f'not within {placed.longest:.0f} s'}"
         )
     return 0 if assessment.accepted else NOT_ACCEPTED
 

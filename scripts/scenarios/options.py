@@ -301,7 +301,7 @@ class SeabedOptions(TrialOptions):
 
 @dataclass(kw_only=True)
 class InspectionOptions(VehicleOptions):
-    """Fly one orbit around a known object."""
+    """Fly around a known object, once or until it is covered."""
 
     object: str = "barrel"
     """A name (barrel, starfish, anode, valve, rock ...), or a mesh file, STL, OBJ or PLY [m]."""
@@ -311,6 +311,8 @@ class InspectionOptions(VehicleOptions):
     """Least clearance of hull and folded arm to the object and the seabed [m]."""
     speed: float = 0.15
     """Speed of the hull [m/s]."""
+    cover: bool = False
+    """Fly further orbits, at other heights and distances, until all that can be seen is seen."""
 
     def scenario(self) -> Scenario:
         """The inspection."""
@@ -318,7 +320,7 @@ class InspectionOptions(VehicleOptions):
             name="inspect_object",
             seed=self.seed,
             site=self.site(KnownObject(object=self.object)),
-            task=InspectionTask(distance=self.distance, clearance=self.clearance, speed=self.speed),
+            task=InspectionTask(distance=self.distance, clearance=self.clearance, speed=self.speed, cover=self.cover),
             vehicle=VehicleSetup(vehicle=self.vehicle),
             control=Control(controller=self.controller),
         )

@@ -19,7 +19,6 @@ from sim.runs.command_line import Interrupted
 from sim.water.current import Current
 
 REHEARSAL = 0.1  # [s] simulated; loads all compiled code
-LONGEST = 400.0  # [s] simulated, limit of a run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +45,7 @@ def run(
     *,
     recorder: Recorder | None = None,
     observers: Sequence[Observer] = (),
-    longest: float = LONGEST,
+    longest: float | None = None,
 ) -> Run:
     """Runs a scenario to its end without any output.
 
@@ -54,7 +53,7 @@ def run(
         scenario: A description, recorded with all that a report needs; or what `assemble` made of one.
         recorder: Recorder of the run; None: a new one.
         observers: Further observers of the loop.
-        longest: [s] limit of the simulated time.
+        longest: [s] limit of the simulated time; None: that of the task.
 
     Returns:
         Recording and assessment.
@@ -90,7 +89,7 @@ def run_through(
     assembly: Assembly,
     recorder: Recorder | None = None,
     observers: Sequence[Observer] = (),
-    longest: float = LONGEST,
+    longest: float | None = None,
     stop: "SignalStop | None" = None,
     *,
     part_by_part: bool = False,
@@ -101,7 +100,7 @@ def run_through(
         assembly: The assembled scenario.
         recorder: Recorder of the run; None: a new one.
         observers: Further observers of the loop.
-        longest: [s] limit of the simulated time.
+        longest: [s] limit of the simulated time; None: that of the task.
         stop: Observer that ends the run on a signal; None: one that no signal reaches.
         part_by_part: Take every tick part by part, also where ticks can be compiled; slower, and the same to the bit.
 
@@ -123,7 +122,7 @@ def run_through(
         last = rollout(
             loop.plant,
             loop.parts,
-            duration=longest,
+            duration=assembly.placed.longest if longest is None else longest,
             rng=assembly.noise,
             observers=[recorder, *seen],
             compiled=None if why else CompiledTicks(plant, recorder).bind,

@@ -3,15 +3,17 @@
 Distance is from the true camera to the outline of the true object as seen from above, at half the object's height.
 The view angle is between the camera's horizontal direction and that to the nearest point of the outline. A surface
 sample is seen if from some pose of the flight it was in the image, facing the camera, and not occluded by the object.
+With several levels, distance and view are those of the first. Coverage refers to what is visible at all from places
+where hull and arm keep their clearance: undersides, and what lies on the seabed, do not count.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from models.meshes.ray_casting import RayScene
+from models.meshes.visibility import SurfaceSamples, View
 from models.objects.targets import TargetModel
 from sim.evaluation.metrics import Assessment, Requirement
 from sim.evaluation.run_metrics import run_schema
@@ -22,9 +24,6 @@ from sim.interfaces.spatial import Array, checked, inverse, pose, rotation_from_
 from sim.loop.recording import Recording
 
 _EVERY = 1.0  # [s] between poses at which visibility is evaluated
-_PIECES = 4000  # number of surface samples
-_TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen
-_SKIN = 2e-3  # [m] tolerance within which a ray's hit is the sample itself and no occluder
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +46,7 @@ class TrueInspection:
     half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
     far: float  # [m] range limit of the camera
     distance: float  # [m] set distance
+    allowed: Array = field(default_factory=lambda: np.empty((0, 4, 4)))  # (n, 4, 4) places X_WC the camera may take
 
     def __post_init__(self) -> None:
         for name in ("X_WT", "X_BC"):
@@ -69,6 +69,12 @@ class InspectionMetrics:
     )
     ends_m: float | None = metric("Between the camera's first place and its last.", minimum=0)
     seen_share: float | None = metric("Of the object's surface.", maximum=1, minimum=0)
+    coverage: float | None = metric(
+        "Seen share of the surface that is visible from any place where the vehicle keeps its clearance.",
+        maximum=1,
+        minimum=0,
+    )
+    levels: int | None = metric("Orbits flown; distance, view and ends are those of the first.", minimum=0)
     flown_s: float | None = metric(minimum=0)
 
 
@@ -104,16 +110,21 @@ def assess_inspection(
     flown = np.flatnonzero(recording.within(WorkState.WORK))
     figures = unmeasured(InspectionMetrics, distance_set_m=truth.distance)
     if len(flown):
-        X_WC = camera_poses(recording, truth, flown[:: max(1, round(0.1 / recording.timestep))])
+        every = max(1, round(0.1 / recording.timestep))
+        levels = [each[::every] for each in np.split(flown, np.flatnonzero(np.diff(flown) > 1) + 1)]
+        X_WC = camera_poses(recording, truth, levels[0])
         off, view = off_and_view(X_WC, truth)
         step = max(1, round(_EVERY / 0.1))
+        views = np.concatenate([camera_poses(recording, truth, each[::step]) for each in levels])
         figures = InspectionMetrics(
             distance_set_m=truth.distance,
             distance_rms_m=float(np.sqrt(np.mean(off**2))),
             distance_max_m=float(np.abs(off).max()),
             view_max_rad=float(view.max()),
             ends_m=float(np.linalg.norm(X_WC[-1, :3, 3] - X_WC[0, :3, 3])),
-            seen_share=seen_share(X_WC[::step], truth),
+            seen_share=seen_share(views, truth),
+            coverage=coverage(views, truth),
+            levels=len(levels),
             flown_s=float(len(flown) * recording.timestep),
         )
     mm, degrees = 1e3, float(np.degrees(1.0))
@@ -123,6 +134,7 @@ def assess_inspection(
         Requirement("view off the object, peak", figures.view_max_rad, bounds.view, "deg", degrees),
         Requirement("ends of the way apart", figures.ends_m, bounds.ends, "mm", mm),
         Requirement("surface seen", figures.seen_share, None, "%", 100.0),
+        Requirement("coverage of what can be seen", figures.coverage, None, "%", 100.0),
         Requirement("time on the way around", figures.flown_s, None, "s"),
     )
     return Assessment.of(recording, InspectionRunMetrics(inspection=figures), checks, seed=seed, wall_s=wall_s)
@@ -171,33 +183,19 @@ def off_and_view(X_WC: Array, truth: TrueInspection) -> tuple[Array, Array]:
 
 def seen_share(X_WC: Array, truth: TrueInspection) -> float:
     """Share of the object's surface seen by at least one of the cameras at `X_WC` (n, 4, 4)."""
-    target = truth.target
-    corner = target.vertices[target.triangles]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = 0.5 * np.linalg.norm(normal, axis=1)
-    rng = np.random.default_rng(0)
-    which = rng.choice(len(area), _PIECES, p=area / area.sum())
-    weight = rng.dirichlet(np.ones(3), _PIECES)
-    pieces = np.einsum("ni,nij->nj", weight, corner[which])
-    normal = normal[which] / (2.0 * area[which, None])
-    scene = RayScene(target.vertices, target.triangles)
-    seen = np.zeros(_PIECES, dtype=bool)
-    for X in X_WC:
-        X_TC = inverse(truth.X_WT) @ X
-        p_C = transform_points(inverse(X_TC), pieces)
-        away = pieces - X_TC[:3, 3]
-        distance = np.linalg.norm(away, axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < truth.half_view, axis=1)
-        asked = np.flatnonzero(
-            ~seen
-            & inside
-            & (p_C[:, 2] > 0.0)
-            & (distance < truth.far)
-            & (-np.einsum("ni,ni->n", away, normal) > _TURNED * distance)
-        )
-        if len(asked):
-            starts = np.broadcast_to(X_TC[:3, 3], (len(asked), 3))
-            hit = scene.cast(starts, away[asked] / distance[asked, None])["t"]
-            seen[asked] = hit > distance[asked] - _SKIN
-    return float(seen.mean())
+    return float(_seen(X_WC, truth).mean())
+
+
+def coverage(X_WC: Array, truth: TrueInspection) -> float | None:
+    """Share of the surface visible from the allowed places that the cameras at `X_WC` (n, 4, 4) saw; None if none is.
+
+    What they saw counts as visible, since the allowed places are a grid.
+    """
+    seen = _seen(X_WC, truth)
+    visible = seen | _seen(truth.allowed, truth)
+    return float(seen.sum() / visible.sum()) if visible.any() else None
+
+
+def _seen(X_WC: Array, truth: TrueInspection) -> np.ndarray:
+    samples = SurfaceSamples(truth.target.vertices, truth.target.triangles)
+    return samples.seen(inverse(truth.X_WT) @ X_WC, View(truth.half_view, truth.far))

@@ -1,13 +1,15 @@
-"""Inspection: one orbit around a known object with the camera on it [Konoplin 2019, eq. 6]."""
+"""Inspection: orbits around a known object with the camera on it [Konoplin 2019, eq. 6]."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
+from controllers.planning.hull_path import HullPath
 from controllers.tasks import inspection
+from models.meshes.visibility import View
 from models.naming import HULL_BODY, TOOL_GEOM
 from models.objects.targets import TargetModel
 from models.site import scenes
@@ -29,16 +31,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FAR = 5.0  # [m] largest range at which a surface point counts as seen
+_COVERED_WITHIN = 2000.0  # [s] limit of a flight over several levels
 
 
 @dataclass(frozen=True, kw_only=True)
 class InspectionTask(Task):
-    """Fly one orbit around an object."""
+    """Fly one orbit, or as many as cover it, around an object."""
 
     spares: ClassVar[Collection[str]] = (TOOL_GEOM,)
     distance: float = 1.4  # [m] from the camera to the object's outline
     clearance: float = 0.3  # [m] of hull and folded arm to the object and the seabed
     speed: float = 0.15  # [m/s] of the hull
+    cover: bool = False  # further levels, until all that can be seen is seen
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
         """The flight around the site's object; draws its pose and its coarse detection."""
@@ -57,6 +61,7 @@ class InspectionTask(Task):
             X_WT=X_WT,
             approach_W=approach_W,
             orientation_W=orientation_W,
+            cover=self.cover,
         )
 
 
@@ -72,7 +77,12 @@ class PlacedInspection(PlacedTask):
     X_WT: Array  # (4, 4) true pose
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation
+    cover: bool = False  # further levels
     half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
+
+    def __post_init__(self) -> None:
+        if self.cover:
+            self.longest = _COVERED_WITHIN
 
     @property
     def title(self) -> str:
@@ -120,11 +130,16 @@ class PlacedInspection(PlacedTask):
             self.config,
             X_WB_scan=self.X_WB,
             floor=scenes.seabed_height(self.target, self.X_WT),
+            view=View(self.half_view, FAR) if self.cover else None,
         )
 
     def assess(self, ran: RunResult, seed: int) -> Assessment:
         """Assessment against the true object."""
-        return assess_inspection(ran.recording, self.truth, seed=seed, wall_s=ran.wall_s)
+        own, vertices_W = self.own.at_work(), transform_points(self.X_WT, self.there.vertices)
+        passing = HullPath(own.vehicle, own.chain, own.hull_box, vertices_W)
+        keep = inspection.Keep(passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance)
+        truth = replace(self.truth, allowed=inspection.allowed_cameras(vertices_W, own.X_BC, keep))
+        return assess_inspection(ran.recording, truth, seed=seed, wall_s=ran.wall_s)
 
     def pictures(self, ran: RunResult) -> Pictures:
         """Plan view of the hull's way."""

@@ -72,10 +72,14 @@ class Task(ABC):
         """
 
 
+LONGEST = 400.0  # [s] simulated, default limit of a run
+
+
 class PlacedTask(ABC):
     """A task at its site. The truth about the site goes to plant and evaluation only."""
 
     begun: ClassVar[tuple[WorkState, ...]] = (WorkState.WORK,)  # a run in none of these states counts as refused
+    longest: float = LONGEST  # [s] simulated, limit of a run
     exact_start: ClassVar[bool] = False  # True: the hull starts at `X_WB`, without an error of place and heading
 
     @property

@@ -19,7 +19,8 @@ from scenarios.options import InsertionOptions, InspectionOptions, ObjectOptions
 from scenarios.perturbations.loop import SensorFailure, ThrusterFailure
 from scenarios.perturbations.pad import Pad
 from scenarios.perturbations.vehicle import Water
-from scenarios.runner import LONGEST, run_through
+from scenarios.runner import run_through
+from scenarios.tasks.task import LONGEST
 from sim.interfaces.messages import FaultKind
 from sim.loop import recording
 from sim.loop.recording import EVERY_STEP

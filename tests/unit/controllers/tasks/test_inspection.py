@@ -7,8 +7,20 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from controllers.mkps import Chain
+from controllers.planning.hull_path import HullPath
 from controllers.planning.work_vehicle import WorkVehicle
-from controllers.tasks.inspection import Inspection, InspectionJob, Orbit, offset_outline, orbit
+from controllers.tasks.inspection import (
+    HullCamera,
+    Inspection,
+    InspectionJob,
+    Keep,
+    Orbit,
+    allowed_cameras,
+    covering,
+    offset_outline,
+    orbit,
+)
+from models.meshes.visibility import SurfaceSamples, View
 from models.naming import ARM_BASE_BODY, TIP_SITE
 from models.objects import targets
 from models.objects.targets import TargetModel
@@ -16,7 +28,7 @@ from models.vehicle import Vehicle
 from models.vehicles import uuv_puma
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import StateEstimate, Target, WorkState
-from sim.interfaces.spatial import Array, exp_so3, pose, transform_points
+from sim.interfaces.spatial import Array, exp_so3, inverse, pose, transform_points
 from told import Told
 
 OWN = uuv_puma.build().compile()
@@ -206,3 +218,22 @@ def test_what_cannot_be_is_refused():
     down = pose(np.diag([1.0, -1.0, -1.0]), [0.8, 0.0, -0.4])
     with pytest.raises(ConfigurationError, match="straight down"):
         orbit(targets.named("barrel"), X_WT, JOB, X_BC=down, near_W=ZERO)
+
+
+@pytest.mark.parametrize("name", ["barrel", "manifold", "valve"])
+def test_levels_cover_what_can_be_seen_and_keep_clear(name):
+    """95 % of what is visible from the allowed places, a grid that the choice of levels does not use."""
+    first, target = way_around(name)
+    vertices = transform_points(X_WT, target.vertices)
+    keep = Keep(HullPath(VEHICLE, CHAIN, BOX, vertices), float(vertices[:, 2].min()), JOB.clearance)
+    view = View((0.58, 0.43), 5.0)
+    orbits = covering(first, target, X_WT, JOB, camera=HullCamera(X_BC, view), keep=keep)
+    assert orbits[0] is first
+    samples = SurfaceSamples(target.vertices, target.triangles)
+    X_WC = np.array([each.at(s)[0] @ X_BC for each in orbits for s in np.arange(0.0, each.s[-1], 0.15)])
+    once = np.array([first.at(s)[0] @ X_BC for s in np.arange(0.0, first.s[-1], 0.15)])
+    allowed = allowed_cameras(vertices, X_BC, keep)
+    seen, alone, visible = (samples.seen(inverse(X_WT) @ each, view) for each in (X_WC, once, allowed))
+    assert seen.sum() > alone.sum()
+    assert seen.sum() >= 0.95 * (seen | visible).sum()
+    assert keep.short(each.at(s)[0] for each in orbits[1:] for s in np.arange(0.0, each.s[-1], 0.1)) is None

@@ -1,0 +1,53 @@
+"""Which part of a mesh's surface cameras see: in the image, facing the camera, and not occluded by the mesh itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.meshes.ray_casting import RayScene
+from sim.interfaces.spatial import Array, inverse, transform_points
+
+_PIECES = 4000  # number of surface samples
+_TURNED = np.cos(np.radians(75.0))  # cosine of the largest incidence at which a surface counts as seen
+_SKIN = 2e-3  # [m] tolerance within which a ray's hit is the sample itself and no occluder
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a camera takes in, z its axis."""
+
+    half_view: tuple[float, float]  # tangents of half the fields of view, horizontal and vertical
+    far: float  # [m] range limit
+
+
+class SurfaceSamples:
+    """Samples of a mesh's surface, uniform over its area, that tell which cameras see them."""
+
+    def __init__(self, vertices: Array, triangles: np.ndarray) -> None:
+        corner = vertices[triangles]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        area = 0.5 * np.linalg.norm(normal, axis=1)
+        rng = np.random.default_rng(0)
+        which = rng.choice(len(area), _PIECES, p=area / area.sum())
+        weight = rng.dirichlet(np.ones(3), _PIECES)
+        self._points = np.einsum("ni,nij->nj", weight, corner[which])
+        self._normals = normal[which] / (2.0 * area[which, None])
+        self._scene = RayScene(vertices, triangles)
+
+    def seen(self, X_TC: Array, view: View) -> np.ndarray:
+        """Samples (N,) that at least one of the cameras at `X_TC` (n, 4, 4) in the mesh's frame sees."""
+        seen = np.zeros(len(self._points), dtype=bool)
+        for X in X_TC:
+            left = np.flatnonzero(~seen)
+            p_C = transform_points(inverse(X), self._points[left])
+            away = self._points[left] - X[:3, 3]
+            distance = np.linalg.norm(away, axis=1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                inside = np.all(np.abs(p_C[:, :2] / p_C[:, 2:]) < view.half_view, axis=1)
+            facing = -np.einsum("ni,ni->n", away, self._normals[left]) > _TURNED * distance
+            asked = np.flatnonzero(inside & (p_C[:, 2] > 0.0) & (distance < view.far) & facing)
+            if len(asked):
+                starts = np.broadcast_to(X[:3, 3], (len(asked), 3))
+                hit = self._scene.cast(starts, away[asked] / distance[asked, None])["t"]
+                seen[left[asked]] = hit > distance[asked] - _SKIN
+        return seen

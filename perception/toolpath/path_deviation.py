@@ -130,12 +130,14 @@ def deviate(
 
     fine, sigma = mean(usable, _SMOOTH)
     threshold = 4.5 * sigma + pose_error
-    # The flank of a deviation beside the path tilts the tool before it is high on the path.
+    high = _hysteresis(np.where(usable, np.abs(fine), 0.0), threshold)
+    # Where there is one, the flank of another beside the path tilts the tool before it is high on the path.
     patches = (np.ptp(BESIDE) + step) * (_MEDIAN_FORM + 2.0 * _SMOOTH) / (np.pi * radius**2)
     leans = 4.5 * doubt / np.sqrt(np.maximum(1.0, patches)) / np.std(BESIDE) + pose_error / BESIDE[-1]
     whole = usable & (well.sum(axis=1) > _LEAST_RAYS)
     beyond = np.maximum(np.abs(fine) / threshold, np.where(whole, np.abs(form[:, 1]), 0.0) / leans)
-    high = _hysteresis(np.where(usable, beyond, 0.0), np.ones(n))
+    if high.any():
+        high = _hysteresis(np.where(usable, beyond, 0.0), np.ones(n))
     rest = usable & ~high
     wide, sigma = mean(rest, _SMOOTH_LOW)
     low = _hysteresis(np.where(rest, np.abs(wide), 0.0), 4.5 * sigma + pose_error)

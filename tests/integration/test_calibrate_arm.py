@@ -116,8 +116,20 @@ def test_joints_that_bend_under_payloads_are_found(calibrate, root, tmp_path, wi
     within("moves of the flange [m]", told["elastic"]["tracker"]["identified"], 1.2e-4)  # 0.073e-3
     found = np.array(told["elastic"]["fit"]["compliance_rad_nm"])
     within("compliances of shoulder and elbow", found[1:3] / 5e-5 - 1.0, 0.1)  # 0.03
-    wrong = calibrate("--compliance", "--payload", "1", "--no-record", "--out", tmp_path / "no")
-    assert (wrong.returncode, "--payload: 3 are needed, got 1" in wrong.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--compliance", "--payload", "1"), "--payload: 3 are needed, got 1"),
+        (("--payload", "0", "5", "10"), "--payload and --link-mass go with --compliance"),
+        (("--touches", "touches", "--true-gears", "0.001"), "--touches and --true-compliance or --true-gears"),
+        (("--compliance", "--method", "paper"), "--compliance and --method paper"),
+    ],
+)
+def test_loads_that_cannot_be_are_one_line(calibrate, tmp_path, options, said):
+    run = calibrate(*options, "--no-record", "--out", tmp_path / "out")
+    assert (run.returncode, said in run.stderr) == (2, True), run.stderr
 
 
 def test_outlier_is_left_out(calibrate, tmp_path, touched):

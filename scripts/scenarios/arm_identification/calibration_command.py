@@ -109,6 +109,14 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     Raises:
         UuvError: The files cannot be read, the options contradict each other, or the arm does not reach the points.
     """
+    joints = RealJoints(
+        compliance=finite_number(options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01),
+        gears=finite_number(options.true_gears, "--true-gears [rad]", least=0.0, most=0.1),
+    )
+    if options.touches and joints != RealJoints():
+        raise ConfigurationError("--touches and --true-compliance or --true-gears: one of the two")
+    if (options.payload or options.link_mass) and not (options.compliance or joints.compliance > 0.0):
+        raise ConfigurationError("--payload and --link-mass go with --compliance")
     source = nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
         if options.touching != "noise":
@@ -117,10 +125,6 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     if options.distance or options.held_out:
         raise ConfigurationError("--distance and --held-out go with --touches")
     contact = options.touching != "noise"
-    joints = RealJoints(
-        compliance=finite_number(options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01),
-        gears=finite_number(options.true_gears, "--true-gears [rad]", least=0.0, most=0.1),
-    )
     if contact and (options.compliance or joints != RealJoints()):
         raise ConfigurationError("--compliance, --true-compliance and --true-gears: not with touching by contact")
     few = options.quick and contact

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from controllers.planning.trajectories import FASTEST, SLOWEST, speed_law
 from perception.clouds.point_files import read_cloud, read_targets
-from perception.seabed.terrain_path import FASTEST, NARROWEST, SLOWEST, WIDEST, plan_seabed_work, speed_law
+from perception.seabed.terrain_path import NARROWEST, WIDEST, plan_seabed_work
 from scenarios.cloud_commands.seabed_picture import picture
 from sim.interfaces.spatial import finite_number
 

@@ -270,7 +270,7 @@ def place_hull(
     middle = 0.5 * (path.p.min(axis=0) + path.p.max(axis=0))
     hull = ConvexHull(around.obstacle)
     skin = skin_of(around.obstacle, hull)
-    rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     travel_W = travel * (path.p[-1] - path.p[0])
     # The poses relative to the travelling hull: its displacement since mid-path is subtracted.
     done = np.pad(np.linspace(-0.5, 0.5, search.samples), _STANDOFF_STEPS, mode="edge")

@@ -110,7 +110,7 @@ def choose_height(
     if start[2, 2] < np.cos(np.radians(5.0)):
         raise ConfigurationError("X_WB: the hull must be level to go down")
     shares = np.linspace(0.0, float(path.s[-1]), search.samples)
-    rolls = [2.0 * np.pi / search.rolls * i for i in range(search.rolls)]
+    rolls = [2.0 * np.pi / search.rolls * i for i in range(1 if path.keeps_x else search.rolls)]
     poses = [tool_poses(path, shares, roll, standoff) for roll in rolls]
     still = np.zeros((len(poses[0]), 3))
     tree, nowhere = cKDTree(points), np.array([[0.0, 0.0, 0.0, np.inf]])  # `arm_gap` tests the arm, below

@@ -5,7 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.interfaces.errors import ConfigurationError
-from sim.interfaces.spatial import Array, exp_so3, log_so3
+from sim.interfaces.messages import ToolPath
+from sim.interfaces.spatial import Array, exp_so3, finite_number, log_so3, readonly
+
+SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of a tool along its path
+BEND = 0.05  # [m/s^2] of a tool across its path, where nothing else is said
 
 # Peak speed and acceleration of the quintic 10 t^3 - 15 t^4 + 6 t^5 for a unit move in unit time.
 _PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 10.0 / np.sqrt(3.0)
@@ -143,3 +147,93 @@ class Progress:
             left = total - time
             return self.length - 0.5 * acceleration * left**2, acceleration * left
         return 0.5 * acceleration * ramp**2 + self.speed * (time - ramp), self.speed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpeedLaw:
+    """Arc length and speed over time along a path, from rest to rest, slower in bends [Konoplin 2019]."""
+
+    time: Array  # (n,) [s] at the path's samples, from 0
+    s: Array  # (n,) [m], from 0
+    speed: Array  # (n,) [m/s]
+
+    @property
+    def duration(self) -> float:
+        """Duration [s] from start to end."""
+        return float(self.time[-1])
+
+    def at(self, time: float) -> tuple[float, float]:
+        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the end."""
+        if not self.time[0] < time < self.time[-1]:
+            return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
+        i = int(np.searchsorted(self.time, time)) - 1
+        h = time - self.time[i]
+        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # constant between two samples
+        return float(self.s[i] + self.speed[i] * h + 0.5 * a * h * h), float(self.speed[i] + a * h)
+
+
+def speed_law(path: ToolPath, speed: float, bend: float = BEND, along: float | None = None) -> SpeedLaw:
+    """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
+
+    The normal limit v^2 kappa <= `bend` slows the tool down in bends.
+
+    Args:
+        path: The tool path.
+        speed: [m/s] largest speed.
+        bend: [m/s^2] largest acceleration across the path.
+        along: [m/s^2] largest acceleration along the path; None: `bend`.
+
+    Returns:
+        Time, arc length and speed at the samples of the path.
+
+    Raises:
+        ConfigurationError: A limit is out of range.
+    """
+    speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
+    bend = finite_number(bend, "speed law: acceleration across the path [m/s^2]", above=0.0, most=1e3)
+    along = finite_number(bend if along is None else along, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
+    return _law(path.s - path.s[0], np.minimum(speed, np.sqrt(bend / np.maximum(_curvature(path), 1e-9))), along)
+
+
+def progress_along(
+    path: ToolPath, begin: float, end: float, *, speed: float, ramp: float, bend: float = BEND
+) -> Progress | SpeedLaw:
+    """Motion along the stretch of a path from `begin` to `end` [m]: trapezoidal, unless a bend must be taken slower.
+
+    Args:
+        path: The tool path.
+        begin: [m] arc length at the start.
+        end: [m] arc length at the end.
+        speed: [m/s] largest speed.
+        ramp: [s] from rest to that speed.
+        bend: [m/s^2] largest acceleration across the path.
+
+    Returns:
+        The motion; its arc length counts from `begin`.
+    """
+    inside = (path.s > begin) & (path.s < end)
+    curvature = _curvature(path)
+    if not inside.any() or speed * speed * curvature[inside].max() <= bend:
+        return Progress(end - begin, speed, ramp)
+    s = np.concatenate([[begin], path.s[inside], [end]])
+    limit = np.sqrt(bend / np.maximum(np.interp(s, path.s, curvature), 1e-9))
+    return _law(s - begin, np.minimum(speed, limit), speed / ramp)
+
+
+def _curvature(path: ToolPath) -> Array:
+    """Curvature (n,) [1/m] at the samples of a path."""
+    tangent = np.gradient(path.p, path.s, axis=0)
+    return np.linalg.norm(np.gradient(tangent, path.s, axis=0), axis=1)
+
+
+def _law(s: Array, limit: Array, along: float) -> SpeedLaw:
+    """Fastest law from rest to rest at `s` (n,) [m] under speeds `limit` (n,) [m/s]; v^2 changes by 2 `along` ds."""
+    v = np.array(limit)
+    v[0] = v[-1] = 0.0
+    step = np.diff(s)
+    for i in range(len(step)):
+        v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + 2.0 * along * step[i]))
+    for i in range(len(step) - 1, -1, -1):
+        v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2.0 * along * step[i]))
+    time = np.concatenate([[0.0], np.cumsum(2.0 * step / (v[:-1] + v[1:]))])
+    return SpeedLaw(time=readonly(time), s=readonly(s), speed=readonly(v))

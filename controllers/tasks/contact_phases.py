@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 from controllers.planning.hull_placement import stretches
-from controllers.planning.trajectories import Progress
+from controllers.planning.trajectories import BEND, Progress, SpeedLaw, progress_along
 from controllers.tasks.arrival import Since
 from controllers.tasks.phase import ZERO, Abort, Context, Held, Outcome, Phase, PhaseEvent, Setpoint, towards, way_back
 from sim.interfaces.errors import ConfigurationError
@@ -182,6 +182,7 @@ class FollowLimits:
 
     speed: float = 0.02  # [m/s] along the path
     ramp: float = 1.0  # [s] time from rest to that speed
+    bend: float = BEND  # [m/s^2] largest acceleration across the path: bends are taken as slowly as that asks
     linger: float = 0.5  # [s] at its end
     paused_force: float = 0.5  # share of the set force during a pause
     pace_time: float = 0.5  # [s] for motion along the path to stop, and to resume
@@ -191,7 +192,7 @@ class FollowLimits:
 class FollowState:
     """State of `FollowPath`."""
 
-    progress: Progress
+    progress: Progress | SpeedLaw
     since: float  # [s] start of the motion, later by every pause
     begin: float = 0.0  # [m] arc length where it starts
     pace: float = 1.0  # speed along the path as a share of that planned
@@ -221,7 +222,8 @@ class FollowPath(Phase):
         end = float(path.s[-1])
         if self._forces:
             end = min(last for _, last in stretches(path) if last > held.s)
-        return FollowState(Progress(end - held.s, path.pace * limits.speed, limits.ramp), now.time, held.s)
+        progress = progress_along(path, held.s, end, speed=path.pace * limits.speed, ramp=limits.ramp, bend=limits.bend)
+        return FollowState(progress, now.time, held.s)
 
     def step(self, state: FollowState, held: Held, now: Context) -> Outcome:
         """Done at the end of the path; more at the end of any other stretch."""

@@ -29,6 +29,7 @@ from sim.interfaces.spatial import (
 )
 
 LARGEST = 20.0  # [m] largest extent accepted without a stated scale; larger meshes are probably in millimetres
+_LEAST_SINE = 0.05  # between the axes that a tool keeps
 SMALLEST = 1e-3  # [m] smallest extent across, below tool and sensor resolution
 FARTHEST_VERTEX = 1e5  # [m] bound of vertices and path points from the origin
 PATH_STEP = 0.005  # [m] spacing of the points of a model path
@@ -91,7 +92,8 @@ class ModelPath:
 
     p: Array  # (N, 3) [m] points on the surface
     a: Array  # (N, 3) unit tool axis, into the surface
-    b: Array  # (N, 3) unit, along the path
+    b: Array  # (N, 3) unit, along the path, or where `keeps_b` the direction of the tool's x axis
+    keeps_b: bool = False  # the tool keeps its x axis on b: it is not round; False: it may turn about a
 
     def __post_init__(self) -> None:
         n = len(checked_rows(self.p, 3, "model path p", least=0))
@@ -104,6 +106,14 @@ class ModelPath:
             if name != "p" and np.abs(np.linalg.norm(values, axis=1) - 1.0).max() > 1e-6:
                 raise ConfigurationError(f"model path {name}: every row must be a unit vector")
             object.__setattr__(self, name, values)
+        if self.keeps_b and not np.linalg.norm(np.cross(self.a, self.b), axis=1).min() > _LEAST_SINE:
+            raise ConfigurationError("model path b: the axis that the tool keeps must not lie along its axis a")
+
+    def turned(self, angle: float) -> "ModelPath":
+        """The path of a tool that is not round: its x axis stays `angle` [rad] from `b`, right-handed about `a`."""
+        b = self.b - np.sum(self.b * self.a, axis=1, keepdims=True) * self.a
+        b /= np.linalg.norm(b, axis=1, keepdims=True)
+        return replace(self, b=np.cos(angle) * b + np.sin(angle) * np.cross(self.a, b), keeps_b=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

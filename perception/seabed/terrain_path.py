@@ -18,7 +18,6 @@ from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, finite_number, readonly, real_array
 
 NARROWEST, WIDEST = 1e-3, 10.0  # [m] accepted widths of a tool
-SLOWEST, FASTEST = 1e-5, 10.0  # [m/s] accepted speeds of a tool
 _DENSE = 0.003  # [m] between the points that the spline is fitted to
 _KNOTS = 0.02  # [m] between the knots of the spline
 _PINNED = 1e3  # [-] weight of the targets, which the spline is to pass through
@@ -183,52 +182,6 @@ def core_path(A: Array, a: Array, n: Array, depth: float) -> ToolPath:
     return ToolPath(
         s=readonly(s), p=readonly(A + s[:, None] * a), z=readonly(ones * a), x=readonly(ones * n), on_scan=scanned
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SpeedLaw:
-    """Arc length and speed over time along a path, from rest to rest."""
-
-    time: Array  # (n,) [s] at the path's samples
-    s: Array  # (n,) [m]
-    speed: Array  # (n,) [m/s]
-
-    def at(self, time: float) -> tuple[float, float]:
-        """Arc length [m] and speed [m/s] at `time` [s]; at rest before the start and after the end."""
-        if not self.time[0] < time < self.time[-1]:
-            return float(self.s[0] if time <= self.time[0] else self.s[-1]), 0.0
-        i = int(np.searchsorted(self.time, time)) - 1
-        h = time - self.time[i]
-        a = (self.speed[i + 1] - self.speed[i]) / (self.time[i + 1] - self.time[i])  # constant between two samples
-        return float(self.s[i] + self.speed[i] * h + 0.5 * a * h * h), float(self.speed[i] + a * h)
-
-
-def speed_law(path: ToolPath, speed: float, acceleration: float = 0.05) -> SpeedLaw:
-    """Fastest motion along a path within limits of speed and of tangential and normal acceleration.
-
-    The normal limit v^2 kappa <= acceleration slows the tool down in bends.
-
-    Args:
-        path: The tool path.
-        speed: [m/s] largest speed.
-        acceleration: [m/s^2] largest acceleration, along the path and across it.
-
-    Returns:
-        Time, arc length and speed at the samples of the path.
-    """
-    speed = finite_number(speed, "speed law: speed [m/s]", least=SLOWEST, most=FASTEST)
-    acceleration = finite_number(acceleration, "speed law: acceleration [m/s^2]", above=0.0, most=1e3)
-    tangent = np.gradient(path.p, path.s, axis=0)
-    bend = np.linalg.norm(np.gradient(tangent, path.s, axis=0), axis=1)
-    v = np.minimum(speed, np.sqrt(acceleration / np.maximum(bend, 1e-9)))
-    v[0] = v[-1] = 0.0
-    step = np.diff(path.s)
-    for i in range(len(step)):  # forwards, then back: v^2 changes by at most 2 a ds
-        v[i + 1] = min(v[i + 1], np.sqrt(v[i] ** 2 + 2.0 * acceleration * step[i]))
-    for i in range(len(step) - 1, -1, -1):
-        v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2.0 * acceleration * step[i]))
-    time = np.concatenate([[0.0], np.cumsum(2.0 * step / (v[:-1] + v[1:]))])
-    return SpeedLaw(time=readonly(time), s=path.s, speed=readonly(v))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

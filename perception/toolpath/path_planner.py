@@ -6,6 +6,8 @@ model is the better measurement and is kept. A tool that ends in a ball is led a
 B-spline smooths the whole path.
 """
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 from scipy import ndimage
@@ -64,14 +66,16 @@ def plan_path(
             "spacing and max_deviation must be positive, bridge and tool_radius not negative [m], got "
             f"{spacing}, {max_deviation}, {bridge} and {tool_radius}"
         )
-    dense = carry(found.X_sensor_target, densified(path))
+    carried = carry(found.X_sensor_target, densified(path))
+    dense = along_itself(carried)
+    b = carried.b if carried.keeps_b else None
     deviation = deviate(found.evidence, found.surface, found.X_sensor_target, dense, max_deviation, bridge)
     p, z = dense.p + deviation.along_o[:, None] * deviation.o, tilted_axis(dense, deviation)
     if not (tool_radius > 0.0 and deviation.on_scan.any()):
-        return _smoothed(p, z, deviation.on_scan, spacing)
+        return _smoothed(p, z, deviation.on_scan, spacing, b)
     p, z = rolled(dense, deviation, tool_radius)
     axes, scanned = scanned_axis(found.evidence, p, z)
-    path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing)
+    path_found = _smoothed(p, _towards(axes, z, p), deviation.on_scan, spacing, b)
     at = np.linspace(0.0, 1.0, len(path_found.s))
     seen = np.interp(at, np.linspace(0.0, 1.0, len(p)), scanned.astype(float)) > 0.5
     return workable(path_found, tool_radius, seen)
@@ -123,7 +127,8 @@ def workable(path: ToolPath, tool_radius: float, scanned: np.ndarray | None = No
     causes = (("hollows too tight for the tool", tight & ~unseen), ("places that were not seen", unseen))
     told = [f"{what}, {max(0.01, left.mean()):.0%} of the path" for what, left in causes if left.any()]
     note = f"{' and '.join(told)}, are left out" if told else ""
-    return ToolPath(
+    return replace(
+        path,
         s=readonly(path.s[part] - path.s[part.start]),
         p=readonly(path.p[part]),
         z=readonly(path.z[part]),
@@ -141,7 +146,16 @@ def carry(X_ST: Array, path: ModelPath) -> ModelPath:
     The equation has two rotations and centroids; `X_ST` (4, 4) combines them.
     """
     R = X_ST[:3, :3]
-    return ModelPath(p=transform_points(X_ST, path.p), a=path.a @ R.T, b=path.b @ R.T)
+    return replace(path, p=transform_points(X_ST, path.p), a=path.a @ R.T, b=path.b @ R.T)
+
+
+def along_itself(path: ModelPath) -> ModelPath:
+    """`path` with b along it; the same path unless the tool keeps another b."""
+    if not path.keeps_b:
+        return path
+    b = np.gradient(path.p, axis=0)
+    b -= np.sum(b * path.a, axis=1, keepdims=True) * path.a
+    return replace(path, b=b / np.linalg.norm(b, axis=1, keepdims=True), keeps_b=False)
 
 
 def densified(path: ModelPath) -> ModelPath:
@@ -157,11 +171,14 @@ def densified(path: ModelPath) -> ModelPath:
     fine = np.linspace(0.0, u[-1], max(8, 1 + round(u[-1] / _DENSE)))
     p, a, b = (make_interp_spline(u, values, k=3)(fine) for values in (path.p, path.a, path.b))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
-    return ModelPath(p=p, a=a, b=b / np.linalg.norm(b, axis=1, keepdims=True))
+    return replace(path, p=p, a=a, b=b / np.linalg.norm(b, axis=1, keepdims=True))
 
 
-def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float) -> ToolPath:
-    """Least-squares cubic B-splines through points and axes, sampled evenly over arc length."""
+def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float, b: Array | None = None) -> ToolPath:
+    """Least-squares cubic B-splines through points and axes, sampled evenly over arc length.
+
+    The second axis is the tangent, or `b` (n, 3) where the tool keeps one of its own.
+    """
     u = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(p, axis=0), axis=1))])
     curve, axis = _spline(u, p), _spline(u, z)
     fine = np.linspace(0.0, u[-1], max(16, 4 * round(u[-1] / spacing)))
@@ -170,13 +187,15 @@ def _smoothed(p: Array, z: Array, on_scan: np.ndarray, spacing: float) -> ToolPa
     at = np.interp(s, length, fine)
     points, tool = curve(at), axis(at)
     tool /= np.linalg.norm(tool, axis=1, keepdims=True)
-    x = curve.derivative()(at)
+    x = curve.derivative()(at) if b is None else _spline(u, b)(at)
     x -= np.einsum("ij,ij->i", x, tool)[:, None] * tool
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     nearest = np.clip(np.searchsorted(u, at), 0, len(u) - 1)
     flags = on_scan[nearest].copy()
     flags.setflags(write=False)
-    return ToolPath(s=readonly(s), p=readonly(points), z=readonly(tool), x=readonly(x), on_scan=flags)
+    return ToolPath(
+        s=readonly(s), p=readonly(points), z=readonly(tool), x=readonly(x), on_scan=flags, keeps_x=b is not None
+    )
 
 
 def _spline(u: Array, values: Array) -> BSpline:

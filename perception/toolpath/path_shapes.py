@@ -226,7 +226,8 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     Args:
         points: (n, 3) [m] in T, n >= 4.
         axes: (n, 3) tool axes, into the surface.
-        along: (n, 3) second axes; None: the path's own direction, made perpendicular to the tool axis.
+        along: (n, 3) x axes of a tool that is not round, which it keeps; None: the path's own direction, made
+            perpendicular to the tool axis.
 
     Returns:
         The path in T.
@@ -251,7 +252,7 @@ def through(points: ArrayLike, axes: ArrayLike, along: ArrayLike | None = None) 
     if along is None:
         return _path(dense, axis, "points", axis)
     b = make_interp_spline(u, checked(along, p.shape, "along"), k=1)(fine)
-    return ModelPath(p=dense, a=axis, b=_across(b, axis, "along"))
+    return ModelPath(p=dense, a=axis, b=_across(b, axis, "along"), keeps_b=True)
 
 
 def joined(paths: Sequence[ModelPath]) -> ModelPath:
@@ -267,7 +268,7 @@ def joined(paths: Sequence[ModelPath]) -> ModelPath:
     p = np.vstack([path.p for path in paths])
     keep = np.concatenate([[True], np.linalg.norm(np.diff(p, axis=0), axis=1) > 0.2 * PATH_STEP])
     a, b = (np.vstack([getattr(path, name) for path in paths])[keep] for name in ("a", "b"))
-    return ModelPath(p=p[keep], a=a, b=b)
+    return ModelPath(p=p[keep], a=a, b=b, keeps_b=any(path.keeps_b for path in paths))
 
 
 def _count(length: float) -> int:

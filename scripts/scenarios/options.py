@@ -47,6 +47,9 @@ class ContactOptions(VehicleOptions):
     """Speed of the tool along the path [m/s]."""
     contactless: float | None = None
     """Keep the tool at this distance [m] from the surface instead of pressing [Konoplin 2019]."""
+    turn: float | None = None
+    """Angle [deg] of the tool's x axis from the path, about the tool axis, that a tool which is not round keeps;
+    default: the tool is round."""
     fouled: float = 0.0
     """Growth on the object along the path, up to this height [m]; the vehicle knows the clean object only."""
     dented: float = 0.0
@@ -91,6 +94,7 @@ class ContactOptions(VehicleOptions):
             site=self.site(of),
             task=SurfaceWorkTask(
                 path=path,
+                turn=None if self.turn is None else float(np.radians(self.turn)),
                 forces=self.forces or forces,
                 speed=self.speed,
                 contactless=self.contactless,

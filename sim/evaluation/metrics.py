@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from models.objects.targets import TargetModel
 from sim.evaluation.mesh_surface import Surface, closest_on_curve
@@ -21,6 +22,7 @@ from sim.evaluation.surface_metrics import (
     GapMetrics,
     HullMetrics,
     IdentificationMetrics,
+    JointMetrics,
     SegmentMetrics,
     SurfaceMetrics,
     ThrusterMetrics,
@@ -34,6 +36,7 @@ from sim.runs.saving import write_json
 SETTLING = 1.0  # [s] from the beginning of a change of the set force, excluded from the force error
 LOST_BELOW = 1.0  # [N] true normal force below which contact is lost
 RAMP_GAP = 0.1  # [s] of constant set force after which the next change begins a new segment
+REVERSAL = 0.005  # [rad] of a joint; less is the arm's answer to the hull's wander
 TILT_RATE = 50.0  # [Hz] rate at which the surface normal under the tip is evaluated
 STANDSTILL = 1e-6  # [m/s] commanded speed up to which the point is at rest
 INTERRUPTED = "interrupted"  # state of a run ended by a signal
@@ -218,6 +221,7 @@ def assess(
         contact=contact,
         gap=gap,
         tool=tool,
+        joints=joint_figures(recording),
         force_estimate=force_estimate_figures(recording),
         hull=hull,
         thrusters=ThrusterMetrics(saturated_s=float(recording["saturated"].scalar.sum() * recording.timestep)),
@@ -248,6 +252,11 @@ def assess(
         Requirement("path worked", tool.worked_share, None, "%", 100.0),
         Requirement("tip to ideal path, peak", tool.object_deviation_max_m, None, "mm", mm),
         Requirement("tool tilt, peak", tool.tilt_max_rad, bounds.tilt, "deg", degrees),
+        *(
+            (Requirement("tool twist, peak", tool.twist_max_rad, bounds.tilt, "deg", degrees),)
+            if truth.model.path(truth.path).keeps_b
+            else ()
+        ),
         Requirement("hull excursion, peak", hull.excursion_max_m, None, "mm", mm),
         Requirement("hull tilt, peak", hull.tilt_max_rad, bounds.tilt, "deg", degrees),
     )
@@ -356,12 +365,9 @@ def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
     if error is None:
         return unmeasured(ToolMetrics)
     work = recording.within(WorkState.WORK)
-    # A symmetry rotation leaves the object unchanged but moves the path: use the symmetric pose nearest the found one.
-    X_WT = np.array(truth.X_WT)
-    if recording.targets:
-        X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
-    tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[work])
-    whole = np.asarray(truth.model.path(truth.path).p)
+    tip_T = transform_points(inverse(_path_pose(recording, truth)), recording["p_pad"].value[work])
+    path = truth.model.path(truth.path)
+    whole = np.asarray(path.p)
     ideal, arc = closest_on_curve(tip_T, whole)
     lifted = np.flatnonzero(np.diff(np.flatnonzero(work)) > 1) + 1  # the tool was moved to another stretch
     worked = sum(float(np.ptp(stretch)) for stretch in np.split(arc, lifted))
@@ -376,9 +382,21 @@ def tool_figures(recording: Recording, truth: TrueObject) -> ToolMetrics:
         normal_deviation_max_m=float(np.abs(error.normal).max()),
         object_deviation_max_m=float(np.linalg.norm(tip_T - ideal, axis=1).max()),
         tilt_max_rad=float(tool_tilt(recording, truth)[1].max()),
+        twist_max_rad=float(np.abs(tool_twist(recording, truth)[1]).max()) if path.keeps_b else None,
         speed_mean_m_s=worked / float(moving.sum() * recording.timestep),
         worked_share=worked / float(np.linalg.norm(np.diff(whole, axis=0), axis=1).sum()),
     )
+
+
+def _path_pose(recording: Recording, truth: TrueObject) -> Array:
+    """True pose X_WT (4, 4) of the object, of those equal by symmetry the one nearest to the pose that was found.
+
+    A rotation of symmetry leaves the object unchanged but moves the path.
+    """
+    X_WT = np.array(truth.X_WT)
+    if recording.targets:
+        X_WT[:3, :3] = truth.model.symmetry.nearest(X_WT[:3, :3], recording.targets[-1].X_WT[:3, :3])
+    return X_WT
 
 
 def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
@@ -396,6 +414,47 @@ def tool_tilt(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
     _, normal = surface.closest(tip_T)
     sine = np.linalg.norm(np.cross(axis, normal), axis=1)
     return time, np.arctan2(sine, -np.sum(axis * normal, axis=1))
+
+
+def tool_twist(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
+    """Angle about the tool axis from the path's second axis b to the tool's x axis, in the work state.
+
+    Args:
+        recording: The run.
+        truth: True object; its path tells b at the point of the path nearest to the tip.
+
+    Returns:
+        Times (N,) [s] and angles (N,) [rad], right-handed about the tool axis.
+    """
+    rows, X_WT, path = _rows_at_work(recording), _path_pose(recording, truth), truth.model.path(truth.path)
+    tip_T = transform_points(inverse(X_WT), recording["p_pad"].value[rows])
+    axis, x = (recording[name].value[rows] @ X_WT[:3, :3] for name in ("tool_axis", "tool_x"))
+    b = path.b[cKDTree(path.p).query(tip_T)[1]]
+    flat = b - np.sum(b * axis, axis=1, keepdims=True) * axis
+    angle = np.arctan2(np.sum(np.cross(flat, x) * axis, axis=1), np.sum(flat * x, axis=1))
+    return recording["tool_x"].time[rows], angle
+
+
+def joint_figures(recording: Recording) -> JointMetrics:
+    """Changes of direction of the arm's joints in the work state; known of a full recording."""
+    if "q" not in recording:
+        return unmeasured(JointMetrics)
+    q, state = recording["q"], recording["state"]
+    rows = np.searchsorted(state.time, q.time)
+    work = recording.within(WorkState.WORK)[np.minimum(rows, len(state.time) - 1)]
+    return JointMetrics(reversals=int(sum(reversals(each) for each in q.value[work].T)))
+
+
+def reversals(q: Array, hysteresis: float = REVERSAL) -> int:
+    """Number of changes of direction of a joint's motion q (N,) [rad]; shorter ways than `hysteresis` do not count."""
+    count, way, extreme = 0, 0, q[0] if len(q) else 0.0
+    for value in q:
+        if way * (value - extreme) > 0.0 or (way == 0 and abs(value - extreme) > hysteresis):
+            way = way or (1 if value > extreme else -1)
+            extreme = value
+        elif way and way * (extreme - value) > hysteresis:
+            count, way, extreme = count + 1, -way, value
+    return count
 
 
 def gap_figures(recording: Recording, truth: TrueObject) -> GapMetrics | None:
@@ -436,11 +495,16 @@ def tool_gap(recording: Recording, truth: TrueObject) -> tuple[Array, Array]:
 
 def _at_work(recording: Recording, truth: TrueObject) -> tuple[Array, Array, Array]:
     """Times (N,) [s] in the work state at TILT_RATE; the pad's face (N, 3) [m] and the tool axis (N, 3), in T."""
-    every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
-    rows = np.flatnonzero(recording.within(WorkState.WORK))[::every]
+    rows = _rows_at_work(recording)
     X_TW = inverse(truth.X_WT)
     tip_T = transform_points(X_TW, recording["p_pad"].value[rows])
     return recording["p_pad"].time[rows], tip_T, recording["tool_axis"].value[rows] @ X_TW[:3, :3].T
+
+
+def _rows_at_work(recording: Recording) -> np.ndarray:
+    """Rows (N,) of the series in the work state, at TILT_RATE."""
+    every = max(1, round(1.0 / (TILT_RATE * recording.timestep)))
+    return np.flatnonzero(recording.within(WorkState.WORK))[::every]
 
 
 def force_estimate_figures(recording: Recording) -> ForceEstimateMetrics:

@@ -77,8 +77,21 @@ class ToolMetrics:
     )
     object_deviation_max_m: float | None = metric("True tip to the ideal path on the true object.", minimum=0)
     tilt_max_rad: float | None = metric("Between the tool axis and the true surface normal.", minimum=0)
+    twist_max_rad: float | None = metric(
+        "About the tool axis, between the tool's x axis and the one that the path sets; null for a round tool.",
+        minimum=0,
+    )
     speed_mean_m_s: float | None
     worked_share: float | None = metric("Length of the ideal path that was worked, over all of it.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointMetrics:
+    """Motion of the arm's joints during the work."""
+
+    reversals: int | None = metric(
+        "Changes of a joint's direction, all joints together; null where the run kept no joint angles.", minimum=0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +132,7 @@ class SurfaceMetrics:
         "Work without contact: the pad's distance to the true surface; null where the tool pressed."
     )
     tool: ToolMetrics
+    joints: JointMetrics
     force_estimate: ForceEstimateMetrics
     hull: HullMetrics
     thrusters: ThrusterMetrics

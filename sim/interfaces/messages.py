@@ -234,10 +234,11 @@ class ToolPath:
     s: Array  # (N,) [m] arc length, from 0, increasing
     p: Array  # (N, 3) [m] points of the tool tip
     z: Array  # (N, 3) unit tool axis, into the surface
-    x: Array  # (N, 3) unit axis across the tool axis, along the path
+    x: Array  # (N, 3) unit axis across the tool axis, along the path unless `keeps_x`
     on_scan: np.ndarray  # (N,) bool: lies on the scanned surface (else taken from the model alone)
     fits: np.ndarray | None = None  # (N,) bool: the tool can press there, at both ends too; None: everywhere
     pace: float = 1.0  # share of the set speed that the surface allows
+    keeps_x: bool = False  # the tool keeps its x axis on x: it is not round; False: it may turn about z
     note: str = ""  # what is left out, and why
 
 

@@ -44,6 +44,7 @@ _VECTORS: _Columns = {
     "quat_WB_wxyz": (("w", "x", "y", "z"), ""),
     "contact_force": (_XYZ, "N"),  # of the world on the pad
     "felt_force": (_XYZ, "N"),
+    "tool_x": (_XYZ, ""),
 }
 _REFERENCE: _Columns = {
     "state": ((), ""),
@@ -192,7 +193,7 @@ def write_row(record, time, scalars, reference, felt_force, felt_normal):
     row[7] = felt_normal
     for k in range(3):
         row[8 + k], row[11 + k], row[14 + k] = p_pad[k], R_WG[k, 2], p_WB[k]
-        row[21 + k], row[24 + k] = contact_force_W[k], felt_force[k]
+        row[21 + k], row[24 + k], row[27 + k] = contact_force_W[k], felt_force[k], R_WG[k, 0]
     for k in range(4):
         row[17 + k] = quat_WB_wxyz[k]
     written[0] += 1

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from controllers.hull.thrust_margin import ThrustMargin
+from controllers.planning.trajectories import FASTEST, SLOWEST
 from controllers.tasks import surface_work
 from controllers.tasks.contact_phases import ApproachLimits
 from models.objects.targets import TargetModel
@@ -21,7 +22,6 @@ from sim.evaluation.metrics import Assessment, TrueObject, assess
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, finite_number
 
-SLOWEST, FASTEST = 1e-4, 1.0  # [m/s] of the tool along a path
 _MOST_FORCE = 1e3  # [N] beyond the capability of any vehicle here
 
 
@@ -30,6 +30,7 @@ class SurfaceWorkTask(Task):
     """Press a tool along a path of an object with set forces."""
 
     path: str | None = None  # of the object; None: its first
+    turn: float | None = None  # [rad] of the tool's x axis from the path, kept along it; None: the tool is round
     forces: tuple[float, ...] = (60.0, 90.0, 60.0)  # [N] set forces on equal parts of the path
     speed: float = 0.02  # [m/s] of the tool along the path
     force_rate: float = 60.0  # [N/s] rate of change of the set force
@@ -39,6 +40,8 @@ class SurfaceWorkTask(Task):
     approach: ApproachLimits = field(default_factory=ApproachLimits)
 
     def __post_init__(self) -> None:
+        if self.turn is not None:
+            finite_number(self.turn, "--turn [rad]", least=-np.pi, most=np.pi)
         finite_number(self.speed, "--speed [m/s]", least=SLOWEST, most=FASTEST)
         finite_number(self.least, "--least, a share of the path", above=0.0, most=1.0)
         for force in self.forces:
@@ -48,6 +51,8 @@ class SurfaceWorkTask(Task):
         """The work on the site's object; draws its pose, its coarse detection, growth and dents."""
         workpiece: Workpiece = object_of(scenario, Workpiece)
         target, path = workpiece.target(self.path)
+        if self.turn is not None:
+            target = target.with_path(path, target.path(path).turned(self.turn))
         X_WT = scenario.site.pose(rng)
         approach_W, orientation_W = coarse_detection(X_WT, rng)
         there = workpiece.as_it_is(target, path, rng)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.planning.trajectories import JointMove, PoseMove, Progress
+from controllers.planning.trajectories import JointMove, PoseMove, Progress, SpeedLaw, progress_along
 from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import ToolPath
 from sim.interfaces.spatial import Array, exp_so3, pose, rotation_angle
 
 H = 1e-5  # [s] of the differences
@@ -83,3 +84,38 @@ def test_progress(length, top, within):
 def test_progress_that_cannot_be(figures):
     with pytest.raises(ConfigurationError, match="path progress"):
         Progress(*figures)
+
+
+def bent(radius: float) -> ToolPath:
+    """Straight for 0.2 m, a quarter of a circle, straight for 0.2 m."""
+    quarter = 0.5 * np.pi * radius
+    s = np.linspace(0.0, 0.4 + quarter, 801)
+    turn = np.clip((s - 0.2) / radius, 0.0, 0.5 * np.pi)
+    p = np.column_stack([np.minimum(s, 0.2) + radius * np.sin(turn), radius * (1.0 - np.cos(turn)), 0.0 * s])
+    p[:, 1] += np.maximum(s - 0.2 - quarter, 0.0)
+    ones = np.ones((len(s), 1))
+    return ToolPath(s=s, p=p, z=ones * [0.0, 0.0, -1.0], x=ones * [1.0, 0.0, 0.0], on_scan=np.ones(len(s), dtype=bool))
+
+
+def test_bend_is_taken_as_slowly_as_the_acceleration_asks(within):
+    path, speed, bend = bent(0.05), 0.1, 0.05
+    law = progress_along(path, 0.0, float(path.s[-1]), speed=speed, ramp=1.0, bend=bend)
+    assert isinstance(law, SpeedLaw)
+    middle = float(path.s[-1]) / 2.0
+    fastest = np.sqrt(bend * 0.05)  # v^2 / radius = bend
+    assert np.interp(middle, law.s, law.speed) == pytest.approx(fastest, rel=1e-3)
+    assert law.speed.max() == pytest.approx(speed)
+    times = np.linspace(0.0, law.duration, 4001)
+    s, v = np.array([law.at(t) for t in times]).T
+    within("speed is the rate of s [m/s]", np.gradient(s, times)[2:-2] - v[2:-2], 1e-4)
+    assert np.abs(np.gradient(v, times)).max() <= speed * 1.01
+    assert (s[0], s[-1]) == (0.0, path.s[-1])
+
+
+def test_without_a_tight_bend_the_motion_is_trapezoidal():
+    path = bent(0.5)
+    stretch = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0)
+    assert stretch == Progress(0.8, 0.1, 2.0)
+    law = progress_along(path, 0.1, 0.9, speed=0.1, ramp=2.0, bend=0.0199)  # just binding: 0.1^2 / 0.5
+    assert isinstance(law, SpeedLaw)
+    assert law.duration == pytest.approx(stretch.duration, rel=0.01)

@@ -6,9 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from controllers.planning.trajectories import speed_law
 from models.site.seabed import KINDS, seabed
 from perception.seabed.terrain import build_terrain, project, relief
-from perception.seabed.terrain_path import plan_seabed_work, profile, smooth_path, speed_law
+from perception.seabed.terrain_path import plan_seabed_work, profile, smooth_path
 from sim.interfaces.errors import ConfigurationError, PerceptionError, UuvError
 from sim.interfaces.spatial import exp_so3
 

@@ -243,6 +243,21 @@ def test_densified_keeps_a_coarse_path(within):
     assert len(dense.p) > len(fine.p)
 
 
+def test_axis_of_a_tool_that_is_not_round_is_carried_over(plain: Identification, within):
+    """Points and tool axes are those of a round tool; x is the path's own b, and not the tangent."""
+    for found in (plain, found_on(0.03)):
+        usual = BARREL.path("transverse")
+        kept = usual.turned(0.7)
+        round_tool, keeps = (plan_path(found, path, tool_radius=0.06) for path in (usual, kept))
+        assert keeps.keeps_x
+        assert not round_tool.keeps_x
+        within("points [m]", keeps.p - round_tool.p, 1e-13)
+        within("axes", keeps.z - round_tool.z, 1e-13)
+        wanted = np.cos(0.7) * round_tool.x + np.sin(0.7) * np.cross(round_tool.z, round_tool.x)
+        within("x", np.linalg.norm(keeps.x - wanted, axis=1), 0.01 if found is plain else 0.2)
+        within("across", np.sum(keeps.x * keeps.z, axis=1), 1e-12)
+
+
 def test_no_path_without_an_object_or_on_the_spot(plain: Identification):
     nothing = identify(np.zeros((0, 3)), BARREL)
     with pytest.raises(PerceptionError, match="empty"):

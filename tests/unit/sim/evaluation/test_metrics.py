@@ -23,8 +23,10 @@ from sim.evaluation.metrics import (
     force_estimate_figures,
     hull_figures,
     path_error,
+    reversals,
     schema,
     tool_figures,
+    tool_twist,
 )
 from sim.interfaces.errors import ConfigurationError
 from sim.interfaces.messages import Target, WorkState
@@ -61,6 +63,7 @@ def recorded(during: WorkState = WorkState.WORK, final: WorkState = WorkState.DO
         "v_command": ones * (SPEED * R_WT[:, 0]),
         "p_pad": tip,
         "tool_axis": ones * -R_WT[:, 2],
+        "tool_x": ones * R_WT[:, 0],
         "p_WB": ones * [0.0, 0.0, 0.0],
         "quat_WB_wxyz": ones * [1.0, 0.0, 0.0, 0.0],
     }
@@ -247,6 +250,27 @@ def test_deviation_from_the_object_and_tilt_know_the_true_surface():
     # measured 1e-5 m (chords of the path, 5 mm long) and 2e-5 rad
     assert tool.object_deviation_max_m == pytest.approx(0.002, abs=5e-5)
     assert tool.tilt_max_rad == pytest.approx(lean, abs=1e-4)
+
+
+def test_twist_is_the_turn_about_the_tool_axis_from_the_axis_that_the_path_keeps():
+    kept = TRUTH.model.path("longitudinal").turned(0.6)
+    truth = replace(TRUTH, model=TRUTH.model.with_path("longitudinal", kept))
+    R_WT, twist = TRUTH.X_WT[:3, :3], np.linspace(-0.02, 0.03, STEPS)[:, None]
+    along, aside = R_WT[:, 0], -R_WT[:, 1]  # right-handed about the tool axis, which is -z
+    x = np.cos(0.6 + twist) * along + np.sin(0.6 + twist) * aside
+    recording = recorded(tool_x=x)
+    angle = tool_twist(recording, truth)[1]
+    assert angle == pytest.approx(np.interp(tool_twist(recording, truth)[0], TIME, twist[:, 0]), abs=1e-9)
+    assert tool_figures(recording, truth).twist_max_rad == pytest.approx(0.03, abs=2e-4)
+    assert tool_figures(recording, TRUTH).twist_max_rad is None
+
+
+def test_reversals_are_counted_beyond_the_hysteresis(rng):
+    swing = np.concatenate([np.linspace(0.0, 0.1, 50), np.linspace(0.1, 0.02, 40), np.linspace(0.02, 0.2, 60)])
+    assert reversals(swing) == 2
+    assert reversals(-swing + 1.0) == 2
+    assert reversals(swing + 0.002 * rng.uniform(-1.0, 1.0, swing.size)) == 2
+    assert reversals(0.004 * np.sin(np.arange(100.0))) == reversals(np.zeros(0)) == reversals(np.ones(3)) == 0
 
 
 def test_hull_is_measured_from_the_first_touch():

@@ -98,6 +98,7 @@ class PressLimits:
     """Force build-up before the work begins."""
 
     tolerance: float = 0.05  # of the set force, as a share of it
+    noise: float = 3.0  # standard deviations of the estimate, where they are more than that
     held: float = 0.5  # [s] for which the force must be within it
     within: float = 6.0  # [s] limit for that
 
@@ -136,7 +137,8 @@ class Press(Phase):
         if now.paused:
             state.since += now.period
         held.force = towards(held.force, force, self._rate * now.period)
-        if abs(felt - force) > limits.tolerance * force or held.force != force:
+        noise = limits.noise * now.normal_sigma if math.isfinite(now.normal_sigma) else 0.0
+        if abs(felt - force) > max(limits.tolerance * force, noise) or held.force != force:
             state.set_since = math.inf
         elif not math.isfinite(state.set_since):
             state.set_since = now.time

@@ -157,10 +157,9 @@ def uncertain_force(limit: float) -> Condition:
 
     def found(held: Held, now: Context) -> str:
         del held
-        sigma = math.inf if now.last is None else float(now.last.contact.sigma_G[2])  # inf: none is stated
-        if not limit < sigma < math.inf:
+        if not limit < now.normal_sigma < math.inf:
             return ""
-        return f"the normal force cannot be felt in this posture: standard deviation {sigma:.0f} N"
+        return f"the normal force cannot be felt in this posture: standard deviation {now.normal_sigma:.0f} N"
 
     return found
 

@@ -120,6 +120,11 @@ class Context:
     adrift: bool = False  # the hull cannot keep station
 
     @property
+    def normal_sigma(self) -> float:
+        """Stated standard deviation of the normal force [N]; inf: none is stated."""
+        return math.inf if self.last is None else float(self.last.contact.sigma_G[2])
+
+    @property
     def normal(self) -> float:
         """Estimated normal force [N]; 0 if unknown."""
         return self.last.contact.normal if self.last is not None and self.last.contact.known else 0.0

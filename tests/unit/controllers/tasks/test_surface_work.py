@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ class Script(Told):
     side: bool = False  # the vehicle with its arm on the side
     fastest: float = np.inf  # [m/s] of the hull, whatever is asked of it
     dead: int | None = None  # thruster that is found dead half-way along the path
+    sigma: float = np.inf  # [N] stated standard deviation of the normal force; inf: none
     hollow: tuple[float, float] | None = None  # [m] part of the path on which the tool does not fit
 
     def run(self, seconds: float = 120.0) -> "Script":
@@ -148,7 +150,7 @@ class Script(Told):
                 joint_torque=np.zeros(6),
                 thrusters=np.zeros(6),
                 scan=reference.scan,
-                contact=ContactEstimate(normal=self.felt(reference)),
+                contact=ContactEstimate(normal=self.felt(reference), sigma_G=np.array([1.0, 1.0, self.sigma])),
                 faults=faults,
             )
             if reference.state in (WorkState.DONE, WorkState.ABORT) and len(self.of(reference.state)) > 20:
@@ -362,6 +364,19 @@ def test_too_much_force_ends_in_a_retreat(state):
     assert lifted[2] >= 0.95 * script.job.approach.standoff
     assert script.end.force == 0.0
     assert not script.end.force_control
+
+
+@pytest.mark.parametrize(("sigma", "ends"), [(np.inf, "abort"), (1.2, "abort"), (2.0, "done")])
+def test_force_counts_as_reached_within_the_noise_that_is_stated(sigma: float, ends: str):
+    """Noise of 4 N is more than 5 % of the set force; it is judged by what the estimate says of itself."""
+    signs = cycle((1.0, 1.0, -1.0, 0.0))
+
+    def felt(reference: Reference) -> float:
+        return obedient(reference) + (4.0 * next(signs) if reference.state is WorkState.PRESS else 0.0)
+
+    script = Script(felt=felt, sigma=sigma).run()
+    assert script.end.state == ends
+    assert script.end.abort is (AbortCode.FORCE_NOT_REACHED if ends == "abort" else None)
 
 
 @pytest.mark.parametrize(("gap", "ends"), [(0.4, WorkState.DONE), (0.7, WorkState.ABORT)])

@@ -33,6 +33,7 @@ _CAUCHY = 2.4  # [deviations] residual length at which a touch has weight 1/2
 _CAUCHY_ROUNDS = 3  # reweighted estimates with the Cauchy loss
 _MEDIAN = 1.5382  # median length of a vector of three unit normals
 _REJECTIONS = 10  # maximal rounds of reweighting and of outlier rejection
+_SAME_SIZE = 0.1  # change of the arm's size beyond which an estimate from all touches is not believed
 _SAME_WEIGHTS = 0.01  # change of the weights that ends the reweighting
 _FAR = 0.01  # share of normal errors beyond which the weight of a touch falls
 _BLUNDER_TAIL = 4.0  # degrees of freedom of the Student's t that tells a heavy tail from a blunder
@@ -394,12 +395,14 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
     counted = problem.data.weights > 0.0
     share = level / max(counted.sum(), 1)
     ordinary = float(chi2.isf(share, 3))
-    if not _strange(fit, problem.data, counted, ordinary, options["noise"]).any():
+    strange = _strange(fit, problem.data, counted, ordinary, options["noise"])
+    size = problem.scale(fit.full)[0]
+    if not strange.any() and abs(size - 1.0) < _SAME_SIZE:
         return fit, problem.data
     every = problem.data
+    fit = _robust_start(problem, deviations, counted)
     for _ in range(_CAUCHY_ROUNDS):
-        square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, every, counted) ** 2
-        problem.data = replace(every, weights=np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0))
+        problem.data = replace(every, weights=_cauchy_weights(fit, every, counted))
         fit = solve(problem, deviations, start=fit.full, **options)
     strange = _strange(fit, every, counted, ordinary, options["noise"])
     for _ in range(_REJECTIONS):
@@ -418,6 +421,28 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
         if np.max(np.abs(problem.data.weights - before.weights)) < _SAME_WEIGHTS:
             break
     return fit, problem.data
+
+
+def _robust_start(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
+    """Estimate under the given prior and a Cauchy loss, from the prior mean; blunders do not reach it.
+
+    An evidence that has seen blunders takes them for a wide prior and shrinks the arm.
+    """
+    every, noise = problem.data, FIRST_NOISE
+    fit = problem.summary(problem.mean, noise, deviations, [], False)
+    for _ in range(_REJECTIONS):
+        before, noise = problem.data.weights, _robust_noise(fit, every, counted)
+        problem.data = replace(every, weights=_cauchy_weights(fit, every, counted))
+        fit = solve(problem, deviations, noise=noise, adapt=False, start=fit.full)
+        if np.max(np.abs(problem.data.weights - before)) < _SAME_WEIGHTS:
+            break
+    return fit
+
+
+def _cauchy_weights(fit: Fit, data: Data, counted: np.ndarray) -> Array:
+    """Weights (M,) of the touches under a Cauchy loss, 0 where not `counted`."""
+    square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, counted) ** 2
+    return np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0)
 
 
 def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:

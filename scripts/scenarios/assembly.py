@@ -95,7 +95,7 @@ def assemble(scenario: Scenario, *, full: bool = False) -> Assembly:
         controller=placed.controller()
         or controller(scenario.control, own.model, water_error=scenario.belief.water_error),
     )
-    loop = Loop(plant=plant, parts=parts)
+    loop = Loop(plant=plant, parts=parts, observers=placed.observers())
     for perturbation in scenario.perturbations:
         loop = perturbation.on_loop(loop)
     return Assembly(

@@ -79,6 +79,7 @@ def command(scenario: Scenario, options: RunOptions, started: float, after: str 
             assessment.write(folder / "metrics.json")  # before the log, which is slow to close
             if log is not None:
                 log.close()
+            placed.write_files(folder)
             for each in placed.tables():
                 console.print(each)
             _say(assessment, console)

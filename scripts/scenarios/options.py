@@ -317,14 +317,22 @@ class InspectionOptions(VehicleOptions):
     """Speed of the hull [m/s]."""
     cover: bool = False
     """Fly further orbits, at other heights and distances, until all that can be seen is seen."""
+    mesh: bool = False
+    """Leave mesh.ply, a mesh of what was seen in the colours of its deviation from the model (extra open3d)."""
+    fouled: float = 0.0
+    """Growth anywhere on the object, up to this height [m]; the vehicle knows the clean object only."""
+    dented: float = 0.0
+    """Dents anywhere in the object, up to this depth [m]; the vehicle knows the undamaged object only."""
 
     def scenario(self) -> Scenario:
         """The inspection."""
         return Scenario(
             name="inspect_object",
             seed=self.seed,
-            site=self.site(KnownObject(object=self.object)),
-            task=InspectionTask(distance=self.distance, clearance=self.clearance, speed=self.speed, cover=self.cover),
+            site=self.site(KnownObject(object=self.object, fouled=self.fouled, dented=self.dented)),
+            task=InspectionTask(
+                distance=self.distance, clearance=self.clearance, speed=self.speed, cover=self.cover, mesh=self.mesh
+            ),
             vehicle=VehicleSetup(vehicle=self.vehicle),
             control=Control(controller=self.controller),
         )

@@ -8,11 +8,12 @@ where hull and arm keep their clearance: undersides, and what lies on the seabed
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from models.meshes.nearest_surface import NearestSurface
 from models.meshes.visibility import SurfaceSamples, View
 from models.objects.targets import TargetModel
 from sim.evaluation.metrics import Assessment, Requirement
@@ -26,6 +27,20 @@ from sim.loop.recording import Recording
 _EVERY = 1.0  # [s] between poses at which visibility is evaluated
 
 
+class MeasuredSurface(Protocol):
+    """Mesh of what was seen, in the object's frame as the vehicle found it."""
+
+    @property
+    def vertices(self) -> Array:
+        """Vertices (V, 3) [m]."""
+        ...
+
+    @property
+    def deviation(self) -> Array:
+        """Signed distance (V,) [m] of each from the model."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionBounds:
     """Acceptance bounds of the flight."""
@@ -34,6 +49,8 @@ class InspectionBounds:
     distance_rms: float = 0.03  # [m]
     view: float = float(np.radians(10.0))  # [rad]
     ends: float = 0.05  # [m] between first and last position of the camera
+    coverage: float = 0.0  # share of what can be seen
+    mesh: float = 0.005  # [m] 95th percentile of the measured surface off the true one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,10 +96,21 @@ class InspectionMetrics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MeshMetrics:
+    """Measured surface against the true object at the pose that was found, and against its model."""
+
+    vertices: int = metric(minimum=0)
+    true_p50_m: float | None = metric("Of the distances of its vertices from the true surface.", minimum=0)
+    true_p95_m: float | None = metric(minimum=0)
+    model_p95_m: float | None = metric("From the model: error and true deviation together.", minimum=0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class InspectionRunMetrics:
     """Metrics of an inspection flight."""
 
     inspection: InspectionMetrics
+    mesh: MeshMetrics | None = metric("Surface that was measured; null where none was.")
 
 
 def schema() -> dict[str, Any]:
@@ -92,7 +120,13 @@ def schema() -> dict[str, Any]:
 
 
 def assess_inspection(
-    recording: Recording, truth: TrueInspection, *, seed: int, wall_s: float, bounds: InspectionBounds | None = None
+    recording: Recording,
+    truth: TrueInspection,
+    *,
+    seed: int,
+    wall_s: float,
+    bounds: InspectionBounds | None = None,
+    measured: MeasuredSurface | None = None,
 ) -> Assessment:
     """All metrics of a flight; one that could not be measured is None and counts as missed.
 
@@ -102,6 +136,7 @@ def assess_inspection(
         seed: Seed of the run.
         wall_s: Wall time of the loop [s].
         bounds: Acceptance bounds; default: `InspectionBounds()`.
+        measured: Surface that was measured; None: none was wanted.
 
     Returns:
         The assessment.
@@ -134,10 +169,37 @@ def assess_inspection(
         Requirement("view off the object, peak", figures.view_max_rad, bounds.view, "deg", degrees),
         Requirement("ends of the way apart", figures.ends_m, bounds.ends, "mm", mm),
         Requirement("surface seen", figures.seen_share, None, "%", 100.0),
-        Requirement("coverage of what can be seen", figures.coverage, None, "%", 100.0),
+        Requirement(
+            "not covered of what can be seen",
+            None if figures.coverage is None else 1.0 - figures.coverage,
+            1.0 - bounds.coverage if bounds.coverage > 0.0 else None,
+            "%",
+            100.0,
+        ),
         Requirement("time on the way around", figures.flown_s, None, "s"),
     )
-    return Assessment.of(recording, InspectionRunMetrics(inspection=figures), checks, seed=seed, wall_s=wall_s)
+    mesh = None if measured is None else mesh_figures(measured, truth)
+    if mesh is not None:
+        checks = (
+            *checks,
+            Requirement("mesh off the true surface, median", mesh.true_p50_m, None, "mm", mm),
+            Requirement("mesh off the true surface, 95 %", mesh.true_p95_m, bounds.mesh, "mm", mm),
+        )
+    metrics = InspectionRunMetrics(inspection=figures, mesh=mesh)
+    return Assessment.of(recording, metrics, checks, seed=seed, wall_s=wall_s)
+
+
+def mesh_figures(measured: MeasuredSurface, truth: TrueInspection) -> MeshMetrics:
+    """Figures of a measured surface, which is in the object's frame as the vehicle found it."""
+    if not len(measured.vertices):
+        return unmeasured(MeshMetrics, vertices=0)
+    off = NearestSurface.of(truth.target.vertices, truth.target.triangles).query(measured.vertices).distance
+    return MeshMetrics(
+        vertices=len(off),
+        true_p50_m=float(np.median(off)),
+        true_p95_m=float(np.percentile(off, 95.0)),
+        model_p95_m=float(np.percentile(np.abs(measured.deviation), 95.0)),
+    )
 
 
 def camera_poses(recording: Recording, truth: TrueInspection, rows: np.ndarray) -> Array:

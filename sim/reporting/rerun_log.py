@@ -156,7 +156,14 @@ class RerunLog:
             raise ConfigurationError(f"cloud {name!r}: expected shape (N, 3), got {points.shape}")
         self._stream.event(f"world/clouds/{name}", rr.Points3D(points, colors=color or own, radii=radius), time)
 
-    def log_mesh(self, name: str, vertices_W: ArrayLike, triangles: ArrayLike, time: float = 0.0) -> None:
+    def log_mesh(
+        self,
+        name: str,
+        vertices_W: ArrayLike,
+        triangles: ArrayLike,
+        time: float = 0.0,
+        colours: ArrayLike | None = None,
+    ) -> None:
         """Show a measured surface under "world/found/<name>".
 
         Args:
@@ -164,10 +171,14 @@ class RerunLog:
             vertices_W: (V, 3) [m]
             triangles: (T, 3)
             time: From which it is shown [s].
+            colours: (V, 3) of the vertices, in [0, 1]; None: one colour.
         """
         vertices = np.asarray(vertices_W, dtype=np.float32) + np.array([0.0, 0.0, LIFT], dtype=np.float32)
         mesh = self._rr.Mesh3D(
-            vertex_positions=vertices, triangle_indices=np.asarray(triangles, dtype=np.uint32), albedo_factor=SKY
+            vertex_positions=vertices,
+            triangle_indices=np.asarray(triangles, dtype=np.uint32),
+            vertex_colors=None if colours is None else np.rint(255.0 * np.asarray(colours)).astype(np.uint8),
+            albedo_factor=SKY if colours is None else None,
         )
         self._stream.event(f"world/found/{name}", mesh, time)
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -18,18 +19,21 @@ from perception.target_finder import KnownObjectFinder
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
+from scenarios.surface_survey import SurfaceSurvey, SurveyStory
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
-from sim.evaluation.inspection_metrics import TrueInspection, assess_inspection
+from sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from sim.evaluation.metrics import Assessment
 from sim.interfaces.messages import WorkState
 from sim.interfaces.protocols import Sensor
 from sim.interfaces.spatial import Array, pose, transform_points
-from sim.loop.recording import Recording
+from sim.loop.recording import Recorder, Recording
+from sim.loop.rollout import Observer
 from sim.sensors.depth_camera import DepthCamera
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+COVERED = 0.95  # share of what can be seen that a flight which is to cover the object must see
 FAR = 5.0  # [m] largest range at which a surface point counts as seen
 _COVERED_WITHIN = 2000.0  # [s] limit of a flight over several levels
 
@@ -43,6 +47,7 @@ class InspectionTask(Task):
     clearance: float = 0.3  # [m] of hull and folded arm to the object and the seabed
     speed: float = 0.15  # [m/s] of the hull
     cover: bool = False  # further levels, until all that can be seen is seen
+    mesh: bool = False  # leave a mesh of what was seen, by Open3D
 
     def place(self, scenario: Scenario, own: OwnVehicle, rng: np.random.Generator) -> "PlacedInspection":
         """The flight around the site's object; draws its pose and its coarse detection."""
@@ -62,6 +67,7 @@ class InspectionTask(Task):
             approach_W=approach_W,
             orientation_W=orientation_W,
             cover=self.cover,
+            survey=SurfaceSurvey(target, scenes.seabed_height(target, X_WT), scenario.seed) if self.mesh else None,
         )
 
 
@@ -78,6 +84,7 @@ class PlacedInspection(PlacedTask):
     approach_W: Array  # (3,) [m] coarse position of its centre
     orientation_W: Array  # (3, 3) its coarse orientation
     cover: bool = False  # further levels
+    survey: SurfaceSurvey | None = None  # of the surface; None: none
     half_view: tuple[float, float] = (0.0, 0.0)  # tangents of half the camera's fields of view; `sensors` sets it
 
     def __post_init__(self) -> None:
@@ -115,6 +122,8 @@ class PlacedInspection(PlacedTask):
         """The depth camera."""
         camera = DepthCamera(model, HULL_BODY, self.own.X_BC)
         self.half_view = (camera.K[0, 2] / camera.K[0, 0], camera.K[1, 2] / camera.K[1, 1])
+        if self.survey is not None:
+            self.survey.look_through(camera)
         return [camera], None
 
     def finder(self, sensor: SensorModel | None, seed: int) -> KnownObjectFinder:
@@ -139,11 +148,29 @@ class PlacedInspection(PlacedTask):
         passing = HullPath(own.vehicle, own.chain, own.hull_box, vertices_W)
         keep = inspection.Keep(passing, scenes.seabed_height(self.there, self.X_WT), self.config.clearance)
         truth = replace(self.truth, allowed=inspection.allowed_cameras(vertices_W, own.X_BC, keep))
-        return assess_inspection(ran.recording, truth, seed=seed, wall_s=ran.wall_s)
+        measured = None if self.survey is None else self.survey.mesh
+        bounds = InspectionBounds(coverage=COVERED) if self.cover else None
+        return assess_inspection(ran.recording, truth, seed=seed, wall_s=ran.wall_s, bounds=bounds, measured=measured)
 
     def pictures(self, ran: RunResult) -> Pictures:
-        """Plan view of the hull's way."""
-        return orbit_picture(ran.recording, self.truth)
+        """Plan view of the hull's way, and the surface that was measured."""
+        yield from orbit_picture(ran.recording, self.truth)
+        if self.survey is not None:
+            yield from self.survey.pictures()
+
+    def observers(self) -> tuple[Observer, ...]:
+        """The survey of the surface."""
+        return () if self.survey is None else (self.survey,)
+
+    def write_files(self, folder: Path) -> None:
+        """Write mesh.ply."""
+        if self.survey is not None:
+            self.survey.write(folder / "mesh.ply")
+
+    def story(self, recorder: Recorder, log: Any) -> Observer:
+        """Clouds of the identification, and at the end the mesh."""
+        story = super().story(recorder, log)
+        return story if self.survey is None else SurveyStory(story, self.survey, log)
 
 
 def orbit_picture(recording: Recording, truth: TrueInspection) -> Iterator[tuple[str, str, "Figure"]]:

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import mujoco
@@ -132,6 +133,13 @@ class PlacedTask(ABC):
     def tables(self) -> "Iterable[Table]":
         """Tables for the terminal beside that of the metrics, once the run is assessed."""
         return ()
+
+    def observers(self) -> tuple[Observer, ...]:
+        """Observers of the loop whose results the assessment needs."""
+        return ()
+
+    def write_files(self, folder: Path) -> None:  # noqa: B027  a task may leave nothing
+        """Write what the task leaves beside report and metrics to `folder`."""
 
     def story(self, recorder: Recorder, log: Any) -> Observer:
         """Observer that adds clouds to recording and log."""

@@ -1,0 +1,120 @@
+"""Mesh of a surface from depth frames of many places: a truncated signed distance field [Curless 1996] by Open3D."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from models.meshes import open3d_loader
+from models.meshes.nearest_surface import NearestSurface
+from perception.clouds.scan import Scan, without_flying_pixels
+from sim.interfaces.errors import ConfigurationError
+from sim.interfaces.messages import DepthImage
+from sim.interfaces.spatial import Array, checked, checked_pose, finite_number, inverse, readonly
+
+VOXEL = 0.006  # [m] of the field: 0.8 mm median error on a barrel from 76 frames at 1.4 m; 10 mm gave 0.9
+_TRUNCATION = 5.0  # [voxels] 30 mm: three deviations of a stereo frame at 2 m
+_ISLAND = 0.05  # vertices of a connected part, over those of the largest, below which it belongs to something else
+_MOST_VOXELS = 400  # along each side, 2 GB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SurfaceMesh:
+    """Measured surface and its signed distance from a model."""
+
+    vertices: Array  # (V, 3) [m] in the object's frame T
+    triangles: np.ndarray  # (F, 3)
+    deviation: Array  # (V,) [m] from the model, outside it positive
+
+
+class SurfaceFusion:
+    """Distance field in a cube around an object, to which depth frames are added one by one."""
+
+    def __init__(self, box_T: ArrayLike, voxel: float = VOXEL) -> None:
+        """Set up an empty field.
+
+        Args:
+            box_T: (2, 3) [m] lowest and highest corner of what is wanted, in the object's frame T.
+            voxel: [m] resolution.
+
+        Raises:
+            MissingLibraryError: Open3D is not installed.
+            ConfigurationError: The box is empty, or has too many voxels.
+        """
+        self._integration = open3d_loader.load().pipelines.integration
+        self._box = checked(box_T, (2, 3), "box_T")
+        voxel = finite_number(voxel, "voxel [m]", above=0.0)
+        side = float((self._box[1] - self._box[0]).max())
+        count = math.ceil(side / voxel)
+        if not (np.all(self._box[0] < self._box[1]) and count <= _MOST_VOXELS):
+            raise ConfigurationError(
+                f"surface fusion: a box of {side:g} m has {count} voxels of {voxel:g} m along a side; 1 to "
+                f"{_MOST_VOXELS} are possible"
+            )
+        origin = self._box.mean(axis=0) - 0.5 * count * voxel
+        # The scalable volume of Open3D 0.20 returns no surface from depth alone.
+        self._volume = self._integration.UniformTSDFVolume(
+            count * voxel, count, _TRUNCATION * voxel, self._integration.TSDFVolumeColorType.NoColor, origin
+        )
+        self.frames = 0
+
+    def add(self, image: DepthImage, X_TC: Array) -> None:
+        """Add a frame taken with the camera at `X_TC` (4, 4); what lies outside the box is left out."""
+        o3d = open3d_loader.load()
+        X_TC, K = checked_pose(X_TC, "X_TC"), image.K
+        height, width = image.depth.shape
+        scan = Scan.from_depth(image)
+        depth = np.where(without_flying_pixels(scan), np.nan_to_num(image.depth), 0.0)
+        points_T = scan.points @ X_TC[:3, :3].T + X_TC[:3, 3]
+        depth[~np.all((points_T > self._box[0]) & (points_T < self._box[1]), axis=-1)] = 0.0
+        frame = o3d.geometry.RGBDImage.create_from_color_and_depth(
+            o3d.geometry.Image(np.zeros((height, width, 3), dtype=np.uint8)),
+            o3d.geometry.Image(depth.astype(np.float32)),
+            depth_scale=1.0,
+            depth_trunc=float(depth.max()) + 1.0,
+            convert_rgb_to_intensity=False,
+        )
+        pinhole = o3d.camera.PinholeCameraIntrinsic(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        self._volume.integrate(frame, pinhole, inverse(X_TC))
+        self.frames += 1
+
+    def mesh(self, model: NearestSurface, normals: Array, reach: float) -> SurfaceMesh:
+        """Surface so far, as far as it lies near a model.
+
+        Args:
+            model: Surface of the model, in T.
+            normals: (T, 3) outward unit normals of its triangles.
+            reach: [m] from the model; what lies farther off, and what small parts are not connected, is something
+                else: a stand, the seabed, stray pixels.
+
+        Returns:
+            The mesh; it is empty if no frame showed the object.
+        """
+        found = self._volume.extract_triangle_mesh()
+        vertices, triangles = np.asarray(found.vertices), np.asarray(found.triangles)
+        if not len(vertices):
+            return SurfaceMesh(vertices=np.empty((0, 3)), triangles=triangles.reshape(0, 3), deviation=np.empty(0))
+        near = model.query(vertices)
+        outside = np.einsum("nk,nk->n", vertices - near.point, normals[near.triangle])
+        own = near.distance <= reach
+        kept = without_islands(triangles[own[triangles].all(axis=1)])
+        used, index = np.unique(kept, return_inverse=True)
+        return SurfaceMesh(
+            vertices=readonly(vertices[used]),
+            triangles=index.reshape(-1, 3),
+            deviation=readonly(np.copysign(near.distance, outside)[used]),
+        )
+
+
+def without_islands(triangles: np.ndarray) -> np.ndarray:
+    """Triangles (F, 3) of the largest connected part, and of all that are not far smaller."""
+    if not len(triangles):
+        return triangles
+    edges = np.concatenate([triangles[:, :2], triangles[:, 1:]])
+    size = int(triangles.max()) + 1
+    part = connected_components(coo_array((np.ones(len(edges)), edges.T), shape=(size, size)), directed=False)[1]
+    used = np.bincount(part[np.unique(triangles)])
+    return triangles[used[part[triangles[:, 0]]] >= _ISLAND * used.max()]

@@ -19,7 +19,7 @@ from perception.target_finder import KnownObjectFinder
 from scenarios.own_vehicle import OwnVehicle
 from scenarios.scenario import Scenario
 from scenarios.site import Workpiece, coarse_detection
-from scenarios.surface_survey import SurfaceSurvey, SurveyStory
+from scenarios.tasks.surface_survey import SurfaceSurvey, SurveyStory
 from scenarios.tasks.task import Pictures, PlacedTask, RunResult, Task, object_of, scan_pose
 from sim.evaluation.inspection_metrics import InspectionBounds, TrueInspection, assess_inspection
 from sim.evaluation.metrics import Assessment
@@ -162,10 +162,12 @@ class PlacedInspection(PlacedTask):
         """The survey of the surface."""
         return () if self.survey is None else (self.survey,)
 
-    def write_files(self, folder: Path) -> None:
+    def write_files(self, folder: Path) -> tuple[Path, ...]:
         """Write mesh.ply."""
-        if self.survey is not None:
-            self.survey.write(folder / "mesh.ply")
+        if self.survey is None:
+            return ()
+        self.survey.write(folder / "mesh.ply")
+        return (folder / "mesh.ply",)
 
     def story(self, recorder: Recorder, log: Any) -> Observer:
         """Clouds of the identification, and at the end the mesh."""

@@ -138,8 +138,9 @@ class PlacedTask(ABC):
         """Observers of the loop whose results the assessment needs."""
         return ()
 
-    def write_files(self, folder: Path) -> None:  # noqa: B027  a task may leave nothing
-        """Write what the task leaves beside report and metrics to `folder`."""
+    def write_files(self, folder: Path) -> tuple[Path, ...]:
+        """Write what the task leaves beside report and metrics to `folder`; returns the files."""
+        return ()
 
     def story(self, recorder: Recorder, log: Any) -> Observer:
         """Observer that adds clouds to recording and log."""

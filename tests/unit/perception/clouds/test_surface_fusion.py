@@ -1,5 +1,7 @@
 """Surface from depth frames: a ball seen exactly from all sides, and what the box and the model leave out."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -22,7 +24,7 @@ NORMALS = np.array(BALL.face_normals)
 def frame(way: Array, growth: float = 0.0) -> tuple[DepthImage, Array]:
     """Exact frame of the ball, grown by `growth` [m], over a floor, from AWAY along `way`; and the camera's pose."""
     floor = trimesh.creation.box((4.0, 4.0, 0.02), pose(p=[0.0, 0.0, -RADIUS - 0.2]))
-    scene = trimesh.util.concatenate([BALL.copy().apply_scale(1.0 + growth / RADIUS), floor])
+    scene: Any = trimesh.util.concatenate([BALL.copy().apply_scale(1.0 + growth / RADIUS), floor])
     way = way / np.linalg.norm(way)
     X_TC = pose(rotation_from_z(-way, [0.0, 0.0, 1.0]), AWAY * way)
     v, u = np.indices((180, 240))

@@ -15,7 +15,7 @@ from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
-from calib.simulation import EccentricGears, Sag, reach, read_by_encoders, wrong_arm
+from calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
@@ -56,6 +56,12 @@ class TrueArm:
     arm: SerialArm
     tcp: Array  # (3,) [m]
     hangs: bool  # z of its base points down
+    sag: Sag | None = None  # elastic joints, under no payload
+    gears: EccentricGears | None = None
+
+    def stands_at(self, q: Array) -> Array:
+        """Joint values (N, n) [rad] at which the joints truly stand where the encoders read `q`."""
+        return true_joints(self.arm, q, sag=self.sag, gears=self.gears)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,11 +148,12 @@ class Loading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RealJoints:
-    """What joints of real arms have and a kinematic model does not, for simulated touches."""
+class RealEffects:
+    """What real arms and sockets have and a kinematic model does not, for simulated touches."""
 
     compliance: float = 0.0  # [rad/(N m)] of every joint
     gears: float = 0.0  # [rad] spread of the amplitudes of eccentric gears
+    seating: float = 0.0  # [m] spread of the seating errors of the ball along each axis
 
 
 def from_files(
@@ -202,7 +209,7 @@ def simulated(
     known: bool,
     errors: int,
     rng: np.random.Generator,
-    joints: RealJoints = RealJoints(),
+    real: RealEffects = RealEffects(),
     loading: Loading = Loading(),
 ) -> CalibrationCase:
     """Calibration case from simulated touches by hand of an arm with errors.
@@ -218,7 +225,7 @@ def simulated(
         known: Give the distance between the two farthest points.
         errors: Seed of the workshop errors.
         rng: Draws points, touches and the error of the distance.
-        joints: Of the true arm.
+        real: Effects in the true arm and its sockets.
         loading: Weights under which they bend.
 
     Raises:
@@ -243,13 +250,16 @@ def simulated(
     series, places = touched(
         arm, tcp, arm.limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
     )
-    sag, gears = None, None
-    if joints.compliance > 0.0:
-        sag = Sag(compliance=np.full(arm.n, joints.compliance), loads=loading.on(source, points))
-    if joints.gears > 0.0:
-        gears = EccentricGears.draw(joints.gears, arm.n, drawing)
+    sag, gears, unloaded = None, None, None
+    if real.compliance > 0.0:
+        sag = Sag(compliance=np.full(arm.n, real.compliance), loads=loading.on(source, points))
+        unloaded = replace(sag, loads=replace(sag.loads, payload_mass=0.0))
+    if real.gears > 0.0:
+        gears = EccentricGears.draw(real.gears, arm.n, drawing)
+    if real.seating > 0.0:
+        series = Seating.draw(real.seating, points, drawing).seat(arm, tcp, series)
     series = read_by_encoders(arm, series, sag=sag, gears=gears)
-    truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs)
+    truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs, sag=unloaded, gears=gears)
     return _simulated_case(title, source, series, places, truth, known, rng)
 
 
@@ -334,21 +344,21 @@ def solve(
     full = identify(moved, longer, free=list(free) or own_parameters(longer), **options)
     alone = own_arm(full.arm, case.X_BA)
     outcome = _judged(case, in_own_names(full, plain), alone, moved)
-    return replace(outcome, uncorrected=_clouds(case, plain.arm, np.random.default_rng(0)))
+    return replace(outcome, uncorrected=_clouds(case, plain.arm, plain, np.random.default_rng(0)))
 
 
 def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
     tips, tcp = None, found.tcp
     clouds: dict[str, verification.Cloud] = {}
     if case.truth is not None:
-        clouds = _clouds(case, arm, np.random.default_rng(0))
+        clouds = _clouds(case, arm, found, np.random.default_rng(0))
         if case.truth.hangs:
             truth = case.truth
             q = np.vstack(case.touches.series)
-            true = truth.arm.tips(q, truth.tcp)
+            true = truth.arm.tips(truth.stands_at(q), truth.tcp)
             tips = (
                 np.linalg.norm(case.source.arm.tips(q, truth.tcp) - true, axis=1),
-                np.linalg.norm(arm.tips(q, tcp) - true, axis=1),
+                np.linalg.norm(arm.tips(q if found.loads is None else found.deflected(q), tcp) - true, axis=1),
             )
     held, covered, half_width = {}, None, None
     if case.held_out is not None:
@@ -384,17 +394,23 @@ def _scatter(tips: Array) -> float:
     return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
-def _clouds(case: CalibrationCase, identified: SerialArm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
-    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude."""
+def _clouds(
+    case: CalibrationCase, identified: SerialArm, found: Calibration, rng: np.random.Generator
+) -> dict[str, verification.Cloud]:
+    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude, no payload.
+
+    The tracker sees the true arm with its gears and sag; models get the joint values that its encoders read.
+    """
     truth = case.truth
     assert truth is not None
     q = moves(case.source.arm, truth.arm.limits, truth.hangs, case.touches.series, rng)
-    measured = verification.track(truth.arm, q, rng)
+    measured = verification.track(truth.arm, truth.stands_at(q), rng)
     none = np.zeros(3)
-    tables = {"nominal": case.source.arm, "identified": identified}
+    bent = q if found.loads is None else found.deflected(q)
+    clouds = {"nominal": case.source.arm.tips(q, none), "identified": identified.tips(bent, none)}
     if not truth.hangs:  # a bought robot has its maker's own table, with errors
-        tables["controller"] = wrong_arm(truth.arm, MAKERS, rng)
-    return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
+        clouds["controller"] = wrong_arm(truth.arm, MAKERS, rng).tips(q, none)
+    return verification.compare(measured, clouds)
 
 
 def moves(

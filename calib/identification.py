@@ -221,6 +221,16 @@ class Calibration:
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
 
+    def touched_tips(self, series: Sequence[Array]) -> list[Array]:
+        """Tip positions (m_i, 3) [m] of the touches it was identified from, each under the payload of that touch.
+
+        Args:
+            series: those touches (m_i, n), all of them.
+        """
+        every = np.ascontiguousarray(np.vstack(series))
+        bent = every if self.loads is None else every + self.compliance * self.loads.at(every)(self.arm.table)
+        return np.split(self.arm.tips(bent, self.tcp), np.cumsum([len(q) for q in series])[:-1])
+
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
 

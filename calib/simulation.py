@@ -114,11 +114,11 @@ class Seating:
             goal = arm.tips(q, tip) + arm.flange(q)[:, :3, 2] @ offset.T
             for _ in range(_STEPS):
                 p, J = arm.tips_and_jacobian(q, tip)
+                q += np.einsum("mni,mi->mn", np.linalg.pinv(J[:, moved].transpose(0, 2, 1), rcond=1e-3), goal - p)
                 if np.abs(goal - p).max() < _SEATED:
                     break
-                q += np.einsum("mni,mi->mn", np.linalg.pinv(J[:, moved].transpose(0, 2, 1), rcond=1e-3), goal - p)
             else:
-                raise ReachError(f"the tip does not reach its seat by {1e3 * np.abs(goal - p).max():.2g} mm")
+                raise ReachError("the arm does not reach the seats of the tip beside the middle of the sockets")
             out.append(q)
         return out
 
@@ -164,7 +164,7 @@ def true_joints(arm: SerialArm, read: Array, *, sag: Sag | None = None, gears: E
         stands += error
         if np.abs(error).max() < _READ_ALIKE:
             return stands
-    raise ConfigurationError(f"sag, gears: no true joint values found, still {np.abs(error).max():.2g} rad off")
+    raise ConfigurationError("sag, gears: too large, no true joint values give these readings")
 
 
 def touch(

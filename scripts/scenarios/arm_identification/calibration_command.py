@@ -282,7 +282,8 @@ def _write(case: CalibrationCase, outcome: CalibrationOutcome, options: Calibrat
             options={**asdict(options), "date": date, "touches sha256": sha256},
         )
         page, points = folder / "report.html", case.touches.names
-        report.write_report(page, found, said, series=outcome.series, point_names=points, clouds=outcome.clouds)
+        shown = {"clouds": outcome.clouds, "rigid": outcome.rigid}
+        report.write_report(page, found, said, series=outcome.series, point_names=points, **shown)
     return list(files)
 
 

@@ -94,6 +94,7 @@ class CalibrationOutcome:
     half_width: float | None = None  # [m] median half-width of those intervals
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
+    rigid: Calibration | None = None  # where compliances are identified: the same touches without them
 
 
 def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
@@ -337,7 +338,11 @@ def solve(
     options = {"prior": prior or None, "method": method, "distances": case.distances, "loads": case.loads}
     plain = identify(series, arm, free=list(free) or None, **options)
     if case.X_BA is None:
-        return _judged(case, plain, plain.arm, series)
+        outcome = _judged(case, plain, plain.arm, series)
+        if case.loads is None:
+            return outcome
+        words = [word for word in free if word != "compliance" and word not in {f"c{k + 1}" for k in range(arm.n)}]
+        return replace(outcome, rigid=identify(series, arm, free=words or None, **{**options, "loads": None}))
     assert case.session is not None
     longer = on_moving_base(arm, case.X_BA)
     moved = [with_base(q, X) for q, X in zip(series, case.session.hulls, strict=True)]
@@ -391,7 +396,7 @@ def _first_tcp(case: CalibrationCase) -> Array:
 
 def _scatter(tips: Array) -> float:
     """RMS distance [m] of tips (m, 3) from their mean."""
-    return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return _rms(tips - tips.mean(axis=0))
 
 
 def _clouds(
@@ -485,6 +490,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     touches = sum(len(each) for each in found.residuals)
     out = [
         ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        ("touches of reduced weight", str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights))),
         ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
         ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
         ("identified directions", f"{rank.rank} of {rank.total}"),
@@ -548,6 +554,41 @@ def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
 
 
+def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
+    """Distances of the touches of a point in all pairs [Yukhimets 2023, fig. 4]."""
+    found, series = outcome.calibration, list(outcome.series)
+    before = verification.pair_distances([found.nominal.tips(q, found.nominal_tcp) for q in series])
+    after = verification.pair_distances(found.touched_tips(series))
+    return {
+        "count": len(before),
+        "nominal_mean_m": float(before.mean()),
+        "identified_mean_m": float(after.mean()),
+        "ten_times_closer": float(np.mean(before > 10.0 * after)),
+    }
+
+
+def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
+    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5 to 8]."""
+    tracker = clouds["tracker"]
+
+    def stage(name: str) -> dict[str, float]:
+        cloud = clouds[name]
+        return {
+            "raw_m": _rms(cloud.raw - tracker.raw),
+            "centred_m": _rms(cloud.centred - tracker.centred),
+            "aligned_m": cloud.rms,
+            "most_m": float(cloud.deviations.max()),
+        }
+
+    closer = clouds["identified"].deviations < clouds["nominal"].deviations
+    stages = {name: stage(name) for name in clouds if name != "tracker"}
+    return {"points": len(tracker.raw), "closer": int(closer.sum()), **stages}
+
+
+def _rms(offsets: Array) -> float:
+    return float(np.sqrt((offsets**2).sum(axis=1).mean()))
+
+
 def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
     """Contents of metrics.json: SI units, null where a figure does not exist.
 
@@ -565,6 +606,7 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "touches": {
             "count": sum(len(each) for each in found.residuals),
             "points": len(found.residuals),
+            "reduced": sum(int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights),
             "left_out": len(found.outliers),
             "sha256": case.touches.sha256,
             "noise_m": float(found.noise),
@@ -583,6 +625,8 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
             "hidden": [{"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden],
         },
         "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
+        "pairs": _pairs(outcome),
+        "tracker_stages": _stages(clouds) if clouds else None,
         "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
         "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
         "contact": None

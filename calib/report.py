@@ -128,10 +128,10 @@ def _compliance_section(calibration: Calibration, series: Sequence[Array], rigid
     moments = calibration.loads.at(every)(calibration.arm.table)
     rows = []
     for k, name in enumerate(names := [f"c{k + 1}" for k in range(calibration.arm.n)]):
-        span = f"{moments[:, k].min():.1f} to {moments[:, k].max():.1f}"
+        span = f"{_zero(moments[:, k].min()):.1f} to {_zero(moments[:, k].max()):.1f}"
         rows.append(f"<tr><td>{name}</td>{_compliance(calibration, name)}<td class=n>{span}</td></tr>")
     head = (
-        "<tr><th></th><th class=n>compliance [µrad/(N m)]</th><th class=n>95 %</th><th class=n>share</th>"
+        "<tr><th></th><th class=n>compliance [µrad/(N m)]</th><th class=n>95 %</th><th class=n>95 % over value</th>"
         "<th class=n>stiffness [N m/rad]</th><th class=n>moments [N m]</th></tr>"
     )
     hidden = [group for group in calibration.rank_free.hidden if set(group.names) & set(names)]
@@ -155,10 +155,15 @@ def _compliance(calibration: Calibration, name: str) -> str:
     i = calibration.names.index(name)
     value = calibration.estimate.values[i]
     half = calibration.quantile() * calibration.sigma[i]
-    cells = f"<td class=n>{1e6 * value:.1f}</td><td class=n>± {1e6 * half:.1f}</td>"
+    cells = f"<td class=n>{_zero(1e6 * value):.1f}</td><td class=n>± {1e6 * half:.1f}</td>"
     if hidden or not value > half:
         return f"{cells}<td class=n>{'not identified' if hidden else 'not told from zero'}</td><td></td>"
     return f"{cells}<td class=n>{100.0 * half / value:.1f} %</td><td class=n>{1.0 / value:.0f}</td>"
+
+
+def _zero(value: float) -> float:
+    """`value` rounded to one digit, without the sign of a zero."""
+    return round(float(value), 1) + 0.0
 
 
 def _payloads(calibration: Calibration, rigid: Calibration | None) -> str:

@@ -130,7 +130,7 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
     axes.set_xlabel("flange point")
     axes.set_ylabel("deviation [mm]")
     axes.set_ylim(bottom=0.0)
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     _bare(axes)
     return figure
 

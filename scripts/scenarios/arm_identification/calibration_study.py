@@ -490,7 +490,8 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
         axes.set_xlabel("error of the nominal arm over that of the identified one")
         yield (
             "Ratio of the errors",
-            "Bars: quartiles with the median; lines: all seeds. The vertical line is the ratio of the real arm [Yukhimets 2023].",
+            "Bars: quartiles with the median; lines: all seeds. The vertical line is the ratio of the real arm "
+            "[Yukhimets 2023].",
             figure,
         )
     for (robot,), mine in _grouped(real, "robot").items():

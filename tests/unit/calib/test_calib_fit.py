@@ -296,9 +296,11 @@ def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: fl
     assert len(wild - reduced) <= (1 if size < 0.01 else 0)  # a small displacement may leave the tip where it was
     assert len(reduced - wild) <= 2
     assert found.noise < 1.2 * clean.noise
-    assert moves_off(truth, found.arm, q) < 1.5 * moves_off(truth, clean.arm, q)  # measured 1.26 at most over 80 draws
     plain = identify(series, nominal, method=MapFit(robust=False))
-    assert moves_off(truth, plain.arm, q) > 2.0 * moves_off(truth, found.arm, q)
+    arms = {"clean": clean.arm, "found": found.arm, "plain": plain.arm}
+    seen = compare(truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()})
+    assert seen["found"].rms < 1.5 * seen["clean"].rms  # at most 1.26 over the 80 draws of studies/calibration.py
+    assert seen["plain"].rms > 2.0 * seen["found"].rms
 
 
 def test_clouds_align(within):

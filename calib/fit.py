@@ -30,10 +30,10 @@ _SETTLED = 1e-5  # step length, as a share of the posterior deviations, that end
 _PSEUDO = 2.0  # pseudo-observations: weight of the default deviation where the data choose it
 _ROUNDS = 12  # maximal iterations of the evidence: noise and prior deviations
 _CAUCHY = 2.4  # [deviations] residual length at which a touch has weight 1/2
-_CAUCHY_ROUNDS = 3  # reweighted estimates with the Cauchy loss
+_CAUCHY_ROUNDS = 30  # maximal reweighted estimates with the Cauchy loss
+_CAUCHY_STEPS = 3  # Levenberg-Marquardt steps of each
 _MEDIAN = 1.5382  # median length of a vector of three unit normals
 _REJECTIONS = 10  # maximal rounds of reweighting and of outlier rejection
-_SAME_SIZE = 0.1  # change of the arm's size beyond which an estimate from all touches is not believed
 _SAME_WEIGHTS = 0.01  # change of the weights that ends the reweighting
 _FAR = 0.01  # share of normal errors beyond which the weight of a touch falls
 _BLUNDER_TAIL = 4.0  # degrees of freedom of the Student's t that tells a heavy tail from a blunder
@@ -375,12 +375,12 @@ def solve(
 
 
 def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, **options: Any) -> tuple[Fit, Data]:
-    """Estimate the parameters as `solve` does, whatever a few touches do.
+    """Estimate the parameters as `solve` does, whatever a minority of the touches does.
 
-    Without a touch that is less likely than `level` over the number of touches (Bonferroni), all weights stay 1; clean
-    data are reweighted in a share `level` of all runs. Else far touches keep a reduced weight, whose influence falls
-    with distance. Those too far for a heavy tail (Student's t) as well are excluded. Both are judged by a fit to the
-    ordinary touches alone, which a Cauchy loss and rejection find, since outliers mask others.
+    Touches are judged by a robust fit from the prior alone (`_ordinary_fit`), since a fit to all of them would hide
+    outliers. Without a touch that is less likely than `level` over the number of touches (Bonferroni), all weights stay
+    1. Else far touches keep a reduced weight, whose influence falls with distance. Those too far for a heavy tail
+    (Student's t) as well are excluded.
 
     Args:
         problem: arm, data, free parameters and prior mean; its data get the final weights.
@@ -391,31 +391,26 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
     Returns:
         The solution, and the data with their weights, 0 for each excluded touch.
     """
-    fit = solve(problem, deviations, **options)
-    counted = problem.data.weights > 0.0
+    every, noise = problem.data, options["noise"]
+    counted = every.weights > 0.0
     share = level / max(counted.sum(), 1)
     ordinary = float(chi2.isf(share, 3))
-    strange = _strange(fit, problem.data, counted, ordinary, options["noise"])
-    size = problem.scale(fit.full)[0]
-    if not strange.any() and abs(size - 1.0) < _SAME_SIZE:
-        return fit, problem.data
-    every = problem.data
-    fit = _robust_start(problem, deviations, counted)
-    for _ in range(_CAUCHY_ROUNDS):
-        problem.data = replace(every, weights=_cauchy_weights(fit, every, counted))
-        fit = solve(problem, deviations, start=fit.full, **options)
-    strange = _strange(fit, every, counted, ordinary, options["noise"])
+    fit = _ordinary_fit(problem, deviations, counted)
+    strange = _strange(fit, problem.data, counted, ordinary, noise)
+    start = fit.full
     for _ in range(_REJECTIONS):
-        problem.data = replace(every, weights=(counted & ~strange).astype(np.float64))
-        fit = solve(problem, deviations, start=fit.full, **options)
-        again = _strange(fit, problem.data, counted, ordinary, options["noise"])
+        problem.data = replace(every, weights=(counted & ~strange).astype(np.float64)) if strange.any() else every
+        fit = solve(problem, deviations, start=start if strange.any() else None, **options)
+        again = _strange(fit, problem.data, counted, ordinary, noise)
         if np.array_equal(again, strange):
             break
-        strange = again
+        strange, start = again, fit.full
+    if not strange.any():
+        return fit, problem.data
     limit = float(3.0 * f.isf(share, 3, _BLUNDER_TAIL))
     for _ in range(_REJECTIONS):
         before = problem.data
-        kept = counted & ~_strange(fit, before, counted, limit, options["noise"])
+        kept = counted & ~_strange(fit, before, counted, limit, noise)
         problem.data = replace(every, weights=_far_weights(fit, before, kept))
         fit = solve(problem, deviations, start=fit.full, **options)
         if np.max(np.abs(problem.data.weights - before.weights)) < _SAME_WEIGHTS:
@@ -423,26 +418,25 @@ def solve_robustly(problem: Problem, deviations: Array, *, level: float = 0.01, 
     return fit, problem.data
 
 
-def _robust_start(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
-    """Estimate under the given prior and a Cauchy loss, from the prior mean; blunders do not reach it.
+def _ordinary_fit(problem: Problem, deviations: Array, counted: np.ndarray) -> Fit:
+    """Fit to the majority of the touches: Cauchy weights whose scale falls with the median residual.
 
-    An evidence that has seen blunders takes them for a wide prior and shrinks the arm.
+    The prior stays as stated: chosen by the evidence of data with outliers it becomes so wide that the arm shrinks to a
+    point. `problem.data` gets the weights.
     """
-    every, noise = problem.data, FIRST_NOISE
-    fit = problem.summary(problem.mean, noise, deviations, [], False)
-    for _ in range(_REJECTIONS):
-        before, noise = problem.data.weights, _robust_noise(fit, every, counted)
-        problem.data = replace(every, weights=_cauchy_weights(fit, every, counted))
-        fit = solve(problem, deviations, noise=noise, adapt=False, start=fit.full)
+    every = problem.data
+    fit = problem.summary(problem.mean, FIRST_NOISE, deviations, [], False)
+    for _ in range(_CAUCHY_ROUNDS):
+        before = problem.data.weights
+        sigma = _robust_noise(fit, problem.data, counted)
+        square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / sigma**2
+        problem.data = replace(every, weights=np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0))
+        history: list[float] = []
+        full, converged = problem.descend(fit.full, sigma, deviations, _CAUCHY_STEPS, history)
+        fit = problem.summary(full, sigma, deviations, history, converged)
         if np.max(np.abs(problem.data.weights - before)) < _SAME_WEIGHTS:
             break
     return fit
-
-
-def _cauchy_weights(fit: Fit, data: Data, counted: np.ndarray) -> Array:
-    """Weights (M,) of the touches under a Cauchy loss, 0 where not `counted`."""
-    square = np.einsum("mi,mi->m", fit.residuals, fit.residuals) / _robust_noise(fit, data, counted) ** 2
-    return np.where(counted, 1.0 / (1.0 + square / _CAUCHY**2), 0.0)
 
 
 def _far_weights(fit: Fit, data: Data, kept: np.ndarray) -> Array:

@@ -101,7 +101,7 @@ class MapFit:
     """
 
     noise: float | None = None  # [m] standard deviation of a touch along each axis; None estimates it
-    robust: bool = True  # exclude outlying touches, see `Calibration.outliers`
+    robust: bool = True  # reduce the weight of far touches, see `Calibration.weights` and `Calibration.outliers`
     max_iterations: int = 200  # largest number of Levenberg-Marquardt steps
 
     def __post_init__(self) -> None:
@@ -130,6 +130,7 @@ class Calibration:
     noise: float  # [m] standard deviation of a touch along each axis, corrected for degrees of freedom
     points: Array  # (S, 3) [m] the touched points in the base
     residuals: tuple[Array, ...]  # (m_i,) [m] distance of every touch, outliers too, from its point
+    weights: tuple[Array, ...]  # (m_i,) of every touch in the fit: 1 ordinary, less for far ones, 0 left out
     outliers: tuple[Outlier, ...]
     estimate: Estimate
     degrees_of_freedom: float  # of the noise: 3 (touches - series) minus the effective number of parameters
@@ -219,6 +220,16 @@ class Calibration:
         """Tip positions (M, 3) [m] in the base at joint values `q` (M, n), with the sag under `payload_mass` [kg]."""
         values = np.ascontiguousarray(q, dtype=np.float64)
         return self.arm.tips(self.deflected(values, payload_mass), self.tcp)
+
+    def touched_tips(self, series: Sequence[Array]) -> list[Array]:
+        """Tip positions (m_i, 3) [m] of the touches it was identified from, each under the payload of that touch.
+
+        Args:
+            series: those touches (m_i, n), all of them.
+        """
+        every = np.ascontiguousarray(np.vstack(series))
+        bent = every if self.loads is None else every + self.compliance * self.loads.at(every)(self.arm.table)
+        return np.split(self.arm.tips(bent, self.tcp), np.cumsum([len(q) for q in series])[:-1])
 
     def half_widths(self, q: ArrayLike, payload_mass: float = 0.0, confidence: float = 0.95) -> Array:
         """Half-widths of the predictive intervals of touches of one new point about their mean, along the base's axes.
@@ -421,6 +432,9 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
     tips = identified.tips(bent, tcp)
     offsets = np.cumsum([0, *(len(q) for q in touches)])
     points, residuals, outliers = np.empty((len(touches), 3)), [], []
+    weights = [np.zeros(len(q)) for q in touches]
+    for s, i in enumerate(live):
+        weights[i][kept[i]] = data.weights[data.series == s]
     weight = {i: data.weights[data.series == s] > 0.0 for s, i in enumerate(live)}
     for i, q in enumerate(touches):
         mine = tips[offsets[i] : offsets[i] + len(q)]
@@ -463,6 +477,7 @@ def _assemble(observed: _Observed, data: Data, parameters: Parameters, fit: Fit,
         noise=fit.noise,
         points=readonly(points),
         residuals=tuple(residuals),
+        weights=tuple(readonly(each) for each in weights),
         outliers=tuple(outliers),
         estimate=Estimate(
             parameters=parameters,

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from calib.identification import Calibration
@@ -51,6 +52,7 @@ def write_report(
     series: Sequence[Array],
     point_names: Sequence[str],
     clouds: Mapping[str, Cloud] | None = None,
+    rigid: Calibration | None = None,
 ) -> None:
     """Write the report page to `file`.
 
@@ -61,6 +63,7 @@ def write_report(
         series: touches (m_i, n) used for the identification.
         point_names: names of the touched points.
         clouds: point clouds of `calib.verification.compare`, by name.
+        rigid: the same touches identified without compliances, for comparison.
 
     Raises:
         ConfigurationError: the folder does not exist.
@@ -83,6 +86,7 @@ def write_report(
             "".join(f"<p class=note>{_text(line)}</p>" for line in notes) + "</header>",
             f"<section><h2>Figures</h2><table>{merit}</table></section>",
             f"<section><h2>What touching told, and what it cannot</h2>{_rank(calibration)}</section>",
+            _compliance_section(calibration, series, rigid),
             pictures,
             f"<section><h2>Parameters</h2>{_parameters(calibration)}</section>",
             f"<section><h2>How it was made</h2>{_provenance(said.options or {})}</section>",
@@ -113,6 +117,74 @@ def _rank(calibration: Calibration) -> str:
         + (f"<table>{head}{rows}</table>" if rows else "")
         + f"<p class=caption>Least seen of the seen, in shares of like errors: more touches help here most.</p>"
         f"<ul class=caption>{combinations}</ul>"
+    )
+
+
+def _compliance_section(calibration: Calibration, series: Sequence[Array], rigid: Calibration | None) -> str:
+    """Compliances with intervals, joints that the loads do not show, and what is left at each payload."""
+    if calibration.loads is None:
+        return ""
+    every = np.ascontiguousarray(np.vstack(series))
+    moments = calibration.loads.at(every)(calibration.arm.table)
+    rows = []
+    for k, name in enumerate(names := [f"c{k + 1}" for k in range(calibration.arm.n)]):
+        span = f"{_zero(moments[:, k].min()):.1f} to {_zero(moments[:, k].max()):.1f}"
+        rows.append(f"<tr><td>{name}</td>{_compliance(calibration, name)}<td class=n>{span}</td></tr>")
+    head = (
+        "<tr><th></th><th class=n>compliance [µrad/(N m)]</th><th class=n>95 %</th><th class=n>95 % over value</th>"
+        "<th class=n>stiffness [N m/rad]</th><th class=n>moments [N m]</th></tr>"
+    )
+    hidden = [group for group in calibration.rank_free.hidden if set(group.names) & set(names)]
+    why = "".join(
+        f"<li><b>{_text(', '.join(name for name in group.names if name in names))}</b>: {_text(group.reason)}. "
+        f"What helps: {_text(group.handle)}.</li>"
+        for group in hidden
+    )
+    not_seen = f"<p>Not identified; their values stay with the prior:</p><ul>{why}</ul>" if why else ""
+    return (
+        f"<section><h2>Compliance of the joints</h2><table>{head}{''.join(rows)}</table>{not_seen}"
+        f"{_payloads(calibration, rigid)}</section>"
+    )
+
+
+def _compliance(calibration: Calibration, name: str) -> str:
+    """Cells of one compliance: value, half of its 95 % interval, their quotient and the stiffness."""
+    hidden = any(name in group.names for group in calibration.rank_free.hidden)
+    if name not in calibration.names:
+        return "<td class=n>fixed</td><td></td><td></td><td></td>"
+    i = calibration.names.index(name)
+    value = calibration.estimate.values[i]
+    half = calibration.quantile() * calibration.sigma[i]
+    cells = f"<td class=n>{_zero(1e6 * value):.1f}</td><td class=n>± {1e6 * half:.1f}</td>"
+    if hidden or not value > half:
+        return f"{cells}<td class=n>{'not identified' if hidden else 'not told from zero'}</td><td></td>"
+    return f"{cells}<td class=n>{100.0 * half / value:.1f} %</td><td class=n>{1.0 / value:.0f}</td>"
+
+
+def _zero(value: float) -> float:
+    """`value` rounded to one digit, without the sign of a zero."""
+    return round(float(value), 1) + 0.0
+
+
+def _payloads(calibration: Calibration, rigid: Calibration | None) -> str:
+    """Table of the RMS distance of the touches from their points at each payload, rigid and elastic."""
+    assert calibration.loads is not None
+    payload = calibration.loads.payload
+    used = np.concatenate(calibration.weights) > 0.0
+    models = {"rigid": rigid, "elastic": calibration}
+    rows = []
+    for mass in np.unique(payload):
+        mine = used & (payload == mass)
+        cells = "".join(
+            f"<td class=n>{1e3 * np.sqrt(np.mean(np.concatenate(model.residuals)[mine] ** 2)):.3f}</td>"
+            for model in models.values()
+            if model is not None and mine.any()
+        )
+        rows.append(f"<tr><td class=n>{mass:g}</td><td class=n>{int(mine.sum())}</td>{cells}</tr>")
+    heads = "".join(f"<th class=n>{name} [mm]</th>" for name, model in models.items() if model is not None)
+    return (
+        f"<p>Distance of the touches from their points, RMS, by the model:</p><table><tr><th class=n>payload [kg]</th>"
+        f"<th class=n>touches</th>{heads}</tr>{''.join(rows)}</table>"
     )
 
 

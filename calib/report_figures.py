@@ -57,7 +57,8 @@ def figures(
         )
     yield (
         "Touches about their points",
-        "Distance of every touch from its point under the identified arm; crosses were left out as not belonging.",
+        "Distance of every touch from its point under the identified arm; crosses were left out as not "
+        "belonging, open circles have a reduced weight.",
         _residuals(calibration, point_names),
     )
     yield (
@@ -73,7 +74,7 @@ def _pairs(calibration: Calibration, series: Sequence[Array], names: Sequence[st
     axes = figure.subplots()
     tcp = first_tcp(calibration.nominal, list(series))
     before = pair_distances([calibration.nominal.tips(q, tcp) for q in series])
-    after = pair_distances([calibration.tips(q) for q in series])
+    after = pair_distances(calibration.touched_tips(series))
     axes.plot(1e3 * before, color=FAINT, linewidth=0.7, label=f"nominal, mean {1e3 * before.mean():.3g} mm")
     axes.plot(1e3 * after, color=BLUE, linewidth=0.7, label=f"identified, mean {1e3 * after.mean():.3g} mm")
     start = 0
@@ -129,7 +130,7 @@ def _deviations(clouds: Mapping[str, Cloud]) -> Figure:
     axes.set_xlabel("flange point")
     axes.set_ylabel("deviation [mm]")
     axes.set_ylim(bottom=0.0)
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     _bare(axes)
     return figure
 
@@ -145,6 +146,8 @@ def _residuals(calibration: Calibration, names: Sequence[str]) -> Figure:
         color = (BLUE, GREEN, ORANGE)[i % 3]
         axes.plot(places[~left_out], 1e3 * residuals[~left_out], ".", color=color)
         axes.plot(places[left_out], 1e3 * residuals[left_out], "x", color=VERMILION)
+        reduced = (calibration.weights[i] < 1.0) & ~left_out
+        axes.plot(places[reduced], 1e3 * residuals[reduced], "o", color=color, markersize=9, fillstyle="none")
         if len(names) <= 12:
             _above(axes, float(places.mean()), names[i])
         start += len(residuals)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from calib import kernels
 from calib.loads import Loads
 from calib.parameters import GROUPS, select
+from models.arms.kinematics import ROW, THETA, D
 from models.arms.serial_arm import SerialArm
 from sim.interfaces.errors import ConfigurationError, ReachError
 from sim.interfaces.spatial import Array, checked, rotation_from_z
@@ -16,6 +17,8 @@ from sim.interfaces.spatial import Array, checked, rotation_from_z
 HAND_NOISE = 0.092e-3  # [m] along each axis: J = 28.7 mm^2 of [Yukhimets 2023] over 3 x 21 touches
 _TRIES = 400  # maximal starts and orientations tried for one touch
 _STEPS = 60  # maximal iterations of the inverse kinematics
+_SEATED = 1e-10  # [m] distance from its seat at which a tip rests
+_READ_ALIKE = 1e-12  # [rad] difference of encoder readings that ends the search for true joint values
 
 
 def wrong_arm(arm: SerialArm, deviations: Mapping[str, float], rng: np.random.Generator) -> SerialArm:
@@ -76,6 +79,50 @@ class EccentricGears:
         return cls(amplitude=spread * rng.standard_normal(n), phase=rng.uniform(-np.pi, np.pi, n))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seating:
+    """Errors of a ball in its sockets: the centre rests at `maps[s] z` beside the middle of socket s.
+
+    z is the flange's z axis in the base. A ball that leans on one flank by friction and by errors of form does so again
+    whenever it comes from the same direction, so the error is no noise.
+    """
+
+    maps: Array  # (S, 3, 3) [m]
+
+    @classmethod
+    def draw(cls, spread: float, points: int, rng: np.random.Generator) -> "Seating":
+        """Seating in so many sockets; `spread` [m] is the standard deviation along each axis."""
+        return cls(maps=spread * rng.standard_normal((points, 3, 3)))
+
+    def seat(self, arm: SerialArm, tcp: ArrayLike, series: Sequence[Array]) -> list[Array]:
+        """Move the joints, by the least motion, so that the tips rest where the sockets hold them.
+
+        Args:
+            arm: true arm.
+            tcp: (3,) [m] true tool point in the flange.
+            series: true joint values (m_i, n) of touches without seating errors, one array per socket.
+
+        Raises:
+            ReachError: the arm does not reach the displaced place.
+            ConfigurationError: another number of series than of sockets.
+        """
+        maps, tip = checked(self.maps, (len(series), 3, 3), "seating"), checked(tcp, (3,), "tcp")
+        moved = ROW * np.arange(arm.n) + np.where(arm.slides, D, THETA)
+        out = []
+        for offset, touches in zip(maps, series, strict=True):
+            q = np.array(touches)
+            goal = arm.tips(q, tip) + arm.flange(q)[:, :3, 2] @ offset.T
+            for _ in range(_STEPS):
+                p, J = arm.tips_and_jacobian(q, tip)
+                q += np.einsum("mni,mi->mn", np.linalg.pinv(J[:, moved].transpose(0, 2, 1), rcond=1e-3), goal - p)
+                if np.abs(goal - p).max() < _SEATED:
+                    break
+            else:
+                raise ReachError("the arm does not reach the seats of the tip beside the middle of the sockets")
+            out.append(q)
+        return out
+
+
 def read_by_encoders(
     arm: SerialArm, series: Sequence[Array], *, sag: Sag | None = None, gears: EccentricGears | None = None
 ) -> list[Array]:
@@ -97,6 +144,27 @@ def read_by_encoders(
         amplitude, phase = (checked(v, (arm.n,), "gears") for v in (gears.amplitude, gears.phase))
         read = read - amplitude * np.sin(stands + phase)
     return np.split(read, np.cumsum(counts)[:-1])
+
+
+def true_joints(arm: SerialArm, read: Array, *, sag: Sag | None = None, gears: EccentricGears | None = None) -> Array:
+    """True joint values (M, n) [rad] where the encoders read `read` (M, n): the inverse of `read_by_encoders`.
+
+    Args:
+        arm: true arm.
+        read: joint values as read.
+        sag: elastic joints; None: stiff ones.
+        gears: eccentric gears; None: ideal ones.
+
+    Raises:
+        ConfigurationError: the joints bend or err so much that no true values were found.
+    """
+    stands = np.array(read)
+    for _ in range(_STEPS):
+        error = read - read_by_encoders(arm, [stands], sag=sag, gears=gears)[0]
+        stands += error
+        if np.abs(error).max() < _READ_ALIKE:
+            return stands
+    raise ConfigurationError("sag, gears: too large, no true joint values give these readings")
 
 
 def touch(

@@ -19,7 +19,7 @@ from scenarios.arm_identification.calibration_input import (
     CalibrationCase,
     CalibrationOutcome,
     Loading,
-    RealJoints,
+    RealEffects,
     Touching,
     by_contact,
     failed,
@@ -92,6 +92,8 @@ class CalibrationOptions(ScenarioOptions):
     """Compliance of the simulated arm's joints [rad/(N m)]."""
     true_gears: float = 0.0
     """Eccentricity of the simulated arm's gears: spread of the amplitudes [rad]."""
+    true_seating: float = 0.0
+    """Seating errors of the ball in the simulated sockets: spread along each axis [m], repeats with the direction."""
     method: Literal["map", "paper"] = "map"
     """map: maximum a posteriori fit; paper: three iterations on all parameters [Yukhimets 2023]."""
     plan: int | None = None
@@ -109,13 +111,14 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     Raises:
         UuvError: The files cannot be read, the options contradict each other, or the arm does not reach the points.
     """
-    joints = RealJoints(
+    real = RealEffects(
         compliance=finite_number(options.true_compliance, "--true-compliance [rad/(N m)]", least=0.0, most=0.01),
         gears=finite_number(options.true_gears, "--true-gears [rad]", least=0.0, most=0.1),
+        seating=finite_number(options.true_seating, "--true-seating [m]", least=0.0, most=0.01),
     )
-    if options.touches and joints != RealJoints():
-        raise ConfigurationError("--touches and --true-compliance or --true-gears: one of the two")
-    if (options.payload or options.link_mass) and not (options.compliance or joints.compliance > 0.0):
+    if options.touches and real != RealEffects():
+        raise ConfigurationError("--touches and --true-compliance, --true-gears or --true-seating: one of the two")
+    if (options.payload or options.link_mass) and not (options.compliance or real.compliance > 0.0):
         raise ConfigurationError("--payload and --link-mass go with --compliance")
     source = nominal(options.arm, folder, options.base, options.tip)
     if options.touches:
@@ -125,8 +128,8 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
     if options.distance or options.held_out:
         raise ConfigurationError("--distance and --held-out go with --touches")
     contact = options.touching != "noise"
-    if contact and (options.compliance or joints != RealJoints()):
-        raise ConfigurationError("--compliance, --true-compliance and --true-gears: not with touching by contact")
+    if contact and (options.compliance or real != RealEffects()):
+        raise ConfigurationError("--compliance and --true-...: not with touching by contact")
     few = options.quick and contact
     points = options.points if options.points is not None else 3 if few or not contact else 4
     poses = options.poses if options.poses is not None else 5 if few else 10 if contact else 21
@@ -148,7 +151,7 @@ def case_of(options: CalibrationOptions, folder: Path, rng: np.random.Generator)
             known=known,
             errors=errors,
             rng=rng,
-            joints=joints,
+            real=real,
             loading=loading_of(options),
         )
     if source.kind != "mjcf":
@@ -279,7 +282,8 @@ def _write(case: CalibrationCase, outcome: CalibrationOutcome, options: Calibrat
             options={**asdict(options), "date": date, "touches sha256": sha256},
         )
         page, points = folder / "report.html", case.touches.names
-        report.write_report(page, found, said, series=outcome.series, point_names=points, clouds=outcome.clouds)
+        shown = {"clouds": outcome.clouds, "rigid": outcome.rigid}
+        report.write_report(page, found, said, series=outcome.series, point_names=points, **shown)
     return list(files)
 
 

@@ -15,7 +15,7 @@ from calib.arm_files import ArmSource, read_arm
 from calib.identification import Calibration, identify
 from calib.loads import Loads
 from calib.moving_base import in_own_names, on_moving_base, own_arm, own_parameters, with_base
-from calib.simulation import EccentricGears, Sag, reach, read_by_encoders, wrong_arm
+from calib.simulation import EccentricGears, Sag, Seating, reach, read_by_encoders, true_joints, wrong_arm
 from calib.touch_files import Touches, read_touches
 from models.arms import dh_geometry, published_arms
 from models.arms.serial_arm import SerialArm
@@ -56,6 +56,12 @@ class TrueArm:
     arm: SerialArm
     tcp: Array  # (3,) [m]
     hangs: bool  # z of its base points down
+    sag: Sag | None = None  # elastic joints, under no payload
+    gears: EccentricGears | None = None
+
+    def stands_at(self, q: Array) -> Array:
+        """Joint values (N, n) [rad] at which the joints truly stand where the encoders read `q`."""
+        return true_joints(self.arm, q, sag=self.sag, gears=self.gears)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,6 +94,7 @@ class CalibrationOutcome:
     half_width: float | None = None  # [m] median half-width of those intervals
     tips: tuple[Array, Array] | None = None  # (N,) [m] error of the tip in the base: nominal, identified
     uncorrected: dict[str, verification.Cloud] = field(default_factory=dict)  # hovering: hull motion ignored
+    rigid: Calibration | None = None  # where compliances are identified: the same touches without them
 
 
 def nominal(name: str, folder: Path, base: str | None, tip: str | None) -> ArmSource:
@@ -142,11 +149,12 @@ class Loading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RealJoints:
-    """What joints of real arms have and a kinematic model does not, for simulated touches."""
+class RealEffects:
+    """What real arms and sockets have and a kinematic model does not, for simulated touches."""
 
     compliance: float = 0.0  # [rad/(N m)] of every joint
     gears: float = 0.0  # [rad] spread of the amplitudes of eccentric gears
+    seating: float = 0.0  # [m] spread of the seating errors of the ball along each axis
 
 
 def from_files(
@@ -202,7 +210,7 @@ def simulated(
     known: bool,
     errors: int,
     rng: np.random.Generator,
-    joints: RealJoints = RealJoints(),
+    real: RealEffects = RealEffects(),
     loading: Loading = Loading(),
 ) -> CalibrationCase:
     """Calibration case from simulated touches by hand of an arm with errors.
@@ -218,7 +226,7 @@ def simulated(
         known: Give the distance between the two farthest points.
         errors: Seed of the workshop errors.
         rng: Draws points, touches and the error of the distance.
-        joints: Of the true arm.
+        real: Effects in the true arm and its sockets.
         loading: Weights under which they bend.
 
     Raises:
@@ -243,13 +251,16 @@ def simulated(
     series, places = touched(
         arm, tcp, arm.limits, rng, points=points, touches=touches, noise=noise, way=DOWN if hangs else LOOKING_DOWN
     )
-    sag, gears = None, None
-    if joints.compliance > 0.0:
-        sag = Sag(compliance=np.full(arm.n, joints.compliance), loads=loading.on(source, points))
-    if joints.gears > 0.0:
-        gears = EccentricGears.draw(joints.gears, arm.n, drawing)
+    sag, gears, unloaded = None, None, None
+    if real.compliance > 0.0:
+        sag = Sag(compliance=np.full(arm.n, real.compliance), loads=loading.on(source, points))
+        unloaded = replace(sag, loads=replace(sag.loads, payload_mass=0.0))
+    if real.gears > 0.0:
+        gears = EccentricGears.draw(real.gears, arm.n, drawing)
+    if real.seating > 0.0:
+        series = Seating.draw(real.seating, points, drawing).seat(arm, tcp, series)
     series = read_by_encoders(arm, series, sag=sag, gears=gears)
-    truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs)
+    truth = TrueArm(arm=arm, tcp=tcp, hangs=hangs, sag=unloaded, gears=gears)
     return _simulated_case(title, source, series, places, truth, known, rng)
 
 
@@ -327,28 +338,32 @@ def solve(
     options = {"prior": prior or None, "method": method, "distances": case.distances, "loads": case.loads}
     plain = identify(series, arm, free=list(free) or None, **options)
     if case.X_BA is None:
-        return _judged(case, plain, plain.arm, series)
+        outcome = _judged(case, plain, plain.arm, series)
+        if case.loads is None:
+            return outcome
+        words = [word for word in free if word != "compliance" and word not in {f"c{k + 1}" for k in range(arm.n)}]
+        return replace(outcome, rigid=identify(series, arm, free=words or None, **{**options, "loads": None}))
     assert case.session is not None
     longer = on_moving_base(arm, case.X_BA)
     moved = [with_base(q, X) for q, X in zip(series, case.session.hulls, strict=True)]
     full = identify(moved, longer, free=list(free) or own_parameters(longer), **options)
     alone = own_arm(full.arm, case.X_BA)
     outcome = _judged(case, in_own_names(full, plain), alone, moved)
-    return replace(outcome, uncorrected=_clouds(case, plain.arm, np.random.default_rng(0)))
+    return replace(outcome, uncorrected=_clouds(case, plain.arm, plain, np.random.default_rng(0)))
 
 
 def _judged(case: CalibrationCase, found: Calibration, arm: SerialArm, series: Sequence[Array]) -> CalibrationOutcome:
     tips, tcp = None, found.tcp
     clouds: dict[str, verification.Cloud] = {}
     if case.truth is not None:
-        clouds = _clouds(case, arm, np.random.default_rng(0))
+        clouds = _clouds(case, arm, found, np.random.default_rng(0))
         if case.truth.hangs:
             truth = case.truth
             q = np.vstack(case.touches.series)
-            true = truth.arm.tips(q, truth.tcp)
+            true = truth.arm.tips(truth.stands_at(q), truth.tcp)
             tips = (
                 np.linalg.norm(case.source.arm.tips(q, truth.tcp) - true, axis=1),
-                np.linalg.norm(arm.tips(q, tcp) - true, axis=1),
+                np.linalg.norm(arm.tips(q if found.loads is None else found.deflected(q), tcp) - true, axis=1),
             )
     held, covered, half_width = {}, None, None
     if case.held_out is not None:
@@ -381,20 +396,26 @@ def _first_tcp(case: CalibrationCase) -> Array:
 
 def _scatter(tips: Array) -> float:
     """RMS distance [m] of tips (m, 3) from their mean."""
-    return float(np.sqrt(((tips - tips.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    return _rms(tips - tips.mean(axis=0))
 
 
-def _clouds(case: CalibrationCase, identified: SerialArm, rng: np.random.Generator) -> dict[str, verification.Cloud]:
-    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude."""
+def _clouds(
+    case: CalibrationCase, identified: SerialArm, found: Calibration, rng: np.random.Generator
+) -> dict[str, verification.Cloud]:
+    """Simulated tracker test of each arm model as in [Yukhimets 2023]: 13 flange points of equal attitude, no payload.
+
+    The tracker sees the true arm with its gears and sag; models get the joint values that its encoders read.
+    """
     truth = case.truth
     assert truth is not None
     q = moves(case.source.arm, truth.arm.limits, truth.hangs, case.touches.series, rng)
-    measured = verification.track(truth.arm, q, rng)
+    measured = verification.track(truth.arm, truth.stands_at(q), rng)
     none = np.zeros(3)
-    tables = {"nominal": case.source.arm, "identified": identified}
+    bent = q if found.loads is None else found.deflected(q)
+    clouds = {"nominal": case.source.arm.tips(q, none), "identified": identified.tips(bent, none)}
     if not truth.hangs:  # a bought robot has its maker's own table, with errors
-        tables["controller"] = wrong_arm(truth.arm, MAKERS, rng)
-    return verification.compare(measured, {name: arm.tips(q, none) for name, arm in tables.items()})
+        clouds["controller"] = wrong_arm(truth.arm, MAKERS, rng).tips(q, none)
+    return verification.compare(measured, clouds)
 
 
 def moves(
@@ -469,6 +490,7 @@ def figures_of_merit(case: CalibrationCase, outcome: CalibrationOutcome) -> list
     touches = sum(len(each) for each in found.residuals)
     out = [
         ("touches, points, left out", f"{touches}, {len(found.residuals)}, {len(found.outliers)}"),
+        ("touches of reduced weight", str(sum(int(((w > 0.0) & (w < 1.0)).sum()) for w in found.weights))),
         ("J before, after [mm²]", f"{1e6 * found.cost_nominal:.4g}, {1e6 * found.cost:.4g}"),
         ("touch noise, each axis [mm]", f"{1e3 * found.noise:.4f}"),
         ("identified directions", f"{rank.rank} of {rank.total}"),
@@ -532,6 +554,41 @@ def _scale(case: CalibrationCase, outcome: CalibrationOutcome) -> str:
     return f"by {len(case.distances)} known, the longest {length:.3f} m: ± {ppm:.0f} ppm"
 
 
+def _pairs(outcome: CalibrationOutcome) -> dict[str, float]:
+    """Distances of the touches of a point in all pairs [Yukhimets 2023, fig. 4]."""
+    found, series = outcome.calibration, list(outcome.series)
+    before = verification.pair_distances([found.nominal.tips(q, found.nominal_tcp) for q in series])
+    after = verification.pair_distances(found.touched_tips(series))
+    return {
+        "count": len(before),
+        "nominal_mean_m": float(before.mean()),
+        "identified_mean_m": float(after.mean()),
+        "ten_times_closer": float(np.mean(before > 10.0 * after)),
+    }
+
+
+def _stages(clouds: dict[str, verification.Cloud]) -> dict[str, Any]:
+    """Clouds of flange points against the tracker's through the stages of [Yukhimets 2023, fig. 5 to 8]."""
+    tracker = clouds["tracker"]
+
+    def stage(name: str) -> dict[str, float]:
+        cloud = clouds[name]
+        return {
+            "raw_m": _rms(cloud.raw - tracker.raw),
+            "centred_m": _rms(cloud.centred - tracker.centred),
+            "aligned_m": cloud.rms,
+            "most_m": float(cloud.deviations.max()),
+        }
+
+    closer = clouds["identified"].deviations < clouds["nominal"].deviations
+    stages = {name: stage(name) for name in clouds if name != "tracker"}
+    return {"points": len(tracker.raw), "closer": int(closer.sum()), **stages}
+
+
+def _rms(offsets: Array) -> float:
+    return float(np.sqrt((offsets**2).sum(axis=1).mean()))
+
+
 def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: int) -> dict[str, Any]:
     """Contents of metrics.json: SI units, null where a figure does not exist.
 
@@ -549,6 +606,7 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
         "touches": {
             "count": sum(len(each) for each in found.residuals),
             "points": len(found.residuals),
+            "reduced": sum(int(((weights > 0.0) & (weights < 1.0)).sum()) for weights in found.weights),
             "left_out": len(found.outliers),
             "sha256": case.touches.sha256,
             "noise_m": float(found.noise),
@@ -567,6 +625,8 @@ def metrics(case: CalibrationCase, outcome: CalibrationOutcome, ok: bool, seed: 
             "hidden": [{"count": g.count, "names": list(g.names), "reason": g.reason} for g in rank.hidden],
         },
         "tracker": {name: clouds[name].rms for name in ("nominal", "identified")} if clouds else None,
+        "pairs": _pairs(outcome),
+        "tracker_stages": _stages(clouds) if clouds else None,
         "tracker_uncorrected_m": outcome.uncorrected["identified"].rms if outcome.uncorrected else None,
         "held_out_m": {name: {"nominal": a, "identified": b} for name, (a, b) in outcome.held_out.items()} or None,
         "contact": None

@@ -482,7 +482,7 @@ def _pictures(effects: list[Row], real: list[Row]) -> Iterator[tuple[str, str, F
             least, low, median, high, most = np.quantile([row["ratio"] for row in mine], [0.0, 0.25, 0.5, 0.75, 1.0])
             axes.plot([least, most], [place, place], color="#0072B2", linewidth=1.0)
             axes.plot([low, high], [place, place], color="#0072B2", linewidth=7.0, solid_capstyle="butt")
-            axes.plot(median, place, "|", color="white", markersize=8, markeredgewidth=2.0)
+            axes.plot(median, place, "|", color="#222222", markersize=12, markeredgewidth=2.0)
         axes.set_yticks(range(1, len(groups) + 1), [name for (name,) in groups])
         axes.axvline(PUBLISHED_RATIO, color="#D55E00", linewidth=1.0)
         axes.axvline(1.0, color="#999999", linewidth=0.8, linestyle=":")

@@ -300,7 +300,8 @@ def test_wild_touches_change_nothing(off_axis: list[Array], count: int, size: fl
     arms = {"clean": clean.arm, "found": found.arm, "plain": plain.arm}
     seen = compare(truth.tips(q, np.zeros(3)), {name: arm.tips(q, np.zeros(3)) for name, arm in arms.items()})
     assert seen["found"].rms < 1.5 * seen["clean"].rms  # at most 1.26 over the 80 draws of studies/calibration.py
-    assert seen["plain"].rms > 2.0 * seen["found"].rms
+    if size > 0.01:
+        assert seen["plain"].rms > 100.0 * seen["found"].rms
 
 
 def test_clouds_align(within):
